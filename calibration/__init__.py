@@ -1,0 +1,1 @@
+"""Pure fits that tie motion capture, avatar and rig together."""

@@ -1,0 +1,1 @@
+"""The session: tick loop, contact correction, recording, reports and the command line."""

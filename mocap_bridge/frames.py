@@ -1,0 +1,106 @@
+"""The values that pass between marker sources, the tracker and the human arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.rotations import Array
+
+
+@dataclass(frozen=True)
+class MarkerFrame:
+    """One frame of labelled markers, in the world frame.
+
+    Attributes:
+        names: M marker names (a source's own prefix already removed).
+        positions: (M, 3) m; meaningless where ``valid`` is False (never NaN past the bridge).
+        valid: (M,) bool, the marker was seen in this frame.
+        number: the source's frame number; gaps in it are lost frames.
+        source_time_ns: the source's own time stamp, ns.
+        arrival_time_ns: when the frame arrived here, ns on this process's monotonic clock.
+        unlabelled: (U, 3) m, points without a label (ghosts, or markers whose label was lost).
+    """
+
+    names: tuple[str, ...]
+    positions: Array
+    valid: NDArray[np.bool_]
+    number: int
+    source_time_ns: int
+    arrival_time_ns: int
+    unlabelled: Array
+
+
+@dataclass(frozen=True)
+class TrackedMarkers:
+    """Every marker of a set with its uncertainty, seen or not.
+
+    Attributes:
+        names: M marker names in the order of the marker set.
+        positions: (M, 3) m, posterior mean.
+        velocities: (M, 3) m/s, posterior mean.
+        covariances: (M, 3, 3) m², posterior covariance of the positions.
+        seen: (M,) bool, the marker was measured (and the measurement accepted) in this frame.
+        age_ns: (M,) int, time since the marker was last measured; 0 where ``seen``.
+        valid: (M,) bool, the estimate is good enough to use.
+        rejected: number of measurements that the tracker did not believe in this frame.
+        time_ns: source time of the frame, ns.
+    """
+
+    names: tuple[str, ...]
+    positions: Array
+    velocities: Array
+    covariances: Array
+    seen: NDArray[np.bool_]
+    age_ns: NDArray[np.int64]
+    valid: NDArray[np.bool_]
+    rejected: int
+    time_ns: int
+
+
+@dataclass(frozen=True)
+class PalmPose:
+    """Where a palm is and where it faces, in the world frame.
+
+    Attributes:
+        position: (3,) m, centre of the palm's surface.
+        normal: (3,) unit vector out of the palm.
+        fingers: (3,) unit vector from the wrist to the fingers, across ``normal``.
+        velocity: (3,) m/s, velocity of ``position``.
+    """
+
+    position: Array
+    normal: Array
+    fingers: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class HumanArm:
+    """The live person as the rest of the system sees them: head, right arm and palm, in the world frame.
+
+    Attributes:
+        head_position: (3,) m, centre of the head.
+        head_orientation: (4,) quaternion of the head (x forward out of the face, z up).
+        shoulder, elbow, wrist: (3,) m, joint centres.
+        knuckles: (3,) m, centre of the knuckles (heads of the second to fifth metacarpal).
+        palm: pose of the palm.
+        hand_points: (2, 3) m, wrist and knuckle centre: what the model sees of the person (the paper's Y², D = 6).
+        valid: all of the above rests on usable markers.
+        age_ns: age of the oldest marker that the hand rests on.
+        time_ns: source time, ns.
+    """
+
+    head_position: Array
+    head_orientation: Array
+    shoulder: Array
+    elbow: Array
+    wrist: Array
+    knuckles: Array
+    palm: PalmPose
+    hand_points: Array
+    valid: bool
+    age_ns: int
+    time_ns: int

@@ -1,0 +1,39 @@
+"""The value from which the model is trained: aligned trials of a person's hand and an avatar actor's pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from model.rotations import Array
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One recorded trial of two people, sampled at ``rate_hz`` on one clock.
+
+    Attributes:
+        rate_hz: frames a second.
+        hand_points: (T, 2, 3) m, the person's wrist and knuckle centre (the paper's Y²).
+        joints: (T, D) rad, the avatar actor's joint rotations as rotation vectors relative to the rest pose (the paper's
+            Y¹, D = 159).
+        root: (T, 3) m, the avatar actor's pelvis.
+        palm: (T, 3) m, the avatar actor's palm centre.
+        person_palm: (T, 3) m, the person's palm centre.
+        contact_frame: frame at which the palms are nearest.
+        emotion: emotion of the trial.
+        cell: cell of the grid, or '' where not known.
+        repetition: repetition, or -1 where not known.
+        test: the trial is held out.
+    """
+
+    rate_hz: float
+    hand_points: Array
+    joints: Array
+    root: Array
+    palm: Array
+    person_palm: Array
+    contact_frame: int
+    emotion: str
+    cell: str
+    repetition: int
+    test: bool

@@ -1,0 +1,1 @@
+"""MJCF and the constants that belong to it."""

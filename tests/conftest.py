@@ -1,0 +1,15 @@
+"""Shared fixtures."""
+
+from pathlib import Path
+
+import pytest
+
+RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """Folder of real recordings; tests that use it carry the mark ``data``."""
+    if not RECORDINGS.is_dir():
+        pytest.skip("the recordings are not beside this checkout (../shared/data)")
+    return RECORDINGS

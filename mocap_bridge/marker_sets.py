@@ -1,0 +1,266 @@
+"""Marker sets as data: which marker sits where on which segment, and how the right arm follows from the markers.
+
+A set is a TOML file; those that come with the project lie in ``mocap_bridge/marker_sets``. A lab's own file works the same way.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model import rotations
+from model.errors import HighFiveError
+from model.rotations import Array
+from model.skeleton import Skeleton
+
+FOLDER = Path(__file__).parent / "marker_sets"
+
+
+@dataclass(frozen=True)
+class ArmRecipe:
+    """How head, shoulder, elbow, wrist and palm follow from the markers.
+
+    Attributes:
+        head: markers of the head. Three or more that the head carries give its orientation by a rigid fit; otherwise the
+            first and last of them point up along the neck and ``head_left`` gives the facing.
+        head_left: two markers, from the right to the left side of the body, or empty.
+        centre_in_head: (3,) m, the head's centre in the frame of the head joint.
+        shoulder, elbow, wrist: markers whose mean is the joint centre, or near it.
+        shoulder_towards_elbow: m, the shoulder's centre lies so far from that mean towards the elbow.
+        elbow_medial: m, the elbow's centre lies so far from that mean towards the body, along the axis of flexion.
+        hand: markers of the hand; with the wrist they give the direction of the fingers.
+        across: two markers, from the little finger's side to the thumb's, or empty: then the palm is taken to face the
+            partner (world −x).
+        knuckles_in_hand, palm_in_hand: (3,) m, knuckle centre and palm centre in the frame of the right wrist joint.
+    """
+
+    head: tuple[str, ...]
+    head_left: tuple[str, ...]
+    centre_in_head: Array
+    shoulder: tuple[str, ...]
+    shoulder_towards_elbow: float
+    elbow: tuple[str, ...]
+    elbow_medial: float
+    wrist: tuple[str, ...]
+    hand: tuple[str, ...]
+    across: tuple[str, ...]
+    knuckles_in_hand: Array
+    palm_in_hand: Array
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """All markers that the recipe uses, each once."""
+        used = (*self.head, *self.head_left, *self.shoulder, *self.elbow, *self.wrist, *self.hand, *self.across)
+        return tuple(dict.fromkeys(used))
+
+
+@dataclass(frozen=True)
+class MarkerSet:
+    """M named markers on the segments of the skeleton.
+
+    Attributes:
+        name: name of the set.
+        description: what it is for, in a line.
+        names: M marker names.
+        aliases: for each marker the other names under which it is known.
+        joints: for each marker the joint that carries it.
+        local_positions: (M, 3) m in the frame of that joint, on a body whose segments have ``lengths``.
+        roles: for each marker what it is needed for, such as ``'hand'``.
+        lengths: for each carrying joint its segment length, m (see :func:`segment_lengths`), on that body.
+        arm: how the right arm follows.
+    """
+
+    name: str
+    description: str
+    names: tuple[str, ...]
+    aliases: tuple[tuple[str, ...], ...]
+    joints: tuple[str, ...]
+    local_positions: Array
+    roles: tuple[tuple[str, ...], ...]
+    lengths: Mapping[str, float]
+    arm: ArmRecipe
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def index(self, name: str) -> int:
+        """Index of a marker by its own name."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise HighFiveError(
+                f"marker set {self.name} has no marker {name!r}; it has {_listed(self.names)}"
+            ) from None
+
+    def indices(self, names: Sequence[str]) -> NDArray[np.intp]:
+        """Indices of several markers."""
+        return np.array([self.index(name) for name in names], dtype=np.intp)
+
+    @cached_property
+    def _known_as(self) -> dict[str, int]:
+        known = {alias: m for m, aliases in enumerate(self.aliases) for alias in aliases}
+        return known | {name: m for m, name in enumerate(self.names)}
+
+    def match(self, labels: Sequence[str]) -> NDArray[np.intp]:
+        """For each marker of the set the column of ``labels`` that holds it (by name or alias), or -1. Shape (M,)."""
+        columns = np.full(len(self), -1, dtype=np.intp)
+        for column, label in enumerate(labels):
+            marker = self._known_as.get(label, -1)
+            if marker >= 0 and (columns[marker] < 0 or label == self.names[marker]):
+                columns[marker] = column
+        return columns
+
+    def arrange(
+        self, labels: Sequence[str], points: Array, valid: NDArray[np.bool_], required: Sequence[str] = ()
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Points (..., M, 3) and validity (..., M) in the order of the set, from columns called ``labels``.
+
+        Markers of the set that no label names come out invalid.
+
+        Raises:
+            HighFiveError: one of the markers ``required`` is not among the labels.
+        """
+        columns = self.match(labels)
+        missing = [name for name in required if columns[self.index(name)] < 0]
+        if missing:
+            raise HighFiveError(
+                f"marker set {self.name} needs {_listed(missing)}; the recording has {_listed(labels) or 'no labels'}; "
+                "choose another marker set or rename the labels"
+            )
+        there = (columns >= 0) & valid[..., columns]
+        return np.where(there[..., None], points[..., columns, :], 0.0), there
+
+    def positions_on(self, skeleton: Skeleton) -> Array:
+        """Local positions (M, 3), m, scaled with the segment lengths of ``skeleton``."""
+        lengths = segment_lengths(skeleton)
+        scale = [lengths[skeleton.index(joint)] / self.lengths[joint] for joint in self.joints]
+        return self.local_positions * np.array(scale)[:, None]
+
+    def simulate(self, skeleton: Skeleton, positions: Array, orientations: Array) -> Array:
+        """Marker positions (..., M, 3), m, from forward kinematics.
+
+        Args:
+            skeleton: the body that wears the markers.
+            positions: (..., J, 3) m, joint centres in the world.
+            orientations: (..., J, 4) quaternions of the joints in the world.
+        """
+        joints = np.array([skeleton.index(joint) for joint in self.joints])
+        offsets = rotations.rotate(orientations[..., joints, :], self.positions_on(skeleton))
+        return positions[..., joints, :] + offsets
+
+
+def segment_lengths(skeleton: Skeleton) -> Array:
+    """Length (J,), m, of the segment each joint carries: mean distance to its children, or to its parent if it has none."""
+    distance = np.linalg.norm(skeleton.offsets, axis=1)
+    parents = np.array(skeleton.parents)
+    children = [distance[parents == joint] for joint in range(len(skeleton))]
+    return np.array([c.mean() if len(c) else distance[joint] for joint, c in enumerate(children)])
+
+
+def marker_set_names() -> list[str]:
+    """Names of the marker sets that come with the project."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def find_marker_set(labels: Sequence[str]) -> MarkerSet:
+    """The shipped set that explains most of ``labels`` and has all it needs for the right arm.
+
+    Raises:
+        HighFiveError: no shipped set fits.
+    """
+    sets = [load_marker_set(name) for name in marker_set_names()]
+    usable = [s for s in sets if np.all(s.match(labels)[s.indices(s.arm.markers)] >= 0)]
+    if not usable:
+        raise HighFiveError(
+            f"no marker set fits the labels {_listed(labels) or '(none)'}; the sets are {_listed(marker_set_names())}; "
+            "give a marker-set file of your own"
+        )
+    # Among sets that explain equally many labels the one with fewer markers left over is the nearer one.
+    return max(usable, key=lambda s: (int(np.sum(s.match(labels) >= 0)), -len(s)))
+
+
+def load_marker_set(name_or_path: str | Path) -> MarkerSet:
+    """Reads a marker set that comes with the project (by name) or a lab's own TOML file (by path).
+
+    Raises:
+        HighFiveError: there is no such set or file, or the file is not a valid marker set.
+    """
+    path = FOLDER / f"{name_or_path}.toml" if str(name_or_path) in marker_set_names() else Path(name_or_path)
+    if not path.is_file():
+        known = _listed(marker_set_names())
+        raise HighFiveError(
+            f"no marker set {str(name_or_path)!r}; the sets are {known}, or give the path of a TOML file"
+        )
+    try:
+        return _parse(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise HighFiveError(f"cannot read marker set {path}: {error}") from None
+    except KeyError as error:
+        raise HighFiveError(f"marker set {path}: the entry {error.args[0]!r} is missing") from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise HighFiveError(f"marker set {path}: {error}") from None
+
+
+def _parse(data: dict[str, Any]) -> MarkerSet:
+    rows = data["markers"]
+    names = tuple(str(row["name"]) for row in rows)
+    positions = np.array([_vector(row["position"]) for row in rows])
+    joints = tuple(str(row["joint"]) for row in rows)
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"marker names occur twice: {_listed(twice)}")
+    lengths = {joint: float(data["lengths"][joint]) for joint in dict.fromkeys(joints)}
+    if not all(length > 0.0 for length in lengths.values()):
+        raise ValueError("segment lengths must be positive")
+    arm = _parse_arm(data["arm"])
+    unknown = [name for name in arm.markers if name not in names]
+    if unknown:
+        raise ValueError(f"the [arm] section names markers that are not in the set: {_listed(unknown)}")
+    return MarkerSet(
+        name=str(data["name"]),
+        description=str(data.get("description", "")),
+        names=names,
+        aliases=tuple(tuple(row.get("aliases", ())) for row in rows),
+        joints=joints,
+        local_positions=positions,
+        roles=tuple(tuple(row.get("roles", ())) for row in rows),
+        lengths=lengths,
+        arm=arm,
+    )
+
+
+def _parse_arm(data: dict[str, Any]) -> ArmRecipe:
+    head, shoulder, elbow = data["head"], data["shoulder"], data["elbow"]
+    return ArmRecipe(
+        head=tuple(head["markers"]),
+        head_left=tuple(head.get("left", ())),
+        centre_in_head=_vector(head["centre_in_head"]),
+        shoulder=tuple(shoulder["markers"]),
+        shoulder_towards_elbow=float(shoulder.get("towards_elbow", 0.0)),
+        elbow=tuple(elbow["markers"]),
+        elbow_medial=float(elbow.get("medial", 0.0)),
+        wrist=tuple(data["wrist"]["markers"]),
+        hand=tuple(data["hand"]),
+        across=tuple(data.get("across", ())),
+        knuckles_in_hand=_vector(data["knuckles_in_hand"]),
+        palm_in_hand=_vector(data["palm_in_hand"]),
+    )
+
+
+def _vector(values: Sequence[float]) -> Array:
+    vector = np.array(values, dtype=float)
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+        raise ValueError(f"expected three numbers in metres, got {values!r}")
+    return vector
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    shown = ", ".join(str(name) for name in names[:most])
+    return shown + (f" and {len(names) - most} more" if len(names) > most else "")

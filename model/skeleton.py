@@ -80,12 +80,29 @@ class Skeleton:
             levels.append((joints, np.array([self.parents[j] for j in joints])))
         return tuple(levels)
 
+    @cached_property
+    def _hinge_entries(self) -> tuple[Array, Array]:
+        """Where in the flat rotation matrix the five entries of :func:`model.rotations.to_hinges` are, and its sign."""
+        axes = np.array([["xyz".index(axis) for axis in order] for order in self.hinge_orders])
+        i, j, k = axes.T
+        entries = np.stack([3 * i + k, 3 * j + k, 3 * k + k, 3 * i + j, 3 * i + i], axis=-1)
+        return entries, np.where((j - i) % 3 == 1, 1.0, -1.0)
+
     def to_hinges(self, quaternions: Array) -> Array:
-        """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4)."""
+        """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4), each in the turn nearest the middle of its limits.
+
+        The same as :func:`model.rotations.to_hinges` joint by joint, in one pass; and an angle near ±pi, where rounding
+        decides the turn, comes out on the side where the limits are.
+        """
+        entries, sign = self._hinge_entries
+        matrices = rotations.to_matrix(quaternions).reshape(*quaternions.shape[:-1], 9)
+        m = np.take_along_axis(matrices, np.broadcast_to(entries, (*quaternions.shape[:-1], 5)), axis=-1)
         angles = np.empty((*quaternions.shape[:-1], 3))
-        for order, joints in self._hinge_groups:
-            angles[..., joints, :] = rotations.to_hinges(order, quaternions[..., joints, :])
-        return angles
+        angles[..., 0] = np.arctan2(-sign * m[..., 1], m[..., 2])
+        angles[..., 1] = np.arcsin(np.clip(sign * m[..., 0], -1.0, 1.0))
+        angles[..., 2] = np.arctan2(-sign * m[..., 3], m[..., 4])
+        middle = self.hinge_limits.mean(axis=-1)
+        return angles - 2.0 * np.pi * np.round((angles - middle) / (2.0 * np.pi))
 
     def from_hinges(self, angles: Array) -> Array:
         """Joint rotations (..., J, 4) of hinge angles (..., J, 3), rad."""

@@ -80,20 +80,10 @@ class Scene:
         mujoco.mj_forward(self.model, data)
         return data
 
-    @cached_property
-    def _hinge_middle(self) -> Array:
-        return self.skeleton.hinge_limits.mean(axis=-1)
-
-    def hinge_angles(self, pose: Pose) -> Array:
-        """(53, 3) rad, the hinge angles of a pose, each in the turn that its limits lie in."""
-        # Angles come out in [-pi, pi]; the shoulder's range ends at -pi, where rounding may jump a whole turn.
-        angles = self.skeleton.to_hinges(pose.quaternions) - self._hinge_middle
-        return self._hinge_middle + np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi
-
     def set_pose(self, data: mujoco.MjData, pose: Pose) -> None:
         """Writes the avatar's pose into ``data.qpos``; follow with ``mujoco.mj_kinematics`` or a forward call."""
         data.qpos[self.root_qpos] = pose.root_in_world
-        data.qpos[self.hinge_qpos] = self.hinge_angles(pose)
+        data.qpos[self.hinge_qpos] = self.skeleton.to_hinges(pose.quaternions)
 
     def get_pose(self, data: mujoco.MjData) -> Pose:
         """The avatar's pose in ``data.qpos``."""

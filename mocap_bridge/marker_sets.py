@@ -1,6 +1,7 @@
 """Marker sets as data: which marker sits where on which segment, and how the right arm follows from the markers.
 
-A set is a TOML file; those that come with the project lie in ``mocap_bridge/marker_sets``. A lab's own file works the same way.
+A set is a TOML file; those that come with the project lie in ``mocap_bridge/marker_sets``. A lab's own file works the
+same way.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ class ArmRecipe:
     """How head, shoulder, elbow, wrist and palm follow from the markers.
 
     Attributes:
-        head: markers of the head. Three or more that the head carries give its orientation by a rigid fit; otherwise the
+        head: markers of the head. Three or more give its orientation by a rigid fit; otherwise the
             first and last of them point up along the neck and ``head_left`` gives the facing.
         head_left: two markers, from the right to the left side of the body, or empty.
         centre_in_head: (3,) m, the head's centre in the frame of the head joint.
         shoulder, elbow, wrist: markers whose mean is the joint centre, or near it.
-        shoulder_towards_elbow: m, the shoulder's centre lies so far from that mean towards the elbow.
+        shoulder_below: m, the shoulder's centre lies so far straight below that mean.
         elbow_medial: m, the elbow's centre lies so far from that mean towards the body, along the axis of flexion.
         hand: markers of the hand; with the wrist they give the direction of the fingers.
         across: two markers, from the little finger's side to the thumb's, or empty: then the palm is taken to face the
@@ -45,7 +46,7 @@ class ArmRecipe:
     head_left: tuple[str, ...]
     centre_in_head: Array
     shoulder: tuple[str, ...]
-    shoulder_towards_elbow: float
+    shoulder_below: float
     elbow: tuple[str, ...]
     elbow_medial: float
     wrist: tuple[str, ...]
@@ -62,6 +63,21 @@ class ArmRecipe:
 
 
 @dataclass(frozen=True)
+class Segment:
+    """A body segment that carries markers, on the body for which the set was written.
+
+    Attributes:
+        length: m, see :func:`segment_lengths`.
+        centre: (3,) m, the joint's centre in the zero pose.
+        parent: the next joint towards the root that carries markers, or None.
+    """
+
+    length: float
+    centre: Array
+    parent: str | None
+
+
+@dataclass(frozen=True)
 class MarkerSet:
     """M named markers on the segments of the skeleton.
 
@@ -71,9 +87,9 @@ class MarkerSet:
         names: M marker names.
         aliases: for each marker the other names under which it is known.
         joints: for each marker the joint that carries it.
-        local_positions: (M, 3) m in the frame of that joint, on a body whose segments have ``lengths``.
+        local_positions: (M, 3) m in the frame of that joint, on the body that ``segments`` describes.
         roles: for each marker what it is needed for, such as ``'hand'``.
-        lengths: for each carrying joint its segment length, m (see :func:`segment_lengths`), on that body.
+        segments: for each carrying joint its segment.
         arm: how the right arm follows.
     """
 
@@ -84,10 +100,11 @@ class MarkerSet:
     joints: tuple[str, ...]
     local_positions: Array
     roles: tuple[tuple[str, ...], ...]
-    lengths: Mapping[str, float]
+    segments: Mapping[str, Segment]
     arm: ArmRecipe
 
     def __len__(self) -> int:
+        """Number of markers."""
         return len(self.names)
 
     def index(self, name: str) -> int:
@@ -140,7 +157,7 @@ class MarkerSet:
     def positions_on(self, skeleton: Skeleton) -> Array:
         """Local positions (M, 3), m, scaled with the segment lengths of ``skeleton``."""
         lengths = segment_lengths(skeleton)
-        scale = [lengths[skeleton.index(joint)] / self.lengths[joint] for joint in self.joints]
+        scale = [lengths[skeleton.index(joint)] / self.segments[joint].length for joint in self.joints]
         return self.local_positions * np.array(scale)[:, None]
 
     def simulate(self, skeleton: Skeleton, positions: Array, orientations: Array) -> Array:
@@ -157,7 +174,7 @@ class MarkerSet:
 
 
 def segment_lengths(skeleton: Skeleton) -> Array:
-    """Length (J,), m, of the segment each joint carries: mean distance to its children, or to its parent if it has none."""
+    """Length (J,), m, of the segment each joint carries: mean distance to its children, or to its parent if none."""
     distance = np.linalg.norm(skeleton.offsets, axis=1)
     parents = np.array(skeleton.parents)
     children = [distance[parents == joint] for joint in range(len(skeleton))]
@@ -216,9 +233,10 @@ def _parse(data: dict[str, Any]) -> MarkerSet:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"marker names occur twice: {_listed(twice)}")
-    lengths = {joint: float(data["lengths"][joint]) for joint in dict.fromkeys(joints)}
-    if not all(length > 0.0 for length in lengths.values()):
-        raise ValueError("segment lengths must be positive")
+    segments = {joint: _parse_segment(data["segments"][joint]) for joint in dict.fromkeys(joints)}
+    orphans = sorted({s.parent for s in segments.values() if s.parent is not None} - segments.keys())
+    if orphans:
+        raise ValueError(f"[segments] names parents that carry no marker: {_listed(orphans)}")
     arm = _parse_arm(data["arm"])
     unknown = [name for name in arm.markers if name not in names]
     if unknown:
@@ -231,9 +249,15 @@ def _parse(data: dict[str, Any]) -> MarkerSet:
         joints=joints,
         local_positions=positions,
         roles=tuple(tuple(row.get("roles", ())) for row in rows),
-        lengths=lengths,
+        segments=segments,
         arm=arm,
     )
+
+
+def _parse_segment(data: dict[str, Any]) -> Segment:
+    if not float(data["length"]) > 0.0:
+        raise ValueError("segment lengths must be positive")
+    return Segment(float(data["length"]), _vector(data["centre"]), data.get("parent"))
 
 
 def _parse_arm(data: dict[str, Any]) -> ArmRecipe:
@@ -243,7 +267,7 @@ def _parse_arm(data: dict[str, Any]) -> ArmRecipe:
         head_left=tuple(head.get("left", ())),
         centre_in_head=_vector(head["centre_in_head"]),
         shoulder=tuple(shoulder["markers"]),
-        shoulder_towards_elbow=float(shoulder.get("towards_elbow", 0.0)),
+        shoulder_below=float(shoulder.get("below", 0.0)),
         elbow=tuple(elbow["markers"]),
         elbow_medial=float(elbow.get("medial", 0.0)),
         wrist=tuple(data["wrist"]["markers"]),

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
+import numpy as np
+
+from model import rotations
 from model.rotations import Array
 from model.skeleton import Skeleton, skeleton_from_table
 from scenes import anthropometry
@@ -29,3 +32,22 @@ class Pose:
 
     root_in_world: Array
     quaternions: Array
+
+
+PALM_IN_RIGHT_WRIST = np.array([0.0, 0.5 * anthropometry.PALM_THICKNESS, -anthropometry.PALM_CENTRE])
+"""(3,) m, centre of the right palm's surface in the frame of ``right_wrist``; its normal is +y, its fingers point to -z."""
+
+
+def right_palm(skeleton: Skeleton, positions: Array, orientations: Array) -> tuple[Array, Array, Array]:
+    """Centre (..., 3), normal (..., 3) and finger direction (..., 3) of the right palm in the world.
+
+    Args:
+        skeleton: the avatar's skeleton, scaled or not; the palm scales with its hand.
+        positions: (..., J, 3) m, from :meth:`Skeleton.forward_kinematics`.
+        orientations: (..., J, 4), likewise.
+    """
+    wrist, knuckle = skeleton.index("right_wrist"), skeleton.index("right_middle_1")
+    scale = np.linalg.norm(skeleton.offsets[knuckle]) / np.linalg.norm(avatar_skeleton().offsets[knuckle])
+    hand = orientations[..., wrist, :]
+    centre = positions[..., wrist, :] + rotations.rotate(hand, scale * PALM_IN_RIGHT_WRIST)
+    return centre, rotations.rotate(hand, [0.0, 1.0, 0.0]), rotations.rotate(hand, [0.0, 0.0, -1.0])

@@ -49,8 +49,16 @@ def conjugate(quaternion: ArrayLike) -> Array:
 def rotate(quaternion: ArrayLike, vector: ArrayLike) -> Array:
     """Vectors (..., 3) rotated by unit quaternions (..., 4)."""
     q, v = np.asarray(quaternion, dtype=float), np.asarray(vector, dtype=float)
-    u = 2.0 * np.cross(q[..., 1:], v)
-    return v + q[..., :1] * u + np.cross(q[..., 1:], u)
+    w, axis = q[..., :1], q[..., 1:]
+    u = 2.0 * cross(axis, v)
+    return v + w * u + cross(axis, u)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product of vectors (..., 3); several times quicker than ``numpy.cross`` on small arrays."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def from_rotation_vector(rotation_vector: ArrayLike) -> Array:

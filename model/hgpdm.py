@@ -1,0 +1,79 @@
+"""The trained model as a value: everything that responding, evaluation and pictures need, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from model import sparse
+from model.dataset import Channels
+from model.features import FeatureMap
+from model.presets import Preset
+from model.rotations import Array
+from model.sparse import Posterior
+
+
+@dataclass(frozen=True)
+class HGPDM:
+    """A trained hierarchical Gaussian process dynamical model.
+
+    Attributes:
+        preset: what it was trained with.
+        emotions: K names, the order of the style weights.
+        skeleton_hash: hash of the skeleton whose joints it generates, '' where none was given.
+        data_hash: digest of the training points.
+        settings: seed, inducing inputs, steps and final objective of the training.
+        joints: number of joint channels D.
+        lag: s between the dynamics' successive latents.
+        feature_map: from hand history to the features of the back projection.
+        back: back projections from features to I, in order: one (default) or r then s (paper).
+        dynamics: from :func:`model.hierarchy.dynamics_input` to the step beyond the dynamics' mean.
+        interaction: from I to X¹ and X², side by side.
+        human: from X² to the hand points (6), m.
+        avatar: from X¹ and a style to the avatar's channels, see :class:`model.dataset.Channels`.
+        start_mean, start_covariance: (q,) and (q, q), I at the beginning of the training trials.
+        interaction_latents, avatar_latents, human_latents: (N, q) at the training points, for pictures.
+        trial, emotion: (N,) trial and emotion index of the training points.
+    """
+
+    preset: Preset
+    emotions: tuple[str, ...]
+    skeleton_hash: str
+    data_hash: str
+    settings: dict[str, float]
+    joints: int
+    lag: float
+    feature_map: FeatureMap
+    back: tuple[Posterior, ...]
+    dynamics: Posterior
+    interaction: Posterior
+    human: Posterior
+    avatar: Posterior
+    start_mean: Array
+    start_covariance: Array
+    interaction_latents: NDArray[np.float32]
+    avatar_latents: NDArray[np.float32]
+    human_latents: NDArray[np.float32]
+    trial: NDArray[np.int32]
+    emotion: NDArray[np.int32]
+
+    @property
+    def channels(self) -> Channels:
+        """Where the quantities lie in the avatar layer's output."""
+        return Channels(self.joints)
+
+    def back_project(self, history: Array) -> Array:
+        """Expected I (T, q) of hand histories (T, H + 1, 6), m, each frame on its own."""
+        values = jnp.asarray(self.feature_map(history))
+        for stage in self.back:
+            values = sparse.means(stage, values)
+        return np.asarray(values)
+
+    def generate(self, interaction: Array, style: Array) -> Array:
+        """Expected avatar channels (T, channels) of latents I (T, q) in one style (K,), going down the hierarchy."""
+        below = sparse.means(self.interaction, jnp.asarray(interaction))
+        styles = jnp.broadcast_to(jnp.asarray(style), (len(interaction), len(self.emotions)))
+        return np.asarray(sparse.means(self.avatar, below[:, : self.preset.avatar_dims], styles))

@@ -1,0 +1,264 @@
+"""The hierarchical Gaussian process dynamical model: its parameters, its latents and its joint objective.
+
+    I ─▶ X² ─▶ Y²  (hand)          I_n = h(I_{n−1}, I_{n−2}) + noise
+    └──▶ X¹ ─▶ Y¹  (avatar, with a style)
+
+Source: Taubert et al. 2013. The preset decides what is free and what is a function of the hand (model/presets.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import solve_triangular
+from numpy.typing import NDArray
+
+from model import kernels, sparse
+from model.dataset import Channels, TrainingSet
+from model.features import FeatureMap, fit_feature_map
+from model.kernels import MotionKernel
+from model.presets import Preset
+from model.rotations import Array
+from model.sparse import Layer, Targets
+
+VELOCITY_UNIT = 0.1  # s; latent velocities enter the dynamics' kernel as the change in this time, of the latents' own size
+
+
+class BackConstraint(NamedTuple):
+    """I and X² as functions of the hand features (Lawrence & Quiñonero Candela 2006), sparse GPs in whitened weights.
+
+    Attributes:
+        kernel: covariance over the F features.
+        inducing: (M, F).
+        interaction: (M, q) whitened weights of I.
+        human: (M, q) whitened weights of X².
+    """
+
+    kernel: MotionKernel
+    inducing: jax.Array
+    interaction: jax.Array
+    human: jax.Array
+
+
+class Parameters(NamedTuple):
+    """Everything that joint training moves.
+
+    Attributes:
+        avatar, human, interaction, dynamics: the four layers.
+        avatar_latent: (N, q) X¹.
+        back: the back constraint of I and X², or None where they are free.
+        interaction_latent: (N, q) I where free, else None.
+        human_latent: (N, q) X² where free, else None.
+    """
+
+    avatar: Layer
+    human: Layer
+    interaction: Layer
+    dynamics: Layer
+    avatar_latent: jax.Array
+    back: BackConstraint | None
+    interaction_latent: jax.Array | None
+    human_latent: jax.Array | None
+
+
+class Latents(NamedTuple):
+    """Latents at the training points, each dimension of zero mean and unit variance.
+
+    Their scale is a gauge: without this, shrinking X¹ would raise the interaction layer's likelihood at no cost.
+
+    Attributes:
+        avatar, human, interaction: (N, q) X¹, X² and I.
+        steps: (3, T, q) I at the points that have two predecessors, one lag before, and two lags before.
+    """
+
+    avatar: jax.Array
+    human: jax.Array
+    interaction: jax.Array
+    steps: jax.Array
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The data of the objective in the layers' own units.
+
+    Attributes:
+        preset: the preset.
+        data: the training points.
+        feature_map: from hand histories to features.
+        features: (3, N, F) at t, t − lag and t − 2 lag.
+        avatar_offset, avatar_scale: (channels,) Y¹ = offset + scale · (scaled channels).
+        human_offset, human_scale: (6,) the same for Y².
+        avatar_basis: (channels, R) orthonormal; the thin factor of the scaled Y¹ is scaled Y¹ · basis.
+        avatar_targets, human_targets: what the likelihoods see.
+        successors: indices (T,) of points with two predecessors in their trial (free latents only).
+        first, last: (trials,) indices of each trial's first and last point.
+    """
+
+    preset: Preset
+    data: TrainingSet
+    feature_map: FeatureMap
+    features: Array
+    avatar_offset: Array
+    avatar_scale: Array
+    human_offset: Array
+    human_scale: Array
+    avatar_basis: Array
+    avatar_targets: Targets
+    human_targets: Targets
+    successors: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+
+def problem(data: TrainingSet, preset: Preset) -> Problem:
+    """Scales the channels, compresses Y¹ to a thin factor and builds the features."""
+    channels = Channels(data.outputs.shape[1] - 10)
+    weight = np.ones(channels.size)
+    weight[channels.clock] = preset.clock_weight
+    weight[channels.palm] = weight[channels.contact] = preset.palm_weight
+    scaled = (data.outputs - data.outputs.mean(axis=0)) * weight
+    total = np.sqrt(np.mean(np.sum(scaled**2, axis=1)) / 10.0)  # about ten channels' worth of motion, of unit variance
+    scaled = scaled / total
+    variances, basis = np.linalg.eigh(scaled.T @ scaled)
+    keep = np.cumsum(variances) > preset.channel_tolerance * np.sum(variances)
+    thin = scaled @ basis[:, keep]
+    discarded = float(np.sum(scaled**2) - np.sum(thin**2))
+
+    hand = data.history[0, :, 0]
+    hand_offset = hand.mean(axis=0)
+    hand_scale = np.full(6, np.sqrt(np.mean((hand - hand_offset) ** 2)))
+    feature_map = fit_feature_map(data.history[0])
+    starts = np.flatnonzero(np.diff(data.trial, prepend=-1))
+    position = np.arange(len(data.trial)) - starts[data.trial]
+    return Problem(
+        preset,
+        data,
+        feature_map,
+        feature_map(data.history),
+        data.outputs.mean(axis=0),
+        total / weight,
+        hand_offset,
+        hand_scale,
+        basis[:, keep],
+        Targets(jnp.asarray(thin), channels.size, discarded),
+        Targets(jnp.asarray((hand - hand_offset) / hand_scale), 6, 0.0),
+        np.flatnonzero(position >= 2),
+        starts,
+        np.append(starts[1:], len(data.trial)) - 1,
+    )
+
+
+def gauge(latent: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Mean and standard deviation (q,) of latents (N, q)."""
+    centre = jnp.mean(latent, axis=0)
+    return centre, jnp.sqrt(jnp.mean((latent - centre) ** 2, axis=0) + 1e-12)
+
+
+def standardised(latent: jax.Array) -> jax.Array:
+    """Latents (N, q) with zero mean and unit variance in each dimension."""
+    centre, deviation = gauge(latent)
+    return (latent - centre) / deviation
+
+
+def back_weights(back: BackConstraint) -> jax.Array:
+    """Weights (M, q_I + q_2) of the kernel functions, from the whitened ones: K_uu^{-T/2} V."""
+    lower = jnp.linalg.cholesky(kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing)))
+    return solve_triangular(lower.T, jnp.concatenate([back.interaction, back.human], axis=1), lower=False)
+
+
+def latents(parameters: Parameters, task: Problem) -> Latents:
+    """X¹, X² and I at the training points, and I along the dynamics' steps."""
+    avatar = standardised(parameters.avatar_latent)
+    if parameters.back is None:
+        assert parameters.interaction_latent is not None
+        assert parameters.human_latent is not None
+        interaction = standardised(parameters.interaction_latent)
+        after = task.successors
+        steps = jnp.stack([interaction[after], interaction[after - 1], interaction[after - 2]])
+        return Latents(avatar, standardised(parameters.human_latent), interaction, steps)
+    weights, dims = back_weights(parameters.back), parameters.back.interaction.shape[1]
+    count, points, size = task.features.shape
+    k_fu = kernels.cross(parameters.back.kernel, task.features.reshape(-1, size), parameters.back.inducing)
+    raw = (k_fu @ weights).reshape(count, points, -1)
+    centre, deviation = gauge(raw[0])
+    both = (raw - centre) / deviation
+    return Latents(avatar, both[0, :, dims:], both[0, :, :dims], both[:, :, :dims])
+
+
+def dynamics_input(now: jax.Array, before: jax.Array, lag: float) -> jax.Array:
+    """Inputs (..., 2 q) of the dynamics from two successive latents (..., q): where it is and how fast it moves.
+
+    An invertible linear change of (i_{n−1}, i_{n−2}) whose lengthscales are not tied by their strong correlation.
+    """
+    return jnp.concatenate([now, (now - before) * (VELOCITY_UNIT / lag)], axis=-1)
+
+
+def dynamics_mean(now: jax.Array, before: jax.Array, lag: float, preset: Preset) -> jax.Array:
+    """Mean of the next latent (..., q) before anything is learned.
+
+    A velocity that dies away: unlike a zero mean it carries a lost hand on smoothly, and unlike a constant velocity it
+    comes to rest.
+    """
+    if preset.velocity_decay == 0.0:
+        return jnp.zeros_like(now)
+    return now + jnp.exp(-lag / preset.velocity_decay) * (now - before)
+
+
+def noises(parameters: Parameters, preset: Preset) -> dict[str, jax.Array]:
+    """Noise variance of each layer."""
+    return {
+        "avatar": sparse.noise_variance(parameters.avatar.raw_noise, preset.avatar_noise),
+        "human": sparse.noise_variance(parameters.human.raw_noise, preset.human_noise),
+        "interaction": sparse.noise_variance(parameters.interaction.raw_noise, preset.interaction_noise),
+        "dynamics": sparse.noise_variance(parameters.dynamics.raw_noise, preset.dynamics_noise),
+    }
+
+
+def terms(parameters: Parameters, task: Problem) -> dict[str, jax.Array]:
+    """The parts of the negative log joint density, in nats; training minimises their sum."""
+    preset, noise, lat = task.preset, noises(parameters, task.preset), latents(parameters, task)
+    now, previous, before = lat.steps
+    below = jnp.concatenate([lat.avatar, lat.human], axis=1)
+    step = now - dynamics_mean(previous, before, task.data.lag, preset)
+    parts = {
+        "avatar": sparse.negative_log_likelihood(
+            parameters.avatar,
+            lat.avatar,
+            task.avatar_targets,
+            noise["avatar"],
+            jnp.asarray(task.data.styles),
+            preset.variational,
+        ),
+        "human": sparse.negative_log_likelihood(
+            parameters.human, lat.human, task.human_targets, noise["human"], variational=preset.variational
+        ),
+        "interaction": sparse.negative_log_likelihood(
+            parameters.interaction,
+            lat.interaction,
+            Targets(below, below.shape[1], 0.0),
+            noise["interaction"],
+            variational=preset.variational,
+        ),
+        "dynamics": sparse.negative_log_likelihood(
+            parameters.dynamics,
+            dynamics_input(previous, before, task.data.lag),
+            Targets(step, step.shape[1], 0.0),
+            noise["dynamics"],
+            variational=preset.variational,
+        ),
+    }
+    if parameters.back is not None:  # the GP prior of the back constraint, in whitened weights
+        parts["back"] = 0.5 * (jnp.sum(parameters.back.interaction**2) + jnp.sum(parameters.back.human**2))
+    if preset.return_tolerance > 0.0:  # a trial begins and ends in about the same pose
+        gap = lat.avatar[task.first] - lat.avatar[task.last]
+        parts["return"] = 0.5 * jnp.sum(gap**2) / preset.return_tolerance**2
+    return parts
+
+
+def objective(parameters: Parameters, task: Problem) -> jax.Array:
+    """Negative log joint density a training point."""
+    return sum(terms(parameters, task).values(), start=jnp.zeros(())) / len(task.data.trial)

@@ -1,0 +1,92 @@
+"""Presets: what is chosen before training, as frozen values with their reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from model.errors import HighFiveError
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Sizes, bounds and weights of one kind of model. All lengths of time are in seconds."""
+
+    name: str
+    avatar_dims: int  # latent dimensions of the avatar layer, X1
+    human_dims: int  # latent dimensions of the human layer, X2
+    interaction_dims: int  # latent dimensions of the interaction layer, I
+    history: tuple[float, ...]  # earlier times, s, at which the back projection sees the hand; () is the present alone
+    lag: float  # s between the dynamics' successive latents; free latents step from sample to sample instead
+    back_constrained: bool  # I and X2 are learned functions of the hand (True) or free, with r and s fitted after (False)
+    variational: bool  # add the trace term of Titsias 2009, which makes DTC a lower bound
+    avatar_noise: tuple[float, float]  # bounds of the noise of the scaled channels of Y1
+    human_noise: tuple[float, float]  # bounds of the noise of the scaled hand points Y2
+    interaction_noise: tuple[float, float]  # bounds of the noise of X1 and X2 given I; latents have unit variance
+    dynamics_noise: tuple[float, float]  # bounds of the noise of I given its two predecessors
+    velocity_decay: float  # s; the dynamics' mean keeps the latent velocity and forgets it this fast; 0 is a zero mean
+    return_tolerance: float  # a trial's first and last X1 differ by about this much (latent units); 0 switches it off
+    palm_weight: float  # scale of the palm's position (m) beside the joint angles (rad)
+    clock_weight: float  # scale of the contact clock beside the joint angles (rad)
+    points: int  # training points in all; the common sample rate follows from the length of the recordings
+    channel_tolerance: float  # share of Y1's variance left to the noise when its channels are compressed
+    iterations: int  # steps of L-BFGS in joint training
+
+
+PAPER = Preset(
+    name="paper",
+    avatar_dims=2,
+    human_dims=2,
+    interaction_dims=3,
+    history=(),
+    lag=0.0,
+    back_constrained=False,
+    variational=False,
+    avatar_noise=(1e-3, 1.0),
+    human_noise=(1e-3, 1.0),
+    interaction_noise=(1e-2, 1.0),
+    dynamics_noise=(1e-3, 1.0),
+    velocity_decay=0.0,
+    return_tolerance=0.1,
+    palm_weight=1.0,
+    clock_weight=1.0,
+    points=5600,
+    channel_tolerance=1e-4,
+    iterations=250,
+)
+"""The sizes and the recipe of Taubert et al. 2013."""
+
+DEFAULT = Preset(
+    name="default",
+    avatar_dims=6,
+    human_dims=3,
+    interaction_dims=6,
+    history=(0.06, 0.12, 0.24),
+    lag=1 / 30,
+    back_constrained=True,
+    variational=True,
+    avatar_noise=(5e-3, 1.0),
+    human_noise=(2e-2, 1.0),
+    interaction_noise=(3e-2, 6e-2),
+    dynamics_noise=(1e-2, 2e-1),
+    velocity_decay=0.5,
+    return_tolerance=0.0,
+    palm_weight=3.0,
+    clock_weight=1.0,
+    points=5600,
+    channel_tolerance=1e-4,
+    iterations=250,
+)
+"""Larger latents, a back constraint on the hand and its short history learned jointly, and bounded upper-layer noise."""
+
+PRESETS = {preset.name: preset for preset in (DEFAULT, PAPER)}
+
+
+def preset_named(name: str) -> Preset:
+    """The preset called ``name``.
+
+    Raises:
+        HighFiveError: there is none of that name.
+    """
+    if name not in PRESETS:
+        raise HighFiveError(f"no preset called {name!r}; there are {', '.join(PRESETS)}")
+    return PRESETS[name]

@@ -1,0 +1,208 @@
+"""Sparse Gaussian process layers: the DTC likelihood, its variational bound, and the posterior used online.
+
+Sources: Seeger et al. 2003 and Lawrence 2007 (DTC for GP-LVMs); Titsias 2009 (the trace term); Hensman et al. 2013,
+appendix, for the form through A = I + β L⁻¹ K_uf K_fu L⁻ᵀ that stays well conditioned.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
+
+from model import kernels
+from model.kernels import MotionKernel, StyleFactor
+
+
+class Layer(NamedTuple):
+    """The learned parameters of one sparse GP with many output channels that share kernel and noise.
+
+    Attributes:
+        kernel: covariance over the inputs.
+        inducing: (M, q) inducing inputs.
+        raw_noise: () unconstrained; see :func:`noise_variance`.
+        style: the style factor, or None for a layer without styles.
+    """
+
+    kernel: MotionKernel
+    inducing: jax.Array
+    raw_noise: jax.Array
+    style: StyleFactor | None = None
+
+
+class Targets(NamedTuple):
+    """The channels of a layer, as the likelihood sees them: only through Y Yᵀ.
+
+    Attributes:
+        thin: (N, R) a factor with thin · thinᵀ = Y Yᵀ up to ``discarded``.
+        channels: number D of channels of Y (R ≤ D).
+        discarded: summed squares of what the factor leaves out; it counts as noise.
+    """
+
+    thin: jax.Array
+    channels: int
+    discarded: float
+
+
+class Posterior(NamedTuple):
+    """A trained layer, ready for prediction at one input: everything that does not depend on the input is precomputed.
+
+    Attributes:
+        kernel: covariance over the inputs.
+        inducing: (M, q).
+        style: (M, K) inducing style weights times B, or None.
+        style_covariance: (K, K) B, or None.
+        weights: (M, D): the mean is k(x, inducing) · weights + offset.
+        offset: (D,).
+        reduction: (M, M): the variance of the function is k(x, x) − k reduction kᵀ (before ``scale``).
+        noise: () variance of the noise, before ``scale``.
+        scale: (D,) standard deviation of a channel that has unit variance in the layer's own units.
+    """
+
+    kernel: MotionKernel
+    inducing: jax.Array
+    style: jax.Array | None
+    style_covariance: jax.Array | None
+    weights: jax.Array
+    offset: jax.Array
+    reduction: jax.Array
+    noise: jax.Array
+    scale: jax.Array
+
+
+def noise_variance(raw: jax.Array, bounds: tuple[float, float]) -> jax.Array:
+    """Variance of a noise whose standard deviation stays within ``bounds``, for any real ``raw``."""
+    low, high = jnp.log(bounds[0]), jnp.log(bounds[1])
+    return jnp.exp(2.0 * (low + (high - low) * jax.nn.sigmoid(raw)))
+
+
+def raw_noise(deviation: float, bounds: tuple[float, float]) -> jax.Array:
+    """Inverse of :func:`noise_variance`: the raw value of a standard deviation, kept off the very bounds."""
+    fraction = (jnp.log(deviation) - jnp.log(bounds[0])) / (jnp.log(bounds[1]) - jnp.log(bounds[0]))
+    fraction = jnp.clip(fraction, 0.02, 0.98)
+    return jnp.log(fraction / (1.0 - fraction))
+
+
+@jax.custom_vjp
+def gram(factor: jax.Array) -> jax.Array:
+    """factor · factorᵀ for (M, N); its derivative costs one large product instead of two."""
+    return factor @ factor.T
+
+
+def _gram_forward(factor: jax.Array) -> tuple[jax.Array, jax.Array]:
+    return factor @ factor.T, factor
+
+
+def _gram_backward(factor: jax.Array, cotangent: jax.Array) -> tuple[jax.Array]:
+    return ((cotangent + cotangent.T) @ factor,)
+
+
+gram.defvjp(_gram_forward, _gram_backward)
+
+
+def covariances(layer: Layer, inputs: jax.Array, styles: jax.Array | None) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """K_uu (M, M) with jitter, K_uf (M, N) and the diagonal of K_ff (N,) at inputs (N, q) and style weights (N, K)."""
+    k_uu = kernels.cross(layer.kernel, layer.inducing, layer.inducing)
+    k_uf = kernels.cross(layer.kernel, layer.inducing, inputs)
+    k_ff = kernels.diagonal(layer.kernel, inputs)
+    if layer.style is not None:
+        assert styles is not None
+        between = kernels.style_covariance(layer.style)
+        inducing_between = layer.style.inducing @ between
+        k_uu = k_uu * (inducing_between @ layer.style.inducing.T)
+        k_uf = k_uf * (inducing_between @ styles.T)
+        k_ff = k_ff * jnp.sum((styles @ between) * styles, axis=1)
+    return kernels.add_jitter(k_uu), k_uf, k_ff
+
+
+def negative_log_likelihood(
+    layer: Layer,
+    inputs: jax.Array,
+    targets: Targets,
+    noise: jax.Array,
+    styles: jax.Array | None = None,
+    variational: bool = False,
+) -> jax.Array:
+    """−log N(Y; 0, Q + noise I) summed over channels, Q = K_fu K_uu⁻¹ K_uf; plus the trace term if ``variational``.
+
+    The work that grows with N is K_uf, K_uf K_fu and K_uf Y and their transposes in the gradient.
+    """
+    k_uu, k_uf, k_ff = covariances(layer, inputs, styles)
+    points, precision = inputs.shape[0], 1.0 / noise
+    lower = jnp.linalg.cholesky(k_uu)
+    half = solve_triangular(lower, gram(k_uf), lower=True)
+    projected = solve_triangular(lower, half.T, lower=True)  # L⁻¹ K_uf K_fu L⁻ᵀ
+    inner = jnp.linalg.cholesky(jnp.eye(lower.shape[0]) + precision * projected)
+    explained = solve_triangular(inner, solve_triangular(lower, k_uf @ targets.thin, lower=True), lower=True)
+    squares = jnp.sum(targets.thin**2) + targets.discarded
+    log_determinant = points * jnp.log(noise) + 2.0 * jnp.sum(jnp.log(jnp.diag(inner)))
+    quadratic = precision * squares - precision**2 * jnp.sum(explained**2)
+    value = 0.5 * (targets.channels * (log_determinant + points * jnp.log(2.0 * jnp.pi)) + quadratic)
+    if variational:
+        value = value + 0.5 * targets.channels * precision * (jnp.sum(k_ff) - jnp.trace(projected))
+    return value
+
+
+def fit(
+    layer: Layer,
+    inputs: jax.Array,
+    values: jax.Array,
+    noise: jax.Array,
+    styles: jax.Array | None = None,
+    offset: jax.Array | None = None,
+    scale: jax.Array | None = None,
+) -> Posterior:
+    """The posterior of a layer given inputs (N, q) and values (N, D); ``offset + scale · prediction`` is what it predicts."""
+    k_uu, k_uf, _ = covariances(layer, inputs, styles)
+    size, channels = k_uu.shape[0], values.shape[1]
+    lower = jnp.linalg.cholesky(k_uu)
+    inverse = solve_triangular(lower, jnp.eye(size), lower=True)
+    projected = inverse @ k_uf
+    inner = jnp.linalg.cholesky(jnp.eye(size) + gram(projected) / noise)
+    inner_inverse = solve_triangular(inner, inverse, lower=True)
+    scale = jnp.ones(channels) if scale is None else scale
+    offset = jnp.zeros(channels) if offset is None else offset
+    weights = inner_inverse.T @ (inner_inverse @ (k_uf @ values)) / noise * scale
+    reduction = inverse.T @ inverse - inner_inverse.T @ inner_inverse
+    between = None if layer.style is None else kernels.style_covariance(layer.style)
+    style = None if layer.style is None else layer.style.inducing @ between
+    return Posterior(layer.kernel, layer.inducing, style, between, weights, offset, reduction, noise, scale)
+
+
+def covariance_vector(posterior: Posterior, point: jax.Array, style: jax.Array | None = None) -> jax.Array:
+    """Covariance (M,) of one input (q,) and style (K,) with the inducing inputs."""
+    kernel = posterior.kernel
+    half = 0.5 * jnp.sum(((posterior.inducing - point) * jnp.exp(-kernel.log_lengthscale)) ** 2, axis=1)
+    linear = posterior.inducing @ (jnp.exp(kernel.log_linear) * point)
+    vector = jnp.exp(kernel.log_rbf - half) + linear + jnp.exp(kernel.log_bias)
+    return vector if posterior.style is None else vector * (posterior.style @ style)
+
+
+def mean(posterior: Posterior, point: jax.Array, style: jax.Array | None = None) -> jax.Array:
+    """Predictive mean (D,) at one input (q,) and style (K,)."""
+    return covariance_vector(posterior, point, style) @ posterior.weights + posterior.offset
+
+
+def predict(
+    posterior: Posterior, point: jax.Array, style: jax.Array | None = None
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Mean (D,), its derivative (D, q) and the variance of the function () in the layer's own units at one input (q,)."""
+    vector = covariance_vector(posterior, point, style)
+    slope = jax.jacfwd(lambda p: covariance_vector(posterior, p, style))(point)
+    own = kernels.diagonal(posterior.kernel, point[None])[0]
+    if posterior.style_covariance is not None:
+        assert style is not None
+        own = own * (style @ posterior.style_covariance @ style)
+    variance = jnp.maximum(own - vector @ posterior.reduction @ vector, 0.0)
+    return vector @ posterior.weights + posterior.offset, posterior.weights.T @ slope, variance
+
+
+def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:
+    """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
+    k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
+    if posterior.style is not None:
+        assert styles is not None
+        k_fu = k_fu * (styles @ posterior.style.T)
+    return k_fu @ posterior.weights + posterior.offset

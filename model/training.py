@@ -1,0 +1,190 @@
+"""Joint training of the hierarchy, and the trained layers put together for use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from model import kernels, sparse
+from model.dataset import TrainingSet, training_set
+from model.errors import HighFiveError
+from model.hgpdm import HGPDM
+from model.hierarchy import (
+    Latents,
+    Parameters,
+    Problem,
+    back_weights,
+    dynamics_input,
+    dynamics_mean,
+    gauge,
+    latents,
+    noises,
+    objective,
+    problem,
+)
+from model.initial import initial_parameters
+from model.kernels import motion_kernel
+from model.optimise import ProgressCallback, minimise
+from model.presets import Preset, preset_named
+from model.rotations import Array
+from model.sparse import Layer, Posterior, Targets
+from model.trials import Trial
+
+BACK_NOISE = 0.05  # standard deviation of I given the hand where I is a learned function of it (unit-variance latents)
+BACK_BOUNDS = (1e-2, 1.0)  # bounds of that noise where r and s are regressions fitted after training
+BACK_ITERATIONS = 60  # steps for each of those regressions
+
+
+def train(
+    trials: Sequence[Trial],
+    preset: Preset | str = "default",
+    emotions: Sequence[str] | None = None,
+    inducing: int = 200,
+    seed: int = 0,
+    skeleton_hash: str = "",
+    progress: ProgressCallback | None = None,
+    checkpoint: Path | str | None = None,
+) -> HGPDM:
+    """Trains a model on the trials that are not held out.
+
+    Args:
+        trials: recorded trials; those with ``test`` set are left out.
+        preset: a preset or the name of one.
+        emotions: order of the styles; by default in order of appearance.
+        inducing: inducing inputs a layer.
+        seed: seed of the choice of inducing inputs.
+        skeleton_hash: stored in the model, so that it is not used with another skeleton.
+        progress: called after every step.
+        checkpoint: file that training writes as it goes and resumes from after an interruption.
+
+    Raises:
+        HighFiveError: the data cannot be learned from, or the optimisation fails; the message says what to change.
+    """
+    chosen = preset_named(preset) if isinstance(preset, str) else preset
+    if inducing < 2:
+        raise HighFiveError(f"{inducing} inducing inputs; at least 2 are needed, 200 are usual")
+    data = training_set(trials, chosen, emotions)
+    task = problem(data, chosen)
+    start = initial_parameters(task, inducing, np.random.default_rng(seed))
+    key = f"{chosen!r} {inducing} {seed} {data.data_hash}"
+    parameters, trace = minimise(
+        lambda p: objective(p, task),
+        start,
+        chosen.iterations,
+        progress=progress,
+        checkpoint=None if checkpoint is None else Path(checkpoint),
+        key=key,
+    )
+    settings = {"inducing": inducing, "seed": seed, "iterations": len(trace), "points": len(data.trial)}
+    settings["objective"] = float(objective(parameters, task))
+    return assemble(parameters, task, skeleton_hash, settings, progress)
+
+
+def assemble(
+    parameters: Parameters,
+    task: Problem,
+    skeleton_hash: str,
+    settings: dict[str, float],
+    progress: ProgressCallback | None = None,
+) -> HGPDM:
+    """The trained layers as posteriors, ready for use."""
+    preset, data, noise = task.preset, task.data, noises(parameters, task.preset)
+    lat = latents(parameters, task)
+    below = jnp.concatenate([lat.avatar, lat.human], axis=1)
+    interaction = sparse.fit(parameters.interaction, lat.interaction, below, noise["interaction"])
+    now, previous, before = lat.steps
+    dynamics = sparse.fit(
+        parameters.dynamics,
+        dynamics_input(previous, before, data.lag),
+        now - dynamics_mean(previous, before, data.lag, preset),
+        noise["dynamics"],
+    )
+    # Online, X¹ and X² come from I; the layers below are fitted at those latents, not at the ones they were trained with.
+    reached = sparse.means(interaction, lat.interaction) if preset.back_constrained else below
+    scaled = (data.outputs - task.avatar_offset) / task.avatar_scale
+    avatar = sparse.fit(
+        parameters.avatar,
+        reached[:, : preset.avatar_dims],
+        jnp.asarray(scaled),
+        noise["avatar"],
+        jnp.asarray(data.styles),
+        jnp.asarray(task.avatar_offset),
+        jnp.asarray(task.avatar_scale),
+    )
+    human = sparse.fit(
+        parameters.human,
+        reached[:, preset.avatar_dims :],
+        task.human_targets.thin,
+        noise["human"],
+        offset=jnp.asarray(task.human_offset),
+        scale=jnp.asarray(task.human_scale),
+    )
+    starts = np.asarray(lat.interaction)[task.first]
+    return HGPDM(
+        preset=preset,
+        emotions=data.emotions,
+        skeleton_hash=skeleton_hash,
+        data_hash=data.data_hash,
+        settings=settings,
+        joints=data.outputs.shape[1] - 10,
+        lag=data.lag,
+        feature_map=task.feature_map,
+        back=_back_projections(parameters, task, lat, progress),
+        dynamics=dynamics,
+        interaction=interaction,
+        human=human,
+        avatar=avatar,
+        start_mean=starts.mean(axis=0),
+        start_covariance=np.atleast_2d(np.cov(starts.T)) + 1e-4 * np.eye(starts.shape[1])
+        if len(starts) > 1
+        else 0.1 * np.eye(starts.shape[1]),
+        interaction_latents=np.asarray(lat.interaction, dtype=np.float32),
+        avatar_latents=np.asarray(reached[:, : preset.avatar_dims], dtype=np.float32),
+        human_latents=np.asarray(reached[:, preset.avatar_dims :], dtype=np.float32),
+        trial=data.trial.astype(np.int32),
+        emotion=np.argmax(data.styles, axis=1).astype(np.int32),
+    )
+
+
+def _back_projections(
+    parameters: Parameters, task: Problem, lat: Latents, progress: ProgressCallback | None
+) -> tuple[Posterior, ...]:
+    """From features to I: the learned back constraint, or the regressions r and s of the paper."""
+    if parameters.back is None:
+        features = jnp.asarray(task.features[0])
+        r = _regression(features, lat.human, parameters.human.inducing.shape[0], "back projection r", progress)
+        s = _regression(lat.human, lat.interaction, parameters.human.inducing.shape[0], "back projection s", progress)
+        return r, s
+    back, dims = parameters.back, parameters.back.interaction.shape[1]
+    weights = back_weights(back)[:, :dims]
+    k_fu = kernels.cross(back.kernel, jnp.asarray(task.features[0]), back.inducing)
+    centre, deviation = gauge(k_fu @ weights)
+    k_uu = kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing))
+    # The variance that inducing inputs leave unexplained: small near the training data, large far from it.
+    reduction = jnp.linalg.inv(k_uu)
+    noise = (BACK_NOISE * jnp.mean(deviation)) ** 2
+    return (
+        Posterior(back.kernel, back.inducing, None, None, weights / deviation, -centre / deviation, reduction, noise, 1.0 / deviation),
+    )
+
+
+def _regression(
+    inputs: Array | jax.Array, values: jax.Array, inducing: int, stage: str, progress: ProgressCallback | None
+) -> Posterior:
+    """A sparse GP regression (N, F) → (N, q) with its hyperparameters learned."""
+    points = np.asarray(inputs)
+    chosen = np.linspace(0, len(points) - 1, min(inducing, len(points))).astype(int)
+    kernel = motion_kernel(jnp.full(points.shape[1], np.sqrt(points.shape[1])))
+    layer = Layer(kernel, jnp.asarray(points[chosen]), sparse.raw_noise(jnp.asarray(0.3), BACK_BOUNDS))
+    targets = Targets(values, values.shape[1], 0.0)
+
+    def value(candidate: Layer) -> jax.Array:
+        noise = sparse.noise_variance(candidate.raw_noise, BACK_BOUNDS)
+        return sparse.negative_log_likelihood(candidate, jnp.asarray(points), targets, noise, variational=True) / len(points)
+
+    layer, _ = minimise(value, layer, BACK_ITERATIONS, stage, progress)
+    return sparse.fit(layer, jnp.asarray(points), values, sparse.noise_variance(layer.raw_noise, BACK_BOUNDS))

@@ -59,16 +59,16 @@ PALM_CENTRE = 0.068
 """Wrist centre to palm centre along the hand, m."""
 
 # (finger, x of the knuckle across the hand with the thumb side forward, distance of the knuckle from the wrist, bones)
-_FINGERS = [
+FINGERS = [
     ("index", 0.026, 0.098, (0.040, 0.022, 0.018)),
     ("middle", 0.004, 0.098, (0.045, 0.026, 0.019)),
     ("ring", -0.017, 0.092, (0.041, 0.026, 0.019)),
     ("little", -0.036, 0.084, (0.033, 0.018, 0.017)),
 ]
 # The thumb: base at the wrist's thumb side; its bones point forward and down in the zero pose.
-_THUMB_BASE = (0.026, 0.028)
-_THUMB_DIRECTION = (0.60, -0.80)
-_THUMB_BONES = (0.046, 0.032, 0.024)
+THUMB_BASE = (0.026, 0.028)
+THUMB_DIRECTION = (0.60, -0.80)
+THUMB_BONES = (0.046, 0.032, 0.024)
 
 FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")
 
@@ -77,12 +77,12 @@ def _hand(wrist: tuple[float, float, float]) -> list[tuple[str, str, tuple[float
     x, y, z = wrist
     # The left palm faces the thigh, so its normal points to -y: the thumb's base lies a little towards the palm.
     joints = []
-    bx, bz = x + _THUMB_BASE[0], z - _THUMB_BASE[1]
+    bx, bz = x + THUMB_BASE[0], z - THUMB_BASE[1]
     joints.append(("thumb_1", "wrist", (bx, y - 0.008, bz)))
-    for number, bone in ((2, _THUMB_BONES[0]), (3, _THUMB_BONES[1])):
-        bx, bz = bx + bone * _THUMB_DIRECTION[0], bz + bone * _THUMB_DIRECTION[1]
+    for number, bone in ((2, THUMB_BONES[0]), (3, THUMB_BONES[1])):
+        bx, bz = bx + bone * THUMB_DIRECTION[0], bz + bone * THUMB_DIRECTION[1]
         joints.append((f"thumb_{number}", f"thumb_{number - 1}", (bx, y - 0.008, bz)))
-    for finger, across, along, bones in _FINGERS:
+    for finger, across, along, bones in FINGERS:
         fz = z - along
         joints.append((f"{finger}_1", "wrist", (x + across, y, fz)))
         joints.append((f"{finger}_2", f"{finger}_1", (x + across, y, fz - bones[0])))
@@ -90,7 +90,7 @@ def _hand(wrist: tuple[float, float, float]) -> list[tuple[str, str, tuple[float
     return joints
 
 
-FINGER_TIP_LENGTH = {"thumb": _THUMB_BONES[2], **{finger: bones[2] for finger, _, _, bones in _FINGERS}}
+FINGER_TIP_LENGTH = {"thumb": THUMB_BONES[2], **{finger: bones[2] for finger, _, _, bones in FINGERS}}
 """Length of the last bone of each finger, m."""
 
 

@@ -39,7 +39,7 @@ TISSUE_DENSITY = 1100.0
 """kg/m³ of a finger (de Leva 1996 after Clauser et al. 1969: hand 1.16, soft tissue about 1.05)."""
 
 PERSON_HAND_MASS = 0.8
-"""kg that a person's palm brings into a contact: the hand (0.45 kg) and a part of the forearm (Winter 2009, table 4.1)."""
+"""kg that a person's palm brings into a contact: the hand (0.45 kg) and a part of the forearm."""
 
 PERSON_FINGER_BEND_DEGREES = 6.0
 """Bend of each finger joint of the person's open hand."""

@@ -1,5 +1,8 @@
 """The avatar's bodies, hinges, contact shapes and masses, added to a MuJoCo specification."""
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled bindings ship no type stubs.)
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -25,22 +28,21 @@ class Shape:
 
     Attributes:
         centre: (3,) m.
-        half_axes: (3,) m of an ellipsoid, or None for a capsule.
-        end: (3,) m, far end of a capsule that starts at the joint's centre.
-        radius: m, of a capsule.
+        half_axes: (3,) m of an ellipsoid; None for a capsule.
+        end: (3,) m, far end of a capsule that starts at the joint's centre; zero for an ellipsoid.
+        radius: m, of a capsule; zero for an ellipsoid.
     """
 
     centre: Array
-    half_axes: Array | None = None
-    end: Array | None = None
-    radius: float = 0.0
+    half_axes: Array | None
+    end: Array
+    radius: float
 
     @property
     def volume(self) -> float:
         """Volume of the shape, m³."""
         if self.half_axes is not None:
             return 4.0 / 3.0 * np.pi * float(np.prod(self.half_axes))
-        assert self.end is not None
         length = float(np.linalg.norm(self.end))
         return np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius)
 
@@ -76,9 +78,9 @@ def shape_of(skeleton: Skeleton, joint: str) -> Shape:
     sign, name = split_side(joint)
     if name in body_shapes.ELLIPSOIDS:
         centre, half_axes = body_shapes.ELLIPSOIDS[name]
-        return Shape(np.array(centre) * [1.0, sign, 1.0], half_axes=np.array(half_axes))
+        return Shape(np.array(centre) * [1.0, sign, 1.0], np.array(half_axes), np.zeros(3), 0.0)
     end = bone_end(skeleton, joint)
-    return Shape(0.5 * end, end=end, radius=body_shapes.CAPSULE_RADIUS[name])
+    return Shape(0.5 * end, None, end, body_shapes.CAPSULE_RADIUS[name])
 
 
 def segment_masses(skeleton: Skeleton) -> dict[str, float]:
@@ -119,7 +121,7 @@ def add_palm_site(hand: mujoco.MjsBody, name: str, side: str) -> None:
 
 
 def add_avatar(spec: mujoco.MjSpec, skeleton: Skeleton) -> dict[str, mujoco.MjsBody]:
-    """Adds the avatar to ``spec``: root slides, 53 bodies of three hinges, contact shapes, palm sites. Returns the bodies.
+    """Adds the avatar to ``spec`` and returns its 53 bodies of three hinges, with contact shapes and palm sites.
 
     The root has three slides rather than a free joint: the pelvis's own hinges already carry its orientation.
     """

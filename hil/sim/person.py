@@ -4,6 +4,9 @@ Head, arm and trunk are mocap bodies that follow the person. The palm is a free 
 contact does not see the velocity of a mocap body and would have the wrong force.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled bindings ship no type stubs.)
+
 from __future__ import annotations
 
 import mujoco
@@ -30,6 +33,8 @@ at constant speed b v + k r = 0, so r = -2 d t ζ² v.
 """
 LEASH = 0.12
 """m that the trunk may lean away from over the feet before the feet follow."""
+STRIDE = 0.4
+"""m from which on the feet are put under the trunk at once: the person is somewhere else, not leaning."""
 
 
 def person_hand_pose(skeleton: Skeleton) -> tuple[Array, Array]:
@@ -118,6 +123,8 @@ def body_poses(arm: HumanArm, skeleton: Skeleton, stance: Array) -> dict[str, tu
     away = trunk_position[:2] - stance
     distance = float(np.linalg.norm(away))
     feet = stance if distance <= LEASH else stance + away * (1.0 - LEASH / distance)
+    if distance > STRIDE:
+        feet = trunk_position[:2]
     forward = rotations.rotate(trunk_q, [1.0, 0.0, 0.0]) * [1.0, 1.0, 0.0]
     return {
         "person_head": (head, arm.head_orientation),

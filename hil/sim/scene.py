@@ -1,5 +1,8 @@
 """The MuJoCo scene: avatar, person and room in one model, and how poses get in and out of it."""
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled bindings ship no type stubs.)
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -14,9 +17,9 @@ import scenes
 from hil.avatar import Pose, avatar_skeleton
 from hil.sim import person
 from hil.sim.body_geometry import ROOT_JOINTS, add_avatar, is_finger, shape_name
+from hil.sim.dressing import dress
 from mocap_bridge.frames import HumanArm, PalmPose
 from model.errors import HighFiveError
-from model.rotations import Array
 from model.skeleton import Skeleton
 
 Indices = NDArray[np.int64]
@@ -49,10 +52,11 @@ class Scene:
         root_qpos, root_dofs: (3,) addresses of the root's slides.
         hinge_qpos, hinge_dofs: (53, 3) addresses of each joint's hinges, in the order of the skeleton.
         hinge_actuators: (53, 3) ids of the position actuators.
-        arm_dofs: (18,) velocity addresses of the hinges that a contact correction may move: upper trunk, right clavicle,
-            shoulder, elbow and wrist.
+        arm_dofs: (18,) velocity addresses of the hinges that a contact correction may move: upper trunk, right
+            clavicle, shoulder, elbow and wrist.
         arm_joints: (6,) indices into the skeleton of the same joints, in the same order.
-        palm_site, left_palm_site, person_palm_site: ids of sites on a palm's surface (x to the fingers, z out of the palm).
+        palm_site, left_palm_site, person_palm_site: ids of sites on a palm's surface; x to the fingers, z out of
+            the palm.
         hand_geoms: ids of the contact shapes of the avatar's right hand, the palm first.
         person_hand_geoms: ids of the contact shapes of the person's hand, the palm first.
     """
@@ -146,11 +150,12 @@ def rest_pose(skeleton: Skeleton) -> Pose:
     return Pose(skeleton.offsets[0].copy(), skeleton.rest.copy())
 
 
-def build_scene(skeleton: Skeleton | None = None) -> Scene:
+def build_scene(skeleton: Skeleton | None = None, *, visible: bool = False) -> Scene:
     """Builds and compiles the scene.
 
     Args:
         skeleton: the avatar's, by default :func:`hil.avatar.avatar_skeleton`.
+        visible: also sculpts what the eye sees (some 2 s); needed for pictures and for the viewer, not for play-out.
 
     Raises:
         HighFiveError: the room's file is missing or MuJoCo refuses it.
@@ -162,6 +167,8 @@ def build_scene(skeleton: Skeleton | None = None) -> Scene:
     person.add_person(spec, skeleton)
     _add_contact_pairs(spec, skeleton)
     _add_actuators(spec, skeleton)
+    if visible:
+        dress(spec, skeleton)
     return _scene(spec, spec.compile(), skeleton)
 
 

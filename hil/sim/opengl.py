@@ -1,0 +1,53 @@
+"""Which OpenGL MuJoCo draws with. MuJoCo decides once, while it is imported, so this must run before that."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable, MutableMapping
+
+OFF = ("disable", "disabled", "off", "false", "0")
+_WINDOW = ("", "glfw", "glx", "cgl", "wgl", "enable", "enabled", "on", "true", "1")
+_LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def choose_backend(
+    environment: MutableMapping[str, str], platform: str = sys.platform, loads: Callable[[str], bool] = _loads
+) -> str:
+    """Sets ``MUJOCO_GL`` to something that MuJoCo can be imported with; returns why there are no pictures, or ''.
+
+    A value that is set is respected if it can work. Otherwise, on Linux without a display, it is EGL, else OSMesa.
+    A value that would make MuJoCo's import fail is replaced by ``disable``: all but pictures works without OpenGL.
+    """
+    wanted = environment.get("MUJOCO_GL", "").lower().strip()
+    if wanted in OFF:
+        return f"MUJOCO_GL={wanted} switches OpenGL off"
+    if wanted in _LIBRARIES and platform == "linux":
+        if loads(_LIBRARIES[wanted]):
+            return ""
+        problem = f"MUJOCO_GL={wanted}, but {_LIBRARIES[wanted]} does not load"
+    elif wanted not in _WINDOW:
+        problem = f"MUJOCO_GL={wanted} is none of egl, osmesa, glfw, disable"
+    elif wanted or platform != "linux" or environment.get("DISPLAY"):
+        return ""
+    else:
+        for backend, library in _LIBRARIES.items():
+            if loads(library):
+                environment["MUJOCO_GL"] = backend
+                return ""
+        problem = f"no display, and neither {' nor '.join(_LIBRARIES.values())} loads (package libegl1 or libosmesa6)"
+    environment["MUJOCO_GL"] = "disable"
+    return problem
+
+
+NO_PICTURES = choose_backend(os.environ)
+"""Why no pictures can be made in this process, or '' where they should work."""

@@ -1,30 +1,33 @@
 """From a person's markers to the joint angles of the skeleton.
 
 Every frame is a regularised non-linear least-squares problem in the hinge angles and the pelvis' position, solved by
-Levenberg–Marquardt with the analytic Jacobian, all frames of a recording at once. Body and fingers are solved one after the
-other: given the hands, each finger is a problem of nine unknowns of its own. Levenberg 1944, Marquardt 1963; box limits by
-projection with an active set (Bertsekas 1982, SIAM J. Control Optim. 20(2)).
+Levenberg–Marquardt with the analytic Jacobian, all frames of a recording at once. Body and fingers are solved one after
+the other: given the hands, each finger is a problem of nine unknowns of its own. Levenberg 1944, Marquardt 1963; box
+limits by projection with an active set (Bertsekas 1982, SIAM J. Control Optim. 20(2)).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_bridge.kinematic_part import Kinematics, Part, forward, jacobian, make_part
+from mocap_bridge.marker_sets import MarkerSet
 from model import rotations
 from model.errors import HighFiveError
 from model.rotations import Array
 from model.skeleton import Skeleton
-from mocap_bridge.kinematic_part import Part, forward, jacobian, make_part
-from mocap_bridge.marker_sets import MarkerSet
 
 MARKER_SIGMA = 0.003
 """Standard deviation of a marker about the model, m: noise, skin movement and misfit of the segments."""
 
 ANGLE_SIGMA = 1.0
 """Standard deviation of a hinge about the rest pose, rad: decides only where the markers say nothing."""
+
+NEIGHBOUR_SIGMA = 0.3
+"""Standard deviation of a hinge about what the frames before and after say, rad."""
 
 _OUTLIER = 0.05  # m; residuals beyond it count linearly (Huber): a swapped label must not bend the body
 _KEY_STEP = 12  # every so many frames is solved from scratch, the frames between from the interpolated result
@@ -48,6 +51,36 @@ class BodySolution:
     rms: Array
 
 
+@dataclass(frozen=True)
+class _Problem:
+    """What is known of one part in T frames.
+
+    Markers (T, N, 3), seen (T, N), the base's position (T, 3) and rotation (T, 3, 3), and the prior: hinges (T, H) with
+    one standard deviation, rad.
+    """
+
+    measured: Array
+    seen: NDArray[np.bool_]
+    base: Array
+    rotation: Array
+    prior: Array
+    prior_sigma: float
+
+    def take(self, frames: NDArray[np.intp]) -> _Problem:
+        return _Problem(
+            self.measured[frames],
+            self.seen[frames],
+            self.base[frames],
+            self.rotation[frames],
+            self.prior[frames],
+            self.prior_sigma,
+        )
+
+    def near(self, parameters: Array) -> _Problem:
+        """The same with a prior at other hinge angles, tighter than the one about the rest pose."""
+        return replace(self, prior=parameters[:, : self.prior.shape[1]], prior_sigma=NEIGHBOUR_SIGMA)
+
+
 def solve_body(
     skeleton: Skeleton, marker_set: MarkerSet, points: Array, valid: NDArray[np.bool_], key_step: int = _KEY_STEP
 ) -> BodySolution:
@@ -68,12 +101,13 @@ def solve_body(
     of_digits = {joint for chain in digits for joint in chain}
     body = make_part(skeleton, marker_set, [j for j in range(len(skeleton)) if j not in of_digits])
     angles = np.tile(skeleton.to_hinges(skeleton.rest), (len(points), 1, 1))
-    root = _solve_part_with_root(body, points, valid, angles, key_step)
+    root = _solve_body_part(body, points, valid, angles, key_step)
+    positions, orientations = skeleton.forward_kinematics(root, skeleton.from_hinges(angles))
     for chain in digits:
-        part = make_part(skeleton, marker_set, chain)
-        if len(part.markers):
-            base = skeleton.parents[chain[0]]
-            _solve_digit(part, base, skeleton, root, angles, points, valid)
+        part, hand = make_part(skeleton, marker_set, chain), skeleton.parents[chain[0]]
+        turn = rotations.to_matrix(orientations[:, hand])
+        problem = _pose_problem(part, points, valid, positions[:, hand], turn)
+        _solve_digit(part, problem, angles, key_step)
     quaternions = skeleton.from_hinges(angles)
     positions, orientations = skeleton.forward_kinematics(root, quaternions)
     gap = np.linalg.norm(points - marker_set.simulate(skeleton, positions, orientations), axis=-1)
@@ -95,67 +129,75 @@ def _chains(skeleton: Skeleton, hand: int) -> list[list[int]]:
     return chains
 
 
-def _solve_part_with_root(part: Part, points: Array, valid: NDArray[np.bool_], angles: Array, key_step: int) -> Array:
+def _pose_problem(part: Part, points: Array, valid: NDArray[np.bool_], base: Array, rotation: Array) -> _Problem:
+    rest = np.tile(part.rest, (len(points), 1))
+    return _Problem(points[:, part.markers], valid[:, part.markers], base, rotation, rest, ANGLE_SIGMA)
+
+
+def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], angles: Array, key_step: int) -> Array:
     """Solves the body; writes its ``angles`` (T, J, 3) in place and returns the root (T, 3)."""
-    measured, seen = points[:, part.markers], valid[:, part.markers]
-    usable = np.flatnonzero(seen.sum(axis=1) >= 3)
-    if len(usable) < max(1, len(points) // 10):
+    frames = len(points)
+    problem = _pose_problem(part, points, valid, np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
+    usable = np.flatnonzero(problem.seen.sum(axis=1) >= 3)
+    if len(usable) < max(1, frames // 10):
         raise HighFiveError(
-            f"only {len(usable)} of {len(points)} frames show three or more of the {len(part.markers)} body markers"
+            f"only {len(usable)} of {frames} frames show three or more of the {len(part.markers)} body markers"
         )
-    keys = usable[::key_step] if usable[-1] in usable[::key_step] else np.append(usable[::key_step], usable[-1])
-    start = np.column_stack([np.tile(part.rest, (len(keys), 1)), np.zeros((len(keys), 3))])
-    start[:, :3], start[:, -3:] = _place_root(part, measured[keys], seen[keys])
-    prior = np.append(part.rest, np.zeros(3))
-    base = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-    still = np.zeros((len(points), 3))
-    found = _minimise(part, measured[keys], seen[keys], start, prior, still[keys], base[keys], 40)
-    found = _retry_bad(part, measured[keys], seen[keys], found, prior, still[keys], base[keys])
-    found[:, :3] = np.unwrap(found[:, :3], axis=0)
-    every = np.arange(len(points))
-    parameters = np.column_stack([np.interp(every, keys, column) for column in found.T])
-    if len(keys) < len(points):
-        # Where a frame's own markers say nothing, the neighbouring key frames decide: no jump at an occlusion.
-        solved = _minimise(
-            part,
-            measured[usable],
-            seen[usable],
-            parameters[usable],
-            parameters[usable],
-            still[usable],
-            base[usable],
-            12,
-        )
-        solved[:, :3] = np.unwrap(solved[:, :3], axis=0)
-        parameters = np.column_stack([np.interp(every, usable, column) for column in solved.T])
-    angles[:, part.joints] = parameters[:, :-3].reshape(len(points), -1, 3)
-    return parameters[:, -3:]
+    start = np.column_stack([problem.prior, np.zeros((frames, 3))])
+    start[usable, :3], start[usable, -3:] = _place_root(part, problem.measured[usable], problem.seen[usable])
+    found = _solve_part(part, problem, usable, [start], key_step)
+    angles[:, part.joints] = found[:, :-3].reshape(frames, -1, 3)
+    return found[:, -3:]
 
 
-def _solve_digit(
-    part: Part,
-    base: int,
-    skeleton: Skeleton,
-    root: Array,
-    angles: Array,
-    points: Array,
-    valid: NDArray[np.bool_],
-) -> None:
+def _solve_digit(part: Part, problem: _Problem, angles: Array, key_step: int) -> None:
     """Solves one digit on a hand whose pose is known; writes its ``angles`` (T, J, 3) in place."""
-    positions, orientations = skeleton.forward_kinematics(root, skeleton.from_hinges(angles))
-    measured, seen = points[:, part.markers], valid[:, part.markers]
-    start = np.tile(part.rest, (len(points), 1))
-    rotation = rotations.to_matrix(orientations[:, base])
-    found = _minimise(part, measured, seen, start, part.rest, positions[:, base], rotation, 25)
-    blind = ~seen.all(axis=1)
-    if blind.any() and not blind.all():
-        # A digit with a lost marker keeps to what its neighbours in time say.
-        every, known = np.arange(len(points)), np.flatnonzero(~blind)
-        prior = np.column_stack([np.interp(every, known, column) for column in found[known].T])[blind]
-        found[blind] = _minimise(
-            part, measured[blind], seen[blind], prior, prior, positions[blind, base], rotation[blind], 12
-        )
-    angles[:, part.joints] = found.reshape(len(points), -1, 3)
+    whole = problem.seen.all(axis=1)
+    usable = np.flatnonzero(whole if whole.any() else problem.seen.any(axis=1))
+    if not len(usable) or not len(part.markers):
+        return
+    # From the stretched finger alone a fist is not always found.
+    far = np.where(np.abs(part.limits[:, 0]) > np.abs(part.limits[:, 1]), part.limits[:, 0], part.limits[:, 1])
+    starts = [problem.prior + bend * (far - part.rest) for bend in (0.0, 0.4, 0.8)]
+    angles[:, part.joints] = _solve_part(part, problem, usable, starts, key_step).reshape(len(angles), -1, 3)
+
+
+def _solve_part(part: Part, problem: _Problem, usable: NDArray[np.intp], starts: list[Array], key_step: int) -> Array:
+    """Parameters (T, P) of a part: key frames from all ``starts``, then every frame from the interpolated ones."""
+    frames = len(problem.measured)
+    keys = np.unique(np.append(usable[::key_step], usable[-1]))
+    at_keys = problem.take(keys)
+    found = _minimise(part, at_keys, starts[0][keys], 40)
+    for start in starts[1:]:
+        found = _better(part, at_keys, found, _minimise(part, at_keys, start[keys], 40))
+    found = _retry_bad(part, at_keys, found)
+    if key_step == 1:
+        return _over_time(part, keys, found, frames)
+    for _ in range(3):  # what the markers leave open shall not change from one key frame to the next
+        found = _over_time(part, keys, found, frames)[keys]
+        found = _minimise(part, at_keys.near(_smoothed(found)), found, 15)
+    found = _over_time(part, keys, found, frames)
+    solved = _minimise(part, problem.take(usable).near(found[usable]), found[usable], 15)
+    solved = _over_time(part, usable, solved, frames)
+    blind = np.setdiff1d(np.flatnonzero(problem.seen.any(axis=1)), usable)
+    if len(blind):
+        solved[blind] = _minimise(part, problem.take(blind).near(solved[blind]), solved[blind], 15)
+    return solved
+
+
+def _smoothed(parameters: Array) -> Array:
+    """Weighted mean over five rows, the first and last one repeated."""
+    padded = np.pad(parameters, ((2, 2), (0, 0)), mode="edge")
+    weights = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
+    return sum((w * padded[i : i + len(parameters)] for i, w in enumerate(weights)), np.zeros_like(parameters))
+
+
+def _over_time(part: Part, known: NDArray[np.intp], parameters: Array, frames: int) -> Array:
+    """Parameters of all frames (T, P) from those of the ``known`` ones, by linear interpolation."""
+    parameters = parameters.copy()
+    if part.free:
+        parameters[:, :3] = np.unwrap(parameters[:, :3], axis=0)
+    return np.column_stack([np.interp(np.arange(frames), known, column) for column in parameters.T])
 
 
 def _place_root(part: Part, measured: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -181,80 +223,53 @@ def _place_root(part: Part, measured: Array, seen: NDArray[np.bool_]) -> tuple[A
     return hinges, centre - np.einsum("tij,tj->ti", rotation, rest_centre)
 
 
-def _retry_bad(
-    part: Part, measured: Array, seen: NDArray[np.bool_], found: Array, prior: Array, base: Array, rotation: Array
-) -> Array:
-    """Solves frames that ended in a poor minimum again, from the nearest good frame before and after; keeps the best."""
-    cost = _cost(part, measured, seen, found, prior, base, rotation)
+def _better(part: Part, problem: _Problem, first: Array, second: Array) -> Array:
+    """Frame by frame the parameters (T, P) of lower cost."""
+    return np.where((_cost(part, problem, second) < _cost(part, problem, first))[:, None], second, first)
+
+
+def _retry_bad(part: Part, problem: _Problem, found: Array) -> Array:
+    """Solves frames that ended in a poor minimum again, from the good frames next to them; keeps the best."""
+    cost = _cost(part, problem, found)
     poor = np.flatnonzero(cost > 4.0 * np.median(cost) + 1e-9)
     good = np.setdiff1d(np.arange(len(found)), poor)
     if not len(poor) or not len(good):
         return found
-    found = found.copy()
+    found, again = found.copy(), problem.take(poor)
     place = np.searchsorted(good, poor)
     for neighbour in (good[np.maximum(place - 1, 0)], good[np.minimum(place, len(good) - 1)]):
-        arguments = (measured[poor], seen[poor])
-        again = _minimise(part, *arguments, found[neighbour], prior, base[poor], rotation[poor], 40)
-        better = _cost(part, *arguments, again, prior, base[poor], rotation[poor]) < cost[poor]
-        found[poor[better]] = again[better]
-        cost = _cost(part, measured, seen, found, prior, base, rotation)
+        solved = _minimise(part, again, found[neighbour], 40)
+        found[poor] = _better(part, again, found[poor], solved)
     return found
 
 
-def _minimise(
-    part: Part,
-    measured: Array,
-    seen: NDArray[np.bool_],
-    start: Array,
-    prior: Array,
-    base: Array,
-    rotation: Array,
-    iterations: int,
-) -> Array:
+def _minimise(part: Part, problem: _Problem, start: Array, iterations: int) -> Array:
     """Parameters (T, P) that explain the markers best, from ``start``, chunk by chunk."""
-    prior = np.broadcast_to(prior, start.shape)
     out = np.empty_like(start)
     for first in range(0, len(start), _CHUNK):
-        c = slice(first, first + _CHUNK)
-        out[c] = _levenberg_marquardt(part, measured[c], seen[c], start[c], prior[c], base[c], rotation[c], iterations)
+        c = np.arange(first, min(first + _CHUNK, len(start)))
+        out[c] = _levenberg_marquardt(part, problem.take(c), start[c], iterations)
     return out
 
 
-def _levenberg_marquardt(
-    part: Part,
-    measured: Array,
-    seen: NDArray[np.bool_],
-    start: Array,
-    prior: Array,
-    base: Array,
-    rotation: Array,
-    iterations: int,
-) -> Array:
+def _levenberg_marquardt(part: Part, problem: _Problem, start: Array, iterations: int) -> Array:
     size, hinges = part.parameters, 3 * len(part.joints)
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
     low[:hinges], high[:hinges] = part.limits.T
     x = np.clip(start, low, high)
     damping = np.full(len(x), 1e-3)
-    cost = _cost(part, measured, seen, x, prior, base, rotation)
+    cost = _cost(part, problem, x)
     active = np.arange(len(x))  # frames that still move
     for _ in range(iterations):
-        gradient, hessian = _normal_equations(
-            part, measured[active], seen[active], x[active], prior[active], base[active], rotation[active]
-        )
-        # A hinge at its limit whose slope leads outward is held.
-        held = ((x[active] <= low) & (gradient > 0)) | ((x[active] >= high) & (gradient < 0))
-        gradient = np.where(held, 0.0, gradient)
+        moving = problem.take(active)
+        gradient, hessian = _normal_equations(part, moving, x[active])
         diagonal = np.einsum("tpp->tp", hessian)
-        hessian *= ~(held[:, :, None] | held[:, None, :])
-        diagonal += np.where(held, 1.0, damping[active, None] * diagonal + 1e-9)
-        step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        trial = np.clip(x[active] + step, low, high)
-        trial_cost = _cost(part, measured[active], seen[active], trial, prior[active], base[active], rotation[active])
+        diagonal += damping[active, None] * diagonal + 1e-9
+        trial = x[active] + _box_step(hessian, gradient, low - x[active], high - x[active])
+        trial_cost = _cost(part, moving, trial)
         better = trial_cost < cost[active]
-        gain = cost[active] - trial_cost
-        x[active[better]] = trial[better]
-        done = better & (gain < 1e-5 * cost[active]) | (damping[active] > 1e6)
-        cost[active[better]] = trial_cost[better]
+        done = (better & (cost[active] - trial_cost < 1e-5 * cost[active])) | (damping[active] > 1e6)
+        x[active[better]], cost[active[better]] = trial[better], trial_cost[better]
         damping[active] *= np.where(better, 0.2, 5.0)
         active = active[~done]
         if not len(active):
@@ -262,47 +277,62 @@ def _levenberg_marquardt(
     return x
 
 
-def _split(part: Part, x: Array, base: Array) -> tuple[Array, Array]:
-    """Hinge angles and the base's position from the parameters."""
-    return (x[:, :-3], x[:, -3:]) if part.free else (x, base)
+def _box_step(hessian: Array, gradient: Array, low: Array, high: Array) -> Array:
+    """Step (T, P) to the minimum of a quadratic, inside limits (T, P), nearly: what would leave them is held at them.
+
+    Two rounds of holding; a third changes nothing that the next iteration does not.
+    """
+    # Where a parameter is at its limit and the slope leads outward it is held from the start.
+    held = ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
+    step = np.zeros_like(gradient)
+    for _ in range(3):
+        bent = gradient + (hessian @ np.where(held, step, 0.0)[..., None])[..., 0]
+        system = hessian * ~(held[:, :, None] | held[:, None, :])
+        np.einsum("tpp->tp", system)[held] = 1.0
+        free_step = -np.linalg.solve(system, np.where(held, 0.0, bent)[..., None])[..., 0]
+        step = np.where(held, step, free_step)
+        outside = (step < low) | (step > high)
+        if not outside.any():
+            break
+        step = np.clip(step, low, high)
+        held |= outside
+    return step
 
 
-def _prior_residual(part: Part, x: Array, prior: Array) -> Array:
-    """Hinges' distance (T, H) from the prior, in its standard deviations; a free base and its turn have no prior."""
+def _kinematics(part: Part, problem: _Problem, x: Array) -> Kinematics:
+    if part.free:
+        return forward(part, x[:, :-3], x[:, -3:], problem.rotation)
+    return forward(part, x, problem.base, problem.rotation)
+
+
+def _prior_residual(part: Part, problem: _Problem, x: Array) -> Array:
+    """Hinges' distance (T, H) from the prior, in its standard deviations; the turn of a free base has no prior."""
     hinges = 3 * len(part.joints)
-    residual = (x[:, :hinges] - prior[:, :hinges]) / ANGLE_SIGMA
+    residual = (x[:, :hinges] - problem.prior) / problem.prior_sigma
     if part.free:
         residual[:, :3] = 0.0
     return residual
 
 
-def _cost(
-    part: Part, measured: Array, seen: NDArray[np.bool_], x: Array, prior: Array, base: Array, rotation: Array
-) -> Array:
+def _cost(part: Part, problem: _Problem, x: Array) -> Array:
     """Huber cost (T,)."""
-    angles, position = _split(part, x, base)
-    distance = np.linalg.norm(measured - forward(part, angles, position, rotation).markers, axis=-1)
+    distance = np.linalg.norm(problem.measured - _kinematics(part, problem, x).markers, axis=-1)
     huber = np.where(distance < _OUTLIER, distance**2, 2 * _OUTLIER * distance - _OUTLIER**2)
-    prior = np.broadcast_to(prior, x.shape)
-    return (huber * seen).sum(axis=1) / MARKER_SIGMA**2 + (_prior_residual(part, x, prior) ** 2).sum(axis=1)
+    return (huber * problem.seen).sum(axis=1) / MARKER_SIGMA**2 + (_prior_residual(part, problem, x) ** 2).sum(axis=1)
 
 
-def _normal_equations(
-    part: Part, measured: Array, seen: NDArray[np.bool_], x: Array, prior: Array, base: Array, rotation: Array
-) -> tuple[Array, Array]:
+def _normal_equations(part: Part, problem: _Problem, x: Array) -> tuple[Array, Array]:
     """Half the gradient (T, P) and the Gauss–Newton matrix (T, P, P) of the cost."""
-    angles, position = _split(part, x, base)
-    kinematics = forward(part, angles, position, rotation)
-    error = kinematics.markers - measured
+    kinematics = _kinematics(part, problem, x)
+    error = kinematics.markers - problem.measured
     distance = np.linalg.norm(error, axis=-1)
-    root_weight = np.sqrt(seen * np.minimum(1.0, _OUTLIER / np.maximum(distance, 1e-9))) / MARKER_SIGMA
-    slopes = (jacobian(part, kinematics) * root_weight[:, None, :, None]).reshape(len(x), -1, part.parameters)
-    weighted = (error * root_weight[..., None]).transpose(0, 2, 1).reshape(len(x), -1, 1)
+    weight = np.sqrt(problem.seen * np.minimum(1.0, _OUTLIER / np.maximum(distance, 1e-9))) / MARKER_SIGMA
+    slopes = (jacobian(part, kinematics) * weight[:, None, :, None]).reshape(len(x), -1, part.parameters)
+    weighted = (error * weight[..., None]).transpose(0, 2, 1).reshape(len(x), -1, 1)
     transposed = slopes.transpose(0, 2, 1)
     hessian, gradient = transposed @ slopes, (transposed @ weighted)[..., 0]
     hinges = 3 * len(part.joints)
-    gradient[:, :hinges] += _prior_residual(part, x, prior) / ANGLE_SIGMA
-    first = 3 if part.free else 0
-    index = np.arange(first, hinges)
-    hessian[:, index, index] += ANGLE_SIGMA**-2
+    gradient[:, :hinges] += _prior_residual(part, problem, x) / problem.prior_sigma
+    index = np.arange(3 if part.free else 0, hinges)
+    hessian[:, index, index] += problem.prior_sigma**-2
     return gradient, hessian

@@ -55,7 +55,7 @@ class HumanArmEstimator:
             elbow = elbow + arm.elbow_medial * axis / (float(np.linalg.norm(axis)) + 0.1)
         hand, scale = self._hand_frame(landmarks)
         palm_position = wrist + hand @ (scale * arm.palm_in_hand)
-        # The palm's position is a function of the markers: its velocity is the derivative along the markers' velocities.
+        # The palm is a function of the markers: its velocity is the derivative along the markers' velocities.
         moved = landmarks + _STEP_S * (self._landmarks @ tracked.velocities)
         velocity = (moved[2] + self._hand_frame(moved)[0] @ (scale * arm.palm_in_hand) - palm_position) / _STEP_S
         knuckles = wrist + hand @ (scale * arm.knuckles_in_hand)

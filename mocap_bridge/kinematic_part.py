@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_bridge.marker_sets import MarkerSet
 from model.rotations import Array
 from model.skeleton import Skeleton
-from mocap_bridge.marker_sets import MarkerSet
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Where a part is, for T frames: joints (T, n, 3), rotations (T, n, 3, 3), hinge axes (T, H, 3), markers (T, N, 3)."""
+    """Where a part is in T frames.
+
+    Attributes:
+        positions: (T, n, 3) m, joint centres.
+        rotations: (T, n, 3, 3), of the joints' frames.
+        axes: (T, H, 3), unit vectors along the hinges.
+        markers: (T, N, 3) m.
+    """
 
     positions: Array
     rotations: Array

@@ -68,8 +68,8 @@ class Source(Protocol):
 class C3DSource:
     """Replays one person of a recording at ``rate_hz``.
 
-    The clock is the caller's: pass a clock that counts ticks to step through the frames as fast as they are wanted,
-    with the same result every time, or the monotonic clock to replay in real time. Iteration gives every frame in order.
+    The clock is the caller's: pass one that counts ticks to step through the frames as fast as they are wanted, with
+    the same result every time, or the monotonic clock to replay in real time. Iteration gives every frame in order.
     """
 
     def __init__(self, recording: Recording, rate_hz: float = RATE_HZ, start_ns: int = 0):

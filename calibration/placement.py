@@ -1,0 +1,184 @@
+"""Puts a recording of real people into the project's world: z up, origin under the avatar's pelvis, +x to the person.
+
+Nothing needs to be told: the head shows which way is up, the feet where the floor is, and the partner, if the file has one,
+where the avatar is to stand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_bridge.marker_sets import MarkerSet
+from mocap_bridge.recording import Recording
+from model import rotations
+from model.errors import HighFiveError
+from model.rotations import Array
+
+AVATAR_REACH = 0.50
+"""Horizontal distance of a comfortable contact from the avatar's pelvis, m."""
+
+DISTANCE = (0.90, 1.20)
+"""Nearest and furthest place of the avatar from the person where no partner shows it, m, pelvis to pelvis."""
+
+_HEAD_HEIGHT = 1.60  # m, of the head's markers of a standing adult where nothing shows the floor
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A rigid transform from a recording's frame into the world.
+
+    Attributes:
+        rotation: (4,) quaternion.
+        translation: (3,) m, added after the rotation.
+        notes: what it rests on, one line each.
+    """
+
+    rotation: Array
+    translation: Array
+    notes: tuple[str, ...]
+
+    def apply(self, points: Array) -> Array:
+        """Points (..., 3), m, of the recording in the world."""
+        return rotations.rotate(self.rotation, points) + self.translation
+
+    def apply_to(self, recording: Recording) -> Recording:
+        """The whole recording in the world; unseen points stay zero."""
+        return replace(
+            recording,
+            points=np.where(recording.valid[..., None], self.apply(recording.points), 0.0),
+            unlabelled=np.where(recording.unlabelled_valid[..., None], self.apply(recording.unlabelled), 0.0),
+        )
+
+
+@dataclass(frozen=True)
+class _Person:
+    """Tracks of one person, (T, 3) m, NaN where not seen, and all markers (T, M, 3), likewise."""
+
+    head: Array
+    shoulder: Array
+    hand: Array
+    centre: Array
+    everything: Array
+
+
+def place_person(
+    person: Recording,
+    marker_set: MarkerSet,
+    partner: Recording | None = None,
+    partner_set: MarkerSet | None = None,
+) -> Placement:
+    """Where a recorded person stands in the world.
+
+    With a partner the avatar takes the partner's place: its pelvis at the frame in which their hands are nearest, facing
+    from pelvis to pelvis. Without one it stands before the person's hand at its furthest reach.
+
+    Args:
+        person: the markers of the person (no prefixes).
+        marker_set: the person's set.
+        partner: the markers of the partner in the same recording.
+        partner_set: the partner's set; the person's if left out.
+
+    Raises:
+        HighFiveError: the recording lacks markers of the head or the arm, or never shows both hands.
+    """
+    first = _person(person, marker_set)
+    second = _person(partner, partner_set or marker_set) if partner is not None else None
+    up, notes = _up_axis(first)
+    level = rotations.between(up, np.array([0.0, 0.0, 1.0]))
+    first = _turned(first, level)
+    if second is not None:
+        second = _turned(second, level)
+        here, there, note = _beside_partner(first, second)
+    else:
+        here, there, note = _before_hand(first)
+    floor, floor_note = _floor(first, second)
+    facing = there - here
+    yaw = rotations.about_axis("z", -np.arctan2(facing[1], facing[0]))
+    translation = -rotations.rotate(yaw, np.array([here[0], here[1], floor]))
+    return Placement(rotations.multiply(yaw, level), translation, (*notes, floor_note, note))
+
+
+def _person(recording: Recording, marker_set: MarkerSet) -> _Person:
+    arm = marker_set.arm
+    required = (*arm.head, *arm.shoulder, *arm.hand)
+    points, seen = marker_set.arrange(recording.names, recording.points, recording.valid, required)
+    points = np.where(seen[..., None], points, np.nan)
+    pelvis = [m for m, joint in enumerate(marker_set.joints) if joint == "pelvis" and seen[:, m].any()]
+    head = points[:, marker_set.indices(arm.head)].mean(axis=1)
+    return _Person(
+        head=head,
+        shoulder=points[:, marker_set.indices(arm.shoulder)].mean(axis=1),
+        hand=points[:, marker_set.indices(arm.hand)].mean(axis=1),
+        centre=points[:, pelvis].mean(axis=1) if pelvis else head,
+        everything=points,
+    )
+
+
+def _turned(person: _Person, rotation: Array) -> _Person:
+    tracks = (person.head, person.shoulder, person.hand, person.centre, person.everything)
+    return _Person(*(rotations.rotate(rotation, track) for track in tracks))
+
+
+def _up_axis(person: _Person) -> tuple[Array, tuple[str, ...]]:
+    """The coordinate axis, with its sign, that points most from shoulder to head."""
+    difference = person.head - person.shoulder
+    seen = np.isfinite(difference).all(axis=-1)
+    if not seen.any():
+        raise HighFiveError("head and shoulder are never seen together; the recording cannot be placed in the world")
+    mean = difference[seen].mean(axis=0)
+    axis = int(np.argmax(np.abs(mean)))
+    up = np.zeros(3)
+    up[axis] = np.sign(mean[axis])
+    return up, (f"up is {'-' if up[axis] < 0 else '+'}{'xyz'[axis]} of the recording",)
+
+
+def _floor(first: _Person, second: _Person | None) -> tuple[float, str]:
+    """Height of the floor in the levelled recording, m."""
+    everything = [p.everything for p in (first, second) if p is not None]
+    lowest = np.fmin.reduce([np.fmin.reduce(points[..., 2], axis=1) for points in everything])
+    low = float(np.nanpercentile(lowest, 20))
+    head = float(np.nanmedian(first.head[:, 2]))
+    if head - low > 1.3:
+        return low, f"the floor is at {low:+.3f} m, where the lowest markers are"
+    if 1.2 < head < 2.1:
+        return 0.0, "the floor is the recording's zero, as no marker is near the feet"
+    return head - _HEAD_HEIGHT, f"the floor is {_HEAD_HEIGHT} m below the head, as nothing shows it"
+
+
+def _beside_partner(person: _Person, partner: _Person) -> tuple[Array, Array, str]:
+    """Places of avatar and person, and how they were found."""
+    gap = np.linalg.norm(person.hand - partner.hand, axis=-1)
+    gap[~np.isfinite(person.centre + partner.centre).all(axis=-1)] = np.nan
+    if not np.isfinite(gap).any():
+        raise HighFiveError("the hands of person and partner are never seen together; the avatar's place is not known")
+    nearest = int(np.nanargmin(gap))
+    note = (
+        f"the avatar stands where the partner stood when the hands were nearest, {gap[nearest]:.2f} m, frame {nearest}"
+    )
+    return partner.centre[nearest], person.centre[nearest], note
+
+
+def _before_hand(person: _Person) -> tuple[Array, Array, str]:
+    """Places of avatar and person, and how they were found."""
+    reach = (person.hand - person.shoulder)[:, :2]
+    # A hand that hangs behind the body also reaches far: only a raised one counts, if it ever is.
+    distance = np.linalg.norm(reach, axis=-1)
+    raised = person.hand[:, 2] > person.shoulder[:, 2] - 0.25
+    if np.isfinite(distance[raised]).any():
+        distance = np.where(raised, distance, np.nan)
+    distance[~np.isfinite(person.centre).all(axis=-1)] = np.nan
+    if not np.isfinite(distance).any():
+        raise HighFiveError("shoulder and hand are never seen together; the recording cannot be placed in the world")
+    furthest = int(np.nanargmax(distance))
+    facing = reach[furthest] / distance[furthest]
+    centre = person.centre[furthest]
+    ahead = float((person.hand[furthest] - centre)[:2] @ facing)
+    away = float(np.clip(ahead + AVATAR_REACH, *DISTANCE))
+    avatar = np.array([*(centre[:2] + away * facing), centre[2]])
+    return (
+        avatar,
+        centre,
+        f"the avatar stands {away:.2f} m before the person, where the hand reaches furthest (frame {furthest})",
+    )

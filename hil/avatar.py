@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -33,9 +33,19 @@ class Pose:
     root_in_world: Array
     quaternions: Array
 
+    @classmethod
+    def from_quaternions(cls, root_in_world: Array, quaternions: Array) -> Pose:
+        """The pose with these joint rotations."""
+        return cls(root_in_world, quaternions)
+
+    @cached_property
+    def hinges(self) -> Array:
+        """Hinge angles (53, 3), rad."""
+        return avatar_skeleton().to_hinges(self.quaternions)
+
 
 PALM_IN_RIGHT_WRIST = np.array([0.0, 0.5 * anthropometry.PALM_THICKNESS, -anthropometry.PALM_CENTRE])
-"""(3,) m, centre of the right palm's surface in the frame of ``right_wrist``; its normal is +y, its fingers point to -z."""
+"""(3,) m, centre of the right palm's surface in the frame of ``right_wrist``; normal +y, fingers to -z."""
 
 
 def right_palm(skeleton: Skeleton, positions: Array, orientations: Array) -> tuple[Array, Array, Array]:

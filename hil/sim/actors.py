@@ -15,6 +15,7 @@ from scipy.interpolate import BPoly, make_interp_spline
 from scipy.optimize import minimize
 
 from hil.avatar import avatar_skeleton, right_palm
+from hil.profiles import minimum_jerk
 from hil.sim.emotions import EmotionStyle, emotion_style
 from hil.sim.limb_ik import solve_arm, solve_leg
 from model import rotations
@@ -297,8 +298,8 @@ class _Body:
         """Share of the reach posture (T,), 0 at rest and 1 at contact, minimum jerk both ways."""
         role = self.role
         start, back = role.onset_s - role.individual.trunk_lead, role.contact_s + 0.05
-        there = _minimum_jerk((times - start) / (role.contact_s - start))
-        return there - _minimum_jerk((times - back) / (role.end_s - 0.25 - back))
+        there = minimum_jerk((times - start) / (role.contact_s - start))
+        return there - minimum_jerk((times - back) / (role.end_s - 0.25 - back))
 
     def without_arm(self, times: Array) -> Array:
         """Hinge angles (T, 53, 3), rad, with legs and right arm at zero."""
@@ -427,12 +428,6 @@ def _arm_motion(role: _Role, body: _Body) -> Callable[[Array], Array]:
         )
 
     return angles
-
-
-def _minimum_jerk(fraction: Array) -> Array:
-    """Position along a minimum-jerk movement from 0 to 1 (Flash & Hogan 1985, eq. A1)."""
-    s = np.clip(fraction, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 # Legs and fingers do not sway: the feet are planted and the fingers are set by the posture.

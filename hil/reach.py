@@ -1,0 +1,191 @@
+"""When the palms will meet, and where the avatar's palm should be until then and after.
+
+The model says how long it is until contact and moves the hand there, a few centimetres off. The reach fades the miss in as
+contact comes near: the palm is led to ``generated + weight * miss``, with
+
+    miss = r + r' * remaining / 2,    r = person's palm - generated palm,
+
+which is ``r`` itself at contact. The second term leaves the closing movement to the model: without it the palm would run to
+the person's as soon as the weight is 1. A half, because a hand that comes in braking covers about half of what its speed says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from hil.profiles import minimum_jerk
+from mocap_bridge.frames import PalmPose
+from model import rotations
+from model.rotations import Array
+
+
+class Phase(Enum):
+    """What the reach is doing."""
+
+    IDLE = "idle"
+    APPROACH = "approach"
+    TOUCH = "touch"
+    RELEASE = "release"
+
+
+@dataclass(frozen=True)
+class ReachSettings:
+    """Times in s, lengths in m, speeds in m/s."""
+
+    fade_in: float = 0.6
+    """The correction starts this long before contact, later if contact is seen later."""
+    shortest_fade_in: float = 0.25
+    touch: float = 0.06
+    """How long the palms stay together."""
+    fade_out: float = 0.5
+    landing: float = 0.06
+    """Over this last stretch the closing speed runs out, as flesh would take it up."""
+    near: float = 0.10
+    """Palms this close meet whatever the model says of the time."""
+    horizon: float = 0.35
+    """Closer than this, the time to the nearest approach at constant speed counts too."""
+    slowest: float = 0.4
+    fastest: float = 1.7
+    """Bounds of the rate at which the remaining time runs out, against the clock."""
+    smoothing: float = 0.04
+    """Time constant of the relative velocity and of the miss."""
+
+
+@dataclass(frozen=True)
+class ReachTarget:
+    """Where the avatar's palm should be now.
+
+    Attributes:
+        phase: what the reach is doing.
+        weight: share of the correction, 0 to 1.
+        remaining: s until contact as the reach counts it; 0 in touch, infinite when idle.
+        position: (3,) m, in the world.
+        normal: (3,) unit vector out of the palm.
+    """
+
+    phase: Phase
+    weight: float
+    remaining: float
+    position: Array
+    normal: Array
+
+
+class Reach:
+    """The course of one high five after another, tick by tick."""
+
+    def __init__(self, settings: ReachSettings | None = None) -> None:
+        self.settings = settings or ReachSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to idle."""
+        self._phase = Phase.IDLE
+        self._since = 0.0
+        self._length = self._remaining = self._rate = 0.0
+        self._weight_at_release = 0.0
+        self._gap_before: Array | None = None
+        self._gap_velocity = np.zeros(3)
+        self._miss = np.zeros(3)
+        self._miss_velocity = np.zeros(3)
+        self._turn = np.zeros(3)
+        self._touched = False
+
+    def step(self, generated: PalmPose, person: PalmPose | None, time_to_contact: float, dt: float) -> ReachTarget:
+        """The target of this tick.
+
+        Args:
+            generated: the palm of the uncorrected pose.
+            person: the person's palm; None when nobody knows where it is.
+            time_to_contact: s, what the model says.
+            dt: s since the last tick.
+        """
+        self._since += dt
+        if person is not None:
+            self._observe(generated, person, dt)
+        self._advance(person is not None, self._expected(time_to_contact), dt)
+        if self._phase in (Phase.APPROACH, Phase.TOUCH) and person is not None:
+            self._aim(generated, person, dt)
+        elif self._phase is Phase.RELEASE:
+            self._miss = self._miss + self._miss_velocity * dt
+            self._miss_velocity = self._miss_velocity * np.exp(-dt / self.settings.landing)
+        weight = self._weight()
+        turned = rotations.rotate(rotations.from_rotation_vector(weight * self._turn), generated.normal)
+        remaining = {Phase.IDLE: np.inf, Phase.RELEASE: np.inf}.get(self._phase, self._remaining)
+        return ReachTarget(self._phase, weight, remaining, generated.position + weight * self._miss, turned)
+
+    def _observe(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
+        gap = person.position - generated.position
+        if self._gap_before is not None:
+            share = 1.0 - np.exp(-dt / self.settings.smoothing)
+            self._gap_velocity = self._gap_velocity + share * ((gap - self._gap_before) / dt - self._gap_velocity)
+        self._gap_before = gap
+
+    def _expected(self, time_to_contact: float) -> float:
+        """Time to contact, s: the model's, or that of the nearest approach if the palms are close."""
+        gap = self._gap_before
+        if gap is None:
+            return np.inf
+        distance, speed = float(np.linalg.norm(gap)), float(np.linalg.norm(self._gap_velocity))
+        closing = -float(gap @ self._gap_velocity) / max(speed, 1e-6) ** 2
+        if distance < self.settings.horizon and closing > 0.0 and speed > 0.1:
+            time_to_contact = min(time_to_contact, closing)
+        if distance < self.settings.near:
+            time_to_contact = min(time_to_contact, self.settings.shortest_fade_in)
+        return time_to_contact
+
+    def _advance(self, seen: bool, expected: float, dt: float) -> None:
+        s = self.settings
+        if self._phase is Phase.IDLE:
+            if seen and not self._touched and expected < s.fade_in:
+                self._enter(Phase.APPROACH)
+                self._length = self._remaining = float(np.clip(expected, s.shortest_fade_in, s.fade_in))
+                self._rate = 1.0
+            elif expected > 2.0 * s.fade_in or self._far():
+                self._touched = False  # hands are apart again: ready for the next one
+        elif self._phase is Phase.APPROACH:
+            if expected > 2.0 * s.fade_in:  # the person thought better of it
+                self._release()
+                return
+            wanted = np.clip(1.0 + (self._remaining - max(expected, 0.0)) / 0.08, s.slowest, s.fastest)
+            self._rate += (1.0 - np.exp(-dt / s.smoothing)) * (wanted - self._rate)
+            self._remaining -= self._rate * dt
+            if self._remaining <= 1e-9:
+                self._remaining, self._touched = 0.0, True
+                self._enter(Phase.TOUCH)
+        elif self._phase is Phase.TOUCH and self._since >= s.touch - 1e-9:
+            self._release()
+        elif self._phase is Phase.RELEASE and self._since >= s.fade_out:
+            self._enter(Phase.IDLE)
+
+    def _far(self) -> bool:
+        return self._gap_before is not None and float(np.linalg.norm(self._gap_before)) > 0.6
+
+    def _enter(self, phase: Phase) -> None:
+        self._phase, self._since = phase, 0.0
+
+    def _release(self) -> None:
+        self._weight_at_release = self._weight()
+        self._enter(Phase.RELEASE)
+
+    def _weight(self) -> float:
+        if self._phase is Phase.APPROACH:
+            return float(minimum_jerk(1.0 - self._remaining / self._length))
+        if self._phase is Phase.RELEASE:
+            return self._weight_at_release * float(1.0 - minimum_jerk(self._since / self.settings.fade_out))
+        return float(self._phase is Phase.TOUCH)
+
+    def _aim(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
+        """The miss (m) and the turn (rotation vector, rad) that would bring palm to palm at contact."""
+        gap = person.position - generated.position
+        miss = gap + 0.5 * self._gap_velocity * self._landing(self._remaining)
+        self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
+        self._miss = miss
+        self._turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
+
+    def _landing(self, remaining: float) -> float:
+        """The remaining time, bent so that it comes to 0 without a corner: x² (2 - x) over the last stretch."""
+        x = remaining / self.settings.landing
+        return remaining if x >= 1.0 else self.settings.landing * x * x * (2.0 - x)

@@ -148,14 +148,16 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
     lag = preset.lag if preset.back_constrained else 1.0 / highest
     history = np.stack(
         [
-            np.concatenate([hand_history(t, at - step * lag, preset.history) for t, at in zip(trials, times, strict=True)])
+            np.concatenate(
+                [hand_history(t, at - step * lag, preset.history) for t, at in zip(trials, times, strict=True)]
+            )
             for step in range(3)
         ]
     )
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])
     trial_index = np.repeat(np.arange(len(trials)), [len(at) for at in times])
     labels = np.array([emotions.index(trial.emotion) for trial in trials])[trial_index]
-    _check_motion(history[0, :, 0], outputs[:, : -AUXILIARY])
+    _check_motion(history[0, :, 0], outputs[:, :-AUXILIARY])
     digest = hashlib.sha256(repr((emotions, lag)).encode())
     for array in (history, outputs, labels):
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -165,8 +167,12 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
 
 def _check_motion(hand: Array, joints: Array) -> None:
     if len(hand) < MINIMUM_POINTS:
-        raise HighFiveError(f"{len(hand)} training points; at least {MINIMUM_POINTS} are needed: record more or longer trials")
+        raise HighFiveError(
+            f"{len(hand)} training points; at least {MINIMUM_POINTS} are needed: record more or longer trials"
+        )
     if np.all(np.std(hand, axis=0) < STILL):
-        raise HighFiveError("the person's hand never moves in the training trials; check which markers were read as hand")
+        raise HighFiveError(
+            "the person's hand never moves in the training trials; check which markers were read as hand"
+        )
     if np.all(np.std(joints, axis=0) < STILL):
         raise HighFiveError("the avatar actor never moves in the training trials; check the joint angles")

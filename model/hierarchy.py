@@ -25,7 +25,9 @@ from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Layer, Targets
 
-VELOCITY_UNIT = 0.1  # s; latent velocities enter the dynamics' kernel as the change in this time, of the latents' own size
+VELOCITY_UNIT = (
+    0.1  # s; latent velocities enter the dynamics' kernel as the change in this time, of the latents' own size
+)
 
 
 class BackConstraint(NamedTuple):

@@ -59,7 +59,9 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
         interaction = principal_components(predictable, preset.interaction_dims)
         weights, _ = _whitened_regression(kernel, centres, features, np.column_stack([interaction, human]))
         split = preset.interaction_dims
-        back = BackConstraint(kernel, jnp.asarray(centres), jnp.asarray(weights[:, :split]), jnp.asarray(weights[:, split:]))
+        back = BackConstraint(
+            kernel, jnp.asarray(centres), jnp.asarray(weights[:, :split]), jnp.asarray(weights[:, split:])
+        )
         free_interaction = free_human = None
     else:
         avatar = principal_components(outputs, preset.avatar_dims)
@@ -73,7 +75,9 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
         ),
         human=_layer(preset.human_dims, human[chosen], 0.2, preset.human_noise),
         interaction=_layer(preset.interaction_dims, interaction[chosen], 0.1, preset.interaction_noise),
-        dynamics=_layer(2 * preset.interaction_dims, np.zeros((1, 2 * preset.interaction_dims)), 0.1, preset.dynamics_noise),
+        dynamics=_layer(
+            2 * preset.interaction_dims, np.zeros((1, 2 * preset.interaction_dims)), 0.1, preset.dynamics_noise
+        ),
         avatar_latent=jnp.asarray(avatar),
         back=back,
         interaction_latent=free_interaction,

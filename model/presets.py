@@ -17,7 +17,9 @@ class Preset:
     interaction_dims: int  # latent dimensions of the interaction layer, I
     history: tuple[float, ...]  # earlier times, s, at which the back projection sees the hand; () is the present alone
     lag: float  # s between the dynamics' successive latents; free latents step from sample to sample instead
-    back_constrained: bool  # I and X2 are learned functions of the hand (True) or free, with r and s fitted after (False)
+    back_constrained: (
+        bool  # I and X2 are learned functions of the hand (True) or free, with r and s fitted after (False)
+    )
     variational: bool  # add the trace term of Titsias 2009, which makes DTC a lower bound
     avatar_noise: tuple[float, float]  # bounds of the noise of the scaled channels of Y1
     human_noise: tuple[float, float]  # bounds of the noise of the scaled hand points Y2
@@ -50,7 +52,7 @@ PAPER = Preset(
     palm_weight=1.0,
     clock_weight=1.0,
     points=5600,
-    channel_tolerance=1e-4,
+    channel_tolerance=1e-3,
     iterations=250,
 )
 """The sizes and the recipe of Taubert et al. 2013."""
@@ -73,7 +75,7 @@ DEFAULT = Preset(
     palm_weight=3.0,
     clock_weight=1.0,
     points=5600,
-    channel_tolerance=1e-4,
+    channel_tolerance=1e-3,
     iterations=250,
 )
 """Larger latents, a back constraint on the hand and its short history learned jointly, and bounded upper-layer noise."""

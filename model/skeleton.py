@@ -136,7 +136,9 @@ class Skeleton:
         orientations = np.empty_like(quaternions)
         positions[..., 0, :], orientations[..., 0, :] = root_in_world, quaternions[..., 0, :]
         for joints, parents in self._levels:
-            orientations[..., joints, :] = rotations.multiply(orientations[..., parents, :], quaternions[..., joints, :])
+            orientations[..., joints, :] = rotations.multiply(
+                orientations[..., parents, :], quaternions[..., joints, :]
+            )
             bones = rotations.rotate(orientations[..., parents, :], self.offsets[joints])
             positions[..., joints, :] = positions[..., parents, :] + bones
         return positions, orientations

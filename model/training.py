@@ -168,7 +168,17 @@ def _back_projections(
     reduction = jnp.linalg.inv(k_uu)
     noise = (BACK_NOISE * jnp.mean(deviation)) ** 2
     return (
-        Posterior(back.kernel, back.inducing, None, None, weights / deviation, -centre / deviation, reduction, noise, 1.0 / deviation),
+        Posterior(
+            back.kernel,
+            back.inducing,
+            None,
+            None,
+            weights / deviation,
+            -centre / deviation,
+            reduction,
+            noise,
+            1.0 / deviation,
+        ),
     )
 
 
@@ -184,7 +194,9 @@ def _regression(
 
     def value(candidate: Layer) -> jax.Array:
         noise = sparse.noise_variance(candidate.raw_noise, BACK_BOUNDS)
-        return sparse.negative_log_likelihood(candidate, jnp.asarray(points), targets, noise, variational=True) / len(points)
+        return sparse.negative_log_likelihood(candidate, jnp.asarray(points), targets, noise, variational=True) / len(
+            points
+        )
 
     layer, _ = minimise(value, layer, BACK_ITERATIONS, stage, progress)
     return sparse.fit(layer, jnp.asarray(points), values, sparse.noise_variance(layer.raw_noise, BACK_BOUNDS))

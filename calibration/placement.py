@@ -1,7 +1,7 @@
 """Puts a recording of real people into the project's world: z up, origin under the avatar's pelvis, +x to the person.
 
-Nothing needs to be told: the head shows which way is up, the feet where the floor is, and the partner, if the file has one,
-where the avatar is to stand.
+Nothing needs to be told: the head shows which way is up, the feet where the floor is, and the partner, if the file has
+one, where the avatar is to stand.
 """
 
 from __future__ import annotations
@@ -54,12 +54,17 @@ class Placement:
 
 @dataclass(frozen=True)
 class _Person:
-    """Tracks of one person, (T, 3) m, NaN where not seen, and all markers (T, M, 3), likewise."""
+    """Tracks of one person, (T, 3) m, NaN where not seen.
+
+    ``left`` points from the right half of the trunk to the left one and is zero if the set has only one half;
+    ``everything`` is all markers (T, M, 3).
+    """
 
     head: Array
     shoulder: Array
     hand: Array
     centre: Array
+    left: Array
     everything: Array
 
 
@@ -71,8 +76,8 @@ def place_person(
 ) -> Placement:
     """Where a recorded person stands in the world.
 
-    With a partner the avatar takes the partner's place: its pelvis at the frame in which their hands are nearest, facing
-    from pelvis to pelvis. Without one it stands before the person's hand at its furthest reach.
+    With a partner the avatar takes the partner's place, that of the pelvis when their hands are nearest, facing from
+    pelvis to pelvis. Without one it stands before the person's hand at its furthest reach.
 
     Args:
         person: the markers of the person (no prefixes).
@@ -112,22 +117,33 @@ def _person(recording: Recording, marker_set: MarkerSet) -> _Person:
         shoulder=points[:, marker_set.indices(arm.shoulder)].mean(axis=1),
         hand=points[:, marker_set.indices(arm.hand)].mean(axis=1),
         centre=points[:, pelvis].mean(axis=1) if pelvis else head,
+        left=_leftward(marker_set, points),
         everything=points,
     )
 
 
+def _leftward(marker_set: MarkerSet, points: Array) -> Array:
+    halves = []
+    for side in ("left", "right"):
+        trunk = [m for m, joint in enumerate(marker_set.joints) if joint in (f"{side}_hip", f"{side}_shoulder")]
+        halves.append(points[:, trunk].mean(axis=1) if trunk else None)
+    left, right = halves
+    return left - right if left is not None and right is not None else np.zeros((len(points), 3))
+
+
 def _turned(person: _Person, rotation: Array) -> _Person:
-    tracks = (person.head, person.shoulder, person.hand, person.centre, person.everything)
+    tracks = (person.head, person.shoulder, person.hand, person.centre, person.left, person.everything)
     return _Person(*(rotations.rotate(rotation, track) for track in tracks))
 
 
 def _up_axis(person: _Person) -> tuple[Array, tuple[str, ...]]:
-    """The coordinate axis, with its sign, that points most from shoulder to head."""
-    difference = person.head - person.shoulder
+    """The coordinate axis, with its sign, that points most from the other markers to the head."""
+    count = np.isfinite(person.everything).all(axis=-1).sum(axis=1, keepdims=True)
+    difference = person.head - np.nansum(person.everything, axis=1) / np.maximum(count, 1)
     seen = np.isfinite(difference).all(axis=-1)
     if not seen.any():
-        raise HighFiveError("head and shoulder are never seen together; the recording cannot be placed in the world")
-    mean = difference[seen].mean(axis=0)
+        raise HighFiveError("the head's markers are never all seen; the recording cannot be placed in the world")
+    mean = np.median(difference[seen], axis=0)
     axis = int(np.argmax(np.abs(mean)))
     up = np.zeros(3)
     up[axis] = np.sign(mean[axis])
@@ -162,20 +178,23 @@ def _beside_partner(person: _Person, partner: _Person) -> tuple[Array, Array, st
 
 def _before_hand(person: _Person) -> tuple[Array, Array, str]:
     """Places of avatar and person, and how they were found."""
-    reach = (person.hand - person.shoulder)[:, :2]
-    # A hand that hangs behind the body also reaches far: only a raised one counts, if it ever is.
-    distance = np.linalg.norm(reach, axis=-1)
-    raised = person.hand[:, 2] > person.shoulder[:, 2] - 0.25
-    if np.isfinite(distance[raised]).any():
-        distance = np.where(raised, distance, np.nan)
+    reach = person.hand - person.shoulder
+    left = person.left[:, :2]
+    width = np.linalg.norm(left, axis=-1)
+    # Forward is across the body's width; of a set that shows no width any direction counts as forward.
+    across = (reach[:, 0] * left[:, 1] - reach[:, 1] * left[:, 0]) / np.where(width > 0.0, width, 1.0)
+    forward = np.where(width > 0.0, across, np.linalg.norm(reach[:, :2], axis=-1))
+    # Forward and upward together: a hand that is given in greeting is not a raised one.
+    distance = forward + reach[:, 2]
     distance[~np.isfinite(person.centre).all(axis=-1)] = np.nan
     if not np.isfinite(distance).any():
         raise HighFiveError("shoulder and hand are never seen together; the recording cannot be placed in the world")
     furthest = int(np.nanargmax(distance))
-    facing = reach[furthest] / distance[furthest]
     centre = person.centre[furthest]
-    ahead = float((person.hand[furthest] - centre)[:2] @ facing)
-    away = float(np.clip(ahead + AVATAR_REACH, *DISTANCE))
+    # The hand comes to lie between the two pelvises: in a recorded pair it was within 3 cm of that line.
+    ahead = (person.hand[furthest] - centre)[:2]
+    facing = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    away = float(np.clip(np.linalg.norm(ahead) + AVATAR_REACH, *DISTANCE))
     avatar = np.array([*(centre[:2] + away * facing), centre[2]])
     return (
         avatar,

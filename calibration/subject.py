@@ -138,12 +138,13 @@ def _scales_and_places(
         right += rows.T @ target.reshape(-1)
     normal, right = normal / _MARKER_SIGMA**2, right / _MARKER_SIGMA**2
     # Scales lie about their own mean, which is free; the places lie about the set's.
-    about_mean = np.eye(measures) - 1.0 / measures
+    about_mean = np.eye(measures) - np.full((measures, measures), 1.0 / measures)
     normal[:measures, :measures] += about_mean / SCALE_SIGMA**2 * _frames_weight(len(points))
     places = np.arange(measures, unknowns)
     normal[places, places] += _frames_weight(len(points)) / PLACE_SIGMA**2
     solution = np.linalg.solve(normal, right)
-    return solution[:measures], solution[measures:].reshape(count, 3)
+    places_moved = solution[measures:].reshape(count, 3)
+    return np.asarray(solution[:measures], dtype=float), np.asarray(places_moved, dtype=float)
 
 
 def _frames_weight(frames: int) -> float:

@@ -64,11 +64,6 @@ class Skeleton:
         return replace(self, offsets=self.offsets * scale)
 
     @cached_property
-    def _hinge_groups(self) -> tuple[tuple[str, Array], ...]:
-        orders = sorted(set(self.hinge_orders))
-        return tuple((o, np.array([i for i, order in enumerate(self.hinge_orders) if order == o])) for o in orders)
-
-    @cached_property
     def _levels(self) -> tuple[tuple[Array, Array], ...]:
         """Joints and their parents, depth by depth, so that kinematics is one batched product a level."""
         depth = [0] * len(self)
@@ -81,12 +76,10 @@ class Skeleton:
         return tuple(levels)
 
     @cached_property
-    def _hinge_entries(self) -> tuple[Array, Array]:
-        """Where in the flat rotation matrix the five entries of :func:`model.rotations.to_hinges` are, and its sign."""
+    def _hinge_axes(self) -> tuple[Array, Array]:
+        """Axes (J, 3) of each joint's hinges as 0, 1, 2 for x, y, z, and the sign (J,) of their permutation."""
         axes = np.array([["xyz".index(axis) for axis in order] for order in self.hinge_orders])
-        i, j, k = axes.T
-        entries = np.stack([3 * i + k, 3 * j + k, 3 * k + k, 3 * i + j, 3 * i + i], axis=-1)
-        return entries, np.where((j - i) % 3 == 1, 1.0, -1.0)
+        return axes, np.where((axes[:, 1] - axes[:, 0]) % 3 == 1, 1.0, -1.0)
 
     def to_hinges(self, quaternions: Array) -> Array:
         """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4), each in the turn nearest the middle of its limits.
@@ -94,21 +87,30 @@ class Skeleton:
         The same as :func:`model.rotations.to_hinges` joint by joint, in one pass; and an angle near ±pi, where rounding
         decides the turn, comes out on the side where the limits are.
         """
-        entries, sign = self._hinge_entries
-        matrices = rotations.to_matrix(quaternions).reshape(*quaternions.shape[:-1], 9)
-        m = np.take_along_axis(matrices, np.broadcast_to(entries, (*quaternions.shape[:-1], 5)), axis=-1)
-        angles = np.empty((*quaternions.shape[:-1], 3))
-        angles[..., 0] = np.arctan2(-sign * m[..., 1], m[..., 2])
-        angles[..., 1] = np.arcsin(np.clip(sign * m[..., 0], -1.0, 1.0))
-        angles[..., 2] = np.arctan2(-sign * m[..., 3], m[..., 4])
+        axes, sign = self._hinge_axes
+        w = sign * quaternions[..., 0]
+        v = np.take_along_axis(quaternions[..., 1:], np.broadcast_to(axes, quaternions[..., 1:].shape), axis=-1)
+        i, j, k = v[..., 0], v[..., 1], v[..., 2]
+        angles = np.empty(v.shape)
+        angles[..., 0] = np.arctan2(2.0 * (w * i - j * k) * sign, 1.0 - 2.0 * (i * i + j * j))
+        angles[..., 1] = np.arcsin(np.clip(2.0 * (i * k + w * j) * sign, -1.0, 1.0))
+        angles[..., 2] = np.arctan2(2.0 * (w * k - i * j) * sign, 1.0 - 2.0 * (j * j + k * k))
         middle = self.hinge_limits.mean(axis=-1)
         return angles - 2.0 * np.pi * np.round((angles - middle) / (2.0 * np.pi))
 
     def from_hinges(self, angles: Array) -> Array:
-        """Joint rotations (..., J, 4) of hinge angles (..., J, 3), rad."""
+        """Joint rotations (..., J, 4) of hinge angles (..., J, 3), rad: the product of three half-angle quaternions."""
+        axes, sign = self._hinge_axes
+        cosine, sine = np.cos(0.5 * angles), np.sin(0.5 * angles)
+        ci, cj, ck = cosine[..., 0], cosine[..., 1], cosine[..., 2]
+        si, sj, sk = sine[..., 0], sine[..., 1], sine[..., 2]
+        vector = np.stack(
+            [si * cj * ck + sign * ci * sj * sk, ci * sj * ck - sign * si * cj * sk, ci * cj * sk + sign * si * sj * ck],
+            axis=-1,
+        )
         quaternions = np.empty((*angles.shape[:-1], 4))
-        for order, joints in self._hinge_groups:
-            quaternions[..., joints, :] = rotations.from_hinges(order, angles[..., joints, :])
+        quaternions[..., 0] = ci * cj * ck - sign * si * sj * sk
+        np.put_along_axis(quaternions[..., 1:], np.broadcast_to(axes, vector.shape), vector, axis=-1)
         return quaternions
 
     def clamp(self, angles: Array) -> Array:

@@ -169,8 +169,10 @@ def _solve_pair(row: TrialRow, person: Recording, actor: Recording, people: Mark
     return SolvedPair(trial, subject.marker_set.names, solution.rms)
 
 
-def track_hand(person: Recording, marker_set: MarkerSet) -> tuple[Array, Array]:
+def track_hand(
+    person: Recording, marker_set: MarkerSet, towards_partner: tuple[float, float, float] = (-1.0, 0.0, 0.0)
+) -> tuple[Array, Array]:
     """Hand points (T, 2, 3) and palm centre (T, 3), m, at 120 Hz, by the tracker and the arm that run online."""
-    tracker, arm = Tracker(marker_set, RATE_HZ), HumanArmEstimator(marker_set)
+    tracker, arm = Tracker(marker_set, RATE_HZ), HumanArmEstimator(marker_set, towards_partner)
     arms = [arm(tracker.update(frame)) for frame in C3DSource(person)]
     return np.array([a.hand_points for a in arms]), np.array([a.palm.position for a in arms])

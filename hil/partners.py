@@ -1,0 +1,109 @@
+"""Who raises a hand: a simulated person, or one in a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.placement import place_person
+from hil.avatar import right_palm
+from hil.sim.actors import CELLS, simulate_pair
+from hil.sim.capture import PERSON_SET, Defects, markers_of, record
+from hil.sim.emotions import EMOTIONS
+from hil.training_data import track_hand
+from mocap_bridge.c3d import read_c3d
+from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
+from mocap_bridge.recording import Recording, resample
+from mocap_bridge.sources import RATE_HZ
+from model.errors import HighFiveError
+from model.rotations import Array
+
+_SESSION_DRAWS = 1_000_000
+"""Added to the repetition of a session's trials, so that none is one that a capture with the same seed holds."""
+
+
+@dataclass(frozen=True)
+class Partner:
+    """A person's part in one trial, in the world of the avatar.
+
+    Attributes:
+        title: what the trial is, for people.
+        emotion, cell: as asked for; '' where not known.
+        simulated: the person is simulated.
+        recording: the person's markers at 120 Hz, without prefix.
+        marker_set: the set that they belong to.
+        contact_frame: frame at which the palms met originally; -1 where not known.
+        palm: (T, 3) m, the person's true palm where it is known, else None.
+        other_palm: (T, 3) m, the palm of who met that hand originally (actor or real partner), else None.
+        notes: how the person was placed in the world.
+    """
+
+    title: str
+    emotion: str
+    cell: str
+    simulated: bool
+    recording: Recording
+    marker_set: MarkerSet
+    contact_frame: int
+    palm: Array | None
+    other_palm: Array | None
+    notes: tuple[str, ...] = ()
+
+
+def simulated_partners(count: int, emotions: Sequence[str], cells: Sequence[str], seed: int) -> Iterator[Partner]:
+    """``count`` simulated people, cell by cell in a shuffled order, each cell in every emotion."""
+    unknown = [cell for cell in cells if cell not in CELLS]
+    if unknown:
+        raise HighFiveError(f"unknown cell {unknown[0]!r}; the grid has {', '.join(CELLS)}")
+    order = np.random.default_rng([seed, len(cells)]).permutation(len(cells))
+    for number in range(count):
+        repetition, place_in_round = divmod(number, len(cells) * len(emotions))
+        cell = cells[order[place_in_round // len(emotions)]]
+        yield _simulated(emotions[place_in_round % len(emotions)], cell, repetition, seed)
+
+
+def _simulated(emotion: str, cell: str, repetition: int, seed: int) -> Partner:
+    draw = [seed, list(EMOTIONS).index(emotion), CELLS.index(cell), _SESSION_DRAWS + repetition]
+    rng = np.random.default_rng(draw)
+    trial = simulate_pair(emotion, cell, repetition, rng)
+    marker_set = load_marker_set(PERSON_SET)
+    recording = record([("", markers_of(trial.person, marker_set), marker_set)], Defects(), rng)
+    palms = [
+        right_palm(a.skeleton, *a.skeleton.forward_kinematics(a.root_in_world, a.quaternions))[0]
+        for a in (trial.person, trial.avatar)
+    ]
+    title = f"simulated person, {emotion}, cell {cell}"
+    return Partner(title, emotion, cell, True, recording, marker_set, trial.contact_frame, palms[0], palms[1])
+
+
+def recorded_partner(path: Path, human: str | None, marker_set: MarkerSet | None, emotion: str) -> Partner:
+    """The person called ``human`` in a C3D file, placed in the avatar's world; whoever else is in it is compared with.
+
+    Raises:
+        HighFiveError: the file is not usable, or the person or her markers are not in it.
+    """
+    whole = resample(read_c3d(path), RATE_HZ)
+    person = whole.person(human)
+    marker_set = marker_set or find_marker_set(person.names)
+    others = [prefix for prefix in whole.prefixes if prefix and prefix != (human or "").removesuffix(":")]
+    other = _other(whole, others, marker_set)
+    placement = place_person(person, marker_set, other)
+    person, other = placement.apply_to(person), None if other is None else placement.apply_to(other)
+    palm = None if other is None else track_hand(other, marker_set, (1.0, 0.0, 0.0))[1]
+    own = track_hand(person, marker_set)[1]
+    contact = -1 if palm is None else int(np.argmin(np.linalg.norm(own - palm, axis=-1)))
+    name = human or "the person"
+    title = f"{path.name}, {name}"
+    return Partner(title, emotion, "", False, person, marker_set, contact, None, palm, placement.notes)
+
+
+def _other(whole: Recording, prefixes: Sequence[str], marker_set: MarkerSet) -> Recording | None:
+    """The first other person in the file with the markers of a right arm."""
+    for prefix in prefixes:
+        person = whole.person(prefix)
+        if np.all(marker_set.match(person.names)[marker_set.indices(marker_set.arm.markers)] >= 0):
+            return person
+    return None

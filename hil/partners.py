@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,12 +52,13 @@ class Partner:
     other_palm: Array | None
     notes: tuple[str, ...] = ()
 
+    def in_emotion(self, emotion: str) -> Partner:
+        """The same person, to be answered in another emotion."""
+        return replace(self, emotion=emotion)
+
 
 def simulated_partners(count: int, emotions: Sequence[str], cells: Sequence[str], seed: int) -> Iterator[Partner]:
     """``count`` simulated people, cell by cell in a shuffled order, each cell in every emotion."""
-    unknown = [cell for cell in cells if cell not in CELLS]
-    if unknown:
-        raise HighFiveError(f"unknown cell {unknown[0]!r}; the grid has {', '.join(CELLS)}")
     order = np.random.default_rng([seed, len(cells)]).permutation(len(cells))
     for number in range(count):
         repetition, place_in_round = divmod(number, len(cells) * len(emotions))

@@ -69,15 +69,19 @@ class Session:
             )
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
-        self.responder = Responder(model, style, RATE_HZ)
+        self._responder = Responder(model, style, RATE_HZ)
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
 
+    def set_style(self, style: dict[str, float]) -> None:
+        """Changes the style weights, at any time."""
+        self._responder.set_style(style)
+
     def reset(self) -> None:
         """A new trial: nobody is there yet."""
         self._tracker.reset()
-        self.responder.reset()
+        self._responder.reset()
         self._reach.reset()
         self._correction.reset()
 
@@ -85,7 +89,7 @@ class Session:
         """One tick."""
         markers = self._tracker.update(frame)
         person = self._arm(markers)
-        response = self.responder.step(person.hand_points if person.valid else None)
+        response = self._responder.step(person.hand_points if person.valid else None)
         generated = self._pose(response.joints, response.root)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None

@@ -99,7 +99,7 @@ def load_trials(
     avatar: str = "avatar",
     human_set: str | None = None,
     avatar_set: str | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
 ) -> list[SolvedPair]:
     """All trials of a folder, solved. The avatar actor's body is fitted once, on the first trials.
 
@@ -109,7 +109,7 @@ def load_trials(
         avatar: prefix of the avatar actor's.
         human_set: marker set of the person, a name or a path; None finds the one that fits.
         avatar_set: likewise of the avatar actor.
-        progress: called with the trials done and their number.
+        progress: called with the number of trials; what comes back is called after each.
     """
     rows = read_table(folder)
     recordings = [_read_pair(folder / row.file, human, avatar) for row in rows]
@@ -117,10 +117,11 @@ def load_trials(
     people = load_marker_set(human_set) if human_set else find_marker_set(person.names)
     actors = load_marker_set(avatar_set) if avatar_set else find_marker_set(actor.names)
     subject = _fit_actor([actor for _, actor in recordings], actors)
+    advance = progress(len(rows))
     pairs = []
-    for done, (row, (person, actor)) in enumerate(zip(rows, recordings, strict=True), start=1):
+    for row, (person, actor) in zip(rows, recordings, strict=True):
         pairs.append(_solve_pair(row, person, actor, people, subject))
-        progress(done, len(rows))
+        advance()
     return pairs
 
 

@@ -130,7 +130,7 @@ def capture(
     repetitions: int = 3,
     test_repetitions: int = 0,
     seed: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
 ) -> int:
     """Captures every emotion at every cell, ``repetitions`` times, into ``folder``; returns the number of trials.
 
@@ -160,8 +160,9 @@ def capture(
     ]
     # Spawned, not forked: JAX may run threads in this process.
     with ProcessPoolExecutor(min(os.cpu_count() or 1, 8), mp_context=get_context("spawn")) as pool:
-        for done, _ in enumerate(pool.map(_write_trial, jobs, chunksize=2), start=1):
-            progress(done, len(jobs))
+        advance = progress(len(jobs))
+        for _ in pool.map(_write_trial, jobs, chunksize=2):
+            advance()
     write_table(folder, [(j.file, j.emotion, j.cell, str(j.repetition + 1), j.split) for j in jobs])
     return len(jobs)
 

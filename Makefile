@@ -1,0 +1,40 @@
+# Two commands for everyone: `make demo` and `make test`. They need Python 3.11 and make, nothing installed by hand.
+
+PYTHON ?= python3.11
+ifeq (, $(shell command -v $(PYTHON) 2>/dev/null))
+PYTHON := python3
+endif
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: demo test slow check model format
+
+demo: $(READY)  ## one simulated session: report, film and recording in out/
+	$(BIN)/highfive simulate
+
+test: $(READY)  ## fast tests
+	$(BIN)/python -m pytest -m "not slow"
+
+slow: $(READY)  ## tests that take long
+	$(BIN)/python -m pytest -m slow
+
+check: $(READY)  ## style, types and fast tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/python -m pytest -m "not slow"
+
+model: $(READY)  ## the default model again, from nothing
+	rm -rf out/captured
+	$(BIN)/highfive capture --seed 0 --out out/captured
+	$(BIN)/highfive train out/captured --seed 0 --out model/default.safetensors --overwrite
+
+format: $(READY)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "High Five needs Python 3.11 or newer; this is " + sys.version.split()[0] + ". Give another with: make PYTHON=python3.11 …")'
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@

@@ -1,0 +1,186 @@
+"""The command line: ``highfive COMMAND``. Exit code 0: done; 1: ran and found a failure; 2: bad input, in one line."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.exceptions import TyperException
+
+from hil.console import STDERR, print_json, progress_bars
+from model.errors import HighFiveError
+
+app = typer.Typer(
+    help="Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
+Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
+
+
+@app.command()
+def simulate(
+    trials: Annotated[int | None, typer.Option(min=1, help="Number of high fives (default: emotions × cells).")] = None,
+    emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
+    cell: Annotated[list[str] | None, typer.Option(help="Only this cell (A1 to C3); may be given again.")] = None,
+    style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
+    source: Annotated[Path | None, typer.Option(help="C3D file of a real person instead of a simulated one.")] = None,
+    human: Annotated[str | None, typer.Option(help="Prefix of that person's markers, such as A or human.")] = None,
+    marker_set: Annotated[str | None, typer.Option(help="That person's marker set: a name or a TOML file.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/session-1, -2, …).")] = None,
+    physics: Annotated[
+        bool, typer.Option("--physics", help="Drive the avatar by actuators, with contact forces.")
+    ] = False,
+    no_correction: Annotated[
+        bool, typer.Option("--no-correction", help="Play the motion as the model gives it.")
+    ] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
+    json: Json = False,
+) -> None:
+    """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
+    from hil.simulate import DEFAULT_MODEL, SimulateOptions, next_folder, simulate  # noqa: PLC0415
+
+    options = SimulateOptions(
+        trials=trials,
+        emotions=tuple(emotion or ()),
+        cells=tuple(cell or ()),
+        style=None if style is None else _style(style),
+        source=source,
+        human=human,
+        marker_set=marker_set,
+        model=model or DEFAULT_MODEL,
+        seed=seed,
+        physics=physics,
+        correct=not no_correction,
+        pictures=not no_pictures,
+    )
+    folder = out or next_folder()
+    with progress_bars() as bar:
+        summary = simulate(options, folder, bar)
+    if json:
+        print_json(summary)
+    else:
+        _tell(summary, folder)
+    if summary["interrupted"] or summary["missed"]:
+        raise typer.Exit(1)
+
+
+@app.command()
+def capture(
+    out: Annotated[Path, typer.Option(help="Folder for the C3D files and trials.csv.")] = Path("captured"),
+    emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
+    repetitions: Annotated[int, typer.Option(min=1, help="Trials for each emotion and cell.")] = 3,
+    test_repetitions: Annotated[int, typer.Option(min=0, help="So many of them are marked as held out.")] = 0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Make the simulated two-actor data set: C3D files at 120 Hz and trials.csv."""
+    from hil.sim.capture import capture  # noqa: PLC0415
+    from hil.sim.emotions import EMOTIONS  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        chosen = tuple(emotion or EMOTIONS)
+        count = capture(out, chosen, repetitions, test_repetitions, seed, lambda total: bar("trials", total))
+    if json:
+        print_json({"trials": count, "emotions": list(chosen), "seed": seed, "folder": str(out), "simulated": True})
+    else:
+        print(f"{count} simulated trials in {out}; train on them with: highfive train {out}")
+
+
+@app.command()
+def train(
+    data: Annotated[Path, typer.Argument(help="Folder with C3D files of two people and trials.csv.")],
+    out: Annotated[Path, typer.Option(help="The model's file.")] = Path("model.safetensors"),
+    preset: Annotated[str, typer.Option(help="default, or paper for the sizes of Taubert et al. 2013.")] = "default",
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",
+    avatar: Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")] = "avatar",
+    human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
+    avatar_set: Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")] = None,
+    seed: Seed = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the model's file if it is there.")] = False,
+    json: Json = False,
+) -> None:
+    """Fit the model to recordings of two people; goes on where it was interrupted."""
+    from hil.train import TrainOptions, train  # noqa: PLC0415
+
+    options = TrainOptions(data, out, preset, inducing, human, avatar, human_set, avatar_set, seed, overwrite)
+    with progress_bars() as bar:
+        result = train(options, bar)
+    if json:
+        print_json(result)
+        return
+    worst = ", ".join(f"{name} {rms:.1f}" for name, rms in list(result["marker_rms_mm"].items())[:3])
+    print(
+        f"{out}: {result['trials']} trials, {result['points']} points, {result['seconds']:.0f} s; markers met to "
+        f"{result['marker_rms_mm_all']:.1f} mm (worst: {worst})"
+    )
+
+
+def _style(text: str) -> dict[str, float]:
+    """``angry=0.5,neutral=0.5`` as weights."""
+    weights: dict[str, float] = {}
+    for part in text.split(","):
+        name, equals, value = part.partition("=")
+        try:
+            weights[name.strip()] = float(value) if equals else 1.0
+        except ValueError:
+            raise HighFiveError(f"--style {text}: {value!r} is no number; write it as angry=0.5,neutral=0.5") from None
+    return weights
+
+
+def _tell(summary: dict[str, Any], folder: Path) -> None:
+    """The summary for people."""
+    who = "simulated person" if summary["simulated"] else "recorded person"
+    error, uncorrected = summary["contact_error_mm"], summary["uncorrected_error_mm"]
+    print(f"{summary['trials']} high fives with a {who}, {len(error['by_emotion'])} emotions")
+    print(f"  palm to palm at contact   median {error['median']:.2f} mm, worst {error['max']:.2f} mm")
+    print(f"  before correction         median {uncorrected['median']:.1f} mm, worst {uncorrected['max']:.1f} mm")
+    print(
+        f"  one tick                  median {summary['tick_ms']['p50']:.2f} ms, p99 {summary['tick_ms']['p99']:.2f} ms"
+    )
+    for label, key in (
+        ("out of reach", "out_of_reach"),
+        ("no contact", "missed"),
+        ("unwanted contacts", "unwanted_contacts"),
+    ):
+        if summary[key]:
+            print(f"  {label + ':':<26}{summary[key]}")
+    if summary["interrupted"]:
+        print("  interrupted; the report covers the trials until then")
+    print(f"Open {folder / 'report.html'}")
+
+
+def main() -> None:
+    """Entry point: one line for every error that a user can put right."""
+    try:
+        sys.exit(app(standalone_mode=False) or 0)
+    except TyperException as error:
+        if not (message := error.format_message()):  # the help has been shown instead
+            sys.exit(2)
+        _fail(f"{message} (see highfive --help)")
+    except HighFiveError as error:
+        _fail(str(error))
+    except (KeyboardInterrupt, typer.Abort):
+        STDERR.print("interrupted")
+        sys.exit(1)
+
+
+def _fail(message: str) -> NoReturn:
+    STDERR.print(f"[bold red]error:[/] {_escape(' '.join(message.split()))}", soft_wrap=True)
+    sys.exit(2)
+
+
+def _escape(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+if __name__ == "__main__":
+    main()

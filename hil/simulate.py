@@ -1,0 +1,167 @@
+"""One simulated session: partner, tracker, responder, correction, MuJoCo; then report, film and recording."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from hil.film import make_film, make_picture_strip
+from hil.partners import Partner, recorded_partner, simulated_partners
+from hil.recording import SessionRecorder
+from hil.report import write_report
+from hil.session import Session
+from hil.sim.actors import CELLS
+from hil.sim.emotions import EMOTIONS
+from hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
+from hil.sim.scene import Scene, build_scene
+from hil.summary import summarise
+from hil.trial import TrialResult, run_trial
+from mocap_bridge.marker_sets import load_marker_set
+from model.errors import HighFiveError
+from model.hgpdm import HGPDM
+from model.store import load_model
+
+DEFAULT_MODEL = Path(__file__).resolve().parents[1] / "model" / "default.safetensors"
+
+ProgressBar = Callable[[str, int], Callable[[], None]]
+"""Opens a bar with a label and a total; each call of what it returns advances the bar by one."""
+
+
+@dataclass(frozen=True)
+class SimulateOptions:
+    """What to simulate.
+
+    Attributes:
+        trials: number of trials; None is one for every emotion and cell, or one a style for a recording.
+        emotions: emotions to go through; empty is all that the model knows.
+        cells: cells of the grid to go through; empty is all.
+        style: style weights by emotion, used in every trial instead of its emotion; empty for none.
+        source: a C3D file of a real person; None simulates one.
+        human: prefix of that person's markers.
+        marker_set: name or path of that person's marker set; None finds one.
+        model: the model's file.
+        seed: seed of the simulated people.
+        physics: drive the avatar by actuators against contact forces.
+        correct: correct the palm.
+        pictures: draw the film and the pictures.
+    """
+
+    trials: int | None = None
+    emotions: tuple[str, ...] = ()
+    cells: tuple[str, ...] = ()
+    style: Mapping[str, float] | None = None
+    source: Path | None = None
+    human: str | None = None
+    marker_set: str | None = None
+    model: Path = DEFAULT_MODEL
+    seed: int = 0
+    physics: bool = False
+    correct: bool = True
+    pictures: bool = True
+
+
+def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[str, Any]:
+    """Runs the session into ``folder`` and returns the summary; Ctrl-C ends it early and writes what there is.
+
+    Raises:
+        HighFiveError: something asked for does not exist or does not fit; the folder holds a recording already or
+            cannot be written.
+    """
+    model = load_model(options.model)
+    partners = list(_partners(options, model))
+    scene = build_scene()
+    _claim(folder)
+    results, interrupted = _run(options, model, scene, partners, folder, bar)
+    settings = {
+        "seed": options.seed,
+        "model": options.model.name,
+        "physics": options.physics,
+        "corrected": options.correct,
+        "source": None if options.source is None else options.source.name,
+        "style": None if options.style is None else dict(options.style),
+        "interrupted": interrupted,
+    }
+    summary = summarise(results, settings)
+    strip, film = None, "pictures left out: --no-pictures was given"
+    if options.pictures and results:
+        try:
+            visible = build_scene(visible=True)
+            strip = make_picture_strip(visible, results)
+            film = make_film(visible, results, folder / "highfive.mp4", bar)
+        except KeyboardInterrupt:
+            film = "pictures left out: interrupted"
+    write_report(folder, summary, results, strip, film)
+    return summary
+
+
+def _partners(options: SimulateOptions, model: HGPDM) -> Iterable[Partner]:
+    emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
+    for emotion in (*emotions, *(options.style or {})):
+        if emotion not in model.emotions:
+            raise HighFiveError(f"unknown emotion {emotion!r}; the model knows {', '.join(model.emotions)}")
+    if options.trials is not None and options.trials < 1:
+        raise HighFiveError(f"{options.trials} trials; ask for at least one")
+    if options.source is None:
+        absent = [emotion for emotion in emotions if emotion not in EMOTIONS]
+        if absent:
+            raise HighFiveError(f"the simulated person does not know {absent[0]!r}; she knows {', '.join(EMOTIONS)}")
+        cells = options.cells or CELLS
+        return simulated_partners(options.trials or len(cells) * len(emotions), emotions, cells, options.seed)
+    if options.cells:
+        raise HighFiveError("--cell goes with the simulated person; a recorded one raises the hand where she did")
+    marker_set = load_marker_set(options.marker_set) if options.marker_set else None
+    first = recorded_partner(options.source, options.human, marker_set, emotions[0])
+    return [first.in_emotion(emotion) for emotion in emotions][: options.trials]
+
+
+def _leading(style: Mapping[str, float]) -> str:
+    return max(style, key=lambda emotion: style[emotion])
+
+
+def _claim(folder: Path) -> None:
+    """Makes the folder; what an earlier session recorded in it is never overwritten."""
+    if (folder / "session.mcap").exists():
+        raise HighFiveError(f"{folder} holds the recording of an earlier session; give another --out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise HighFiveError(f"cannot write to {folder}: {error.strerror}; give another --out") from None
+
+
+def next_folder(base: Path = Path("out")) -> Path:
+    """The first of ``out/session-1``, ``out/session-2``, … that is not there yet."""
+    return next(folder for number in count(1) if not (folder := base / f"session-{number}").exists())
+
+
+def _run(
+    options: SimulateOptions, model: HGPDM, scene: Scene, partners: list[Partner], folder: Path, bar: ProgressBar
+) -> tuple[list[TrialResult], bool]:
+    playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
+    results: list[TrialResult] = []
+    session = _session(options, model, scene, partners[0])
+    advance = bar("high fives", len(partners))
+    with SessionRecorder(folder / "session.mcap", {"seed": options.seed, "model": options.model.name}) as recorder:
+        try:
+            # What was built until now is not garbage: a collection in the tick need not look at it.
+            gc.collect()
+            gc.freeze()
+            for number, partner in enumerate(partners):
+                session.set_style(options.style or {partner.emotion: 1.0})
+                result = run_trial(number, partner, session, playout)
+                recorder.record_trial(result)
+                results.append(result)
+                advance()
+        except KeyboardInterrupt:
+            return results, True
+        finally:
+            gc.unfreeze()
+    return results, False
+
+
+def _session(options: SimulateOptions, model: HGPDM, scene: Scene, partner: Partner) -> Session:
+    style = options.style or {partner.emotion: 1.0}
+    return Session(model, dict(style), partner.marker_set, scene, correct=options.correct)

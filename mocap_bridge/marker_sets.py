@@ -7,8 +7,8 @@ same way.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -153,6 +153,34 @@ class MarkerSet:
             )
         there = (columns >= 0) & valid[..., columns]
         return np.where(there[..., None], points[..., columns, :], 0.0), there
+
+    def subset(self, names: Sequence[str]) -> MarkerSet:
+        """The set with only the markers ``names``, in the set's order; they must hold those that the arm needs."""
+        missing = [name for name in self.arm.markers if name not in names]
+        if missing:
+            raise HighFiveError(f"a part of marker set {self.name} without {_listed(missing)} cannot give the arm")
+        self.indices(names)  # says which name is unknown
+        keep = [m for m, name in enumerate(self.names) if name in names]
+        carrying = {self.joints[m] for m in keep}
+        return replace(
+            self,
+            names=tuple(self.names[m] for m in keep),
+            aliases=tuple(self.aliases[m] for m in keep),
+            joints=tuple(self.joints[m] for m in keep),
+            local_positions=self.local_positions[keep],
+            roles=tuple(self.roles[m] for m in keep),
+            segments={
+                j: replace(s, parent=self._carrier(s.parent, carrying))
+                for j, s in self.segments.items()
+                if j in carrying
+            },
+        )
+
+    def _carrier(self, joint: str | None, carrying: Set[str]) -> str | None:
+        """``joint``, or the next one towards the root that is among ``carrying``."""
+        while joint is not None and joint not in carrying:
+            joint = self.segments[joint].parent
+        return joint
 
     def positions_on(self, skeleton: Skeleton) -> Array:
         """Local positions (M, 3), m, scaled with the segment lengths of ``skeleton``."""

@@ -1,1 +1,1 @@
-"""The mathematics of High Five: rotations, the skeleton, kernels, Gaussian processes, the hierarchy and its response."""
+"""The mathematics of High Five: rotations, skeleton, kernels, Gaussian processes, the hierarchy and its response."""

@@ -1,4 +1,4 @@
-"""Plain regressions from the same hand features and emotion to the same channels: what the hierarchy must not fall behind."""
+"""Plain regressions from the same hand features and emotion to the same channels: the rows beside the model."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from model import sparse
 from model.hierarchy import Problem
@@ -62,7 +62,7 @@ def nearest_neighbours(task: Problem) -> Predictor:
     """The mean of the nearest training points of the same emotion."""
 
     def fit(features: Array, outputs: Array) -> Callable[[Array], Array]:
-        tree, count = cKDTree(features), min(NEIGHBOURS, len(features))
+        tree, count = KDTree(features), min(NEIGHBOURS, len(features))
 
         def predict(inputs: Array) -> Array:
             _, nearest = tree.query(inputs, k=count)
@@ -76,12 +76,12 @@ def nearest_neighbours(task: Problem) -> Predictor:
 def sparse_gp(
     task: Problem, inducing: int, rng: np.random.Generator, progress: ProgressCallback | None = None
 ) -> Predictor:
-    """Plain sparse GP regression, motion × style kernel, with the same number of inducing inputs as a layer of the model."""
+    """Plain sparse GP regression, motion × style kernel, with as many inducing inputs as a layer of the model."""
     features, styles, targets = jnp.asarray(task.features[0]), jnp.asarray(task.data.styles), task.avatar_targets
     chosen = np.sort(rng.choice(len(features), size=min(inducing, len(features)), replace=False))
     kernel = motion_kernel(jnp.full(features.shape[1], np.sqrt(features.shape[1])))
     style = initial_style(styles.shape[1], styles[chosen])
-    start = Layer(kernel, features[chosen], sparse.raw_noise(jnp.asarray(0.2), GP_NOISE), style)
+    start = Layer(kernel, features[chosen], sparse.raw_noise(0.2, GP_NOISE), style)
 
     def value(layer: Layer):
         noise = sparse.noise_variance(layer.raw_noise, GP_NOISE)

@@ -1,4 +1,4 @@
-"""From trials to the arrays the model is trained on: hand history, output channels, styles, sampled uniformly in time."""
+"""From trials to the training arrays: hand history, output channels and styles, sampled uniformly in time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STILL = 1e-4  # m or rad; less motion than this in all channels is a constant re
 
 @dataclass(frozen=True)
 class Channels:
-    """Where the quantities lie in the avatar layer's output: joints (rad), root (m), clock, palm (m), contact point (m)."""
+    """Where the quantities lie in the avatar layer's output: joints (rad), root, clock, palm, contact point (m)."""
 
     joints: int
 
@@ -83,7 +83,7 @@ class TrainingSet:
 def hand_history(trial: Trial, times: Array, history: Sequence[float]) -> Array:
     """The hand (T, H + 1, 6), m, at ``times`` (T,) s from the first frame and at each ``history`` s before.
 
-    Interpolated linearly, so that it does not depend on the frame rate; before the first frame the hand is taken as still.
+    Interpolated linearly, so that it does not depend on the frame rate; before the first frame the hand is still.
     """
     frames = np.arange(len(trial.hand_points)) / trial.rate_hz
     points = trial.hand_points.reshape(len(frames), HAND_DIMS)

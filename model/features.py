@@ -28,7 +28,7 @@ class FeatureMap:
 
 
 def fit_feature_map(history: Array) -> FeatureMap:
-    """Scales the features of training histories (N, H + 1, 6): positions by one factor, the differences of a time by one.
+    """Scales the features of histories (N, H + 1, 6): positions by one factor, the differences of a time by one.
 
     One factor for x, y and z keeps the geometry; the kernel's lengthscales do the rest.
     """

@@ -184,7 +184,7 @@ def latents(parameters: Parameters, task: Problem) -> Latents:
         return Latents(avatar, standardised(parameters.human_latent), interaction, steps)
     weights, dims = back_weights(parameters.back), parameters.back.interaction.shape[1]
     count, points, size = task.features.shape
-    k_fu = kernels.cross(parameters.back.kernel, task.features.reshape(-1, size), parameters.back.inducing)
+    k_fu = kernels.cross(parameters.back.kernel, jnp.asarray(task.features.reshape(-1, size)), parameters.back.inducing)
     raw = (k_fu @ weights).reshape(count, points, -1)
     centre, deviation = gauge(raw[0])
     both = (raw - centre) / deviation

@@ -17,7 +17,7 @@ RIDGE = 1e-2  # noise variance of the regressions that the start is made with
 def principal_components(values: Array, count: int) -> Array:
     """The ``count`` largest principal components (N, count) of values (N, D), each of unit variance.
 
-    Where the values have fewer dimensions the rest repeats products of the first ones, so that no latent starts constant.
+    Where the values have fewer dimensions the rest are products of the first ones, so that no latent starts constant.
     """
     centred = values - values.mean(axis=0)
     variances, basis = np.linalg.eigh(centred.T @ centred)
@@ -31,10 +31,11 @@ def principal_components(values: Array, count: int) -> Array:
 
 def _whitened_regression(kernel: MotionKernel, inducing: Array, features: Array, targets: Array) -> tuple[Array, Array]:
     """Whitened weights (M, D) of a regression of targets (N, D) on features (N, F), and its predictions (N, D)."""
-    lower = np.linalg.cholesky(np.asarray(kernels.add_jitter(kernels.cross(kernel, inducing, inducing))))
-    basis = np.linalg.solve(lower, np.asarray(kernels.cross(kernel, inducing, features))).T
+    centres = jnp.asarray(inducing)
+    lower = np.linalg.cholesky(np.asarray(kernels.add_jitter(kernels.cross(kernel, centres, centres))))
+    basis = np.linalg.solve(lower, np.asarray(kernels.cross(kernel, centres, jnp.asarray(features)))).T
     weights = np.linalg.solve(basis.T @ basis + RIDGE * np.eye(len(inducing)), basis.T @ targets)
-    return weights, basis @ weights
+    return weights.astype(float), (basis @ weights).astype(float)
 
 
 def _layer(dims: int, inducing: Array, deviation: float, bounds: tuple[float, float]) -> Layer:
@@ -43,7 +44,7 @@ def _layer(dims: int, inducing: Array, deviation: float, bounds: tuple[float, fl
 
 
 def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -> Parameters:
-    """Parameters to start from; the inducing inputs of all layers are ``inducing`` (at most N) drawn training points."""
+    """Parameters to start from; the inducing inputs of all layers are ``inducing`` drawn points (at most N)."""
     preset, points = task.preset, len(task.data.trial)
     chosen = np.sort(rng.choice(points, size=min(inducing, points), replace=False))
     outputs = np.asarray(task.avatar_targets.thin)

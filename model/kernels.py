@@ -34,8 +34,8 @@ class MotionKernel(NamedTuple):
 class StyleFactor(NamedTuple):
     """k(e, e') = eᵀ B e' with B = L Lᵀ scaled to a mean diagonal of 1.
 
-    Positive semi-definite for any e. It is the covariance of f(x, e) = Σ_k e_k f_k(x): a mixture of styles generates the
-    same mixture of motions, so mixing is continuous and well defined.
+    Positive semi-definite for any e. It is the covariance of f(x, e) = Σ_k e_k f_k(x): a mixture of styles generates
+    the same mixture of motions, so mixing is continuous and well defined.
 
     Attributes:
         factor: (K, K) L; only its product with its transpose matters.
@@ -61,7 +61,7 @@ def cross(kernel: MotionKernel, a: jax.Array, b: jax.Array) -> jax.Array:
     """Covariance (A, B) of inputs (A, q) and (B, q)."""
     inverse = jnp.exp(-kernel.log_lengthscale)
     a_scaled, b_scaled = a * inverse, b * inverse
-    # ½ squared distance, expanded so that the large product is a matrix product; rounding may make it slightly negative.
+    # ½ squared distance, expanded so that the large part is a matrix product; rounding may make it slightly negative.
     half = 0.5 * jnp.sum(a_scaled**2, 1)[:, None] + 0.5 * jnp.sum(b_scaled**2, 1) - a_scaled @ b_scaled.T
     linear = (a * jnp.exp(kernel.log_linear)) @ b.T
     return jnp.exp(kernel.log_rbf - jnp.maximum(half, 0.0)) + linear + jnp.exp(kernel.log_bias)

@@ -120,8 +120,8 @@ def minimise(
 
     if value_and_gradient(point)[0] == UNUSABLE:
         raise HighFiveError(
-            f"{stage} cannot start: a covariance is not positive definite; look for duplicated trials or huge values in the "
-            "data, or use fewer inducing inputs"
+            f"{stage} cannot start: a covariance is not positive definite; look for duplicated trials or huge values in "
+            "the data, or use fewer inducing inputs"
         )
     if done < iterations:
         options = {"maxiter": iterations - done, "maxcor": MEMORY, "maxfun": 3 * iterations, "ftol": 1e-9, "gtol": 1e-7}

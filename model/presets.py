@@ -78,7 +78,7 @@ DEFAULT = Preset(
     channel_tolerance=1e-3,
     iterations=250,
 )
-"""Larger latents, a back constraint on the hand and its short history learned jointly, and bounded upper-layer noise."""
+"""Larger latents, a jointly learned back constraint on the hand and its short history, bounded upper-layer noise."""
 
 PRESETS = {preset.name: preset for preset in (DEFAULT, PAPER)}
 

@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model import rotations
 from model.errors import HighFiveError
 from model.rotations import Array
+
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,7 @@ class Skeleton:
         return replace(self, offsets=self.offsets * scale)
 
     @cached_property
-    def _levels(self) -> tuple[tuple[Array, Array], ...]:
+    def _levels(self) -> tuple[tuple[Indices, Indices], ...]:
         """Joints and their parents, depth by depth, so that kinematics is one batched product a level."""
         depth = [0] * len(self)
         for joint, parent in enumerate(self.parents):
@@ -76,16 +79,16 @@ class Skeleton:
         return tuple(levels)
 
     @cached_property
-    def _hinge_axes(self) -> tuple[Array, Array]:
+    def _hinge_axes(self) -> tuple[Indices, Array]:
         """Axes (J, 3) of each joint's hinges as 0, 1, 2 for x, y, z, and the sign (J,) of their permutation."""
         axes = np.array([["xyz".index(axis) for axis in order] for order in self.hinge_orders])
         return axes, np.where((axes[:, 1] - axes[:, 0]) % 3 == 1, 1.0, -1.0)
 
     def to_hinges(self, quaternions: Array) -> Array:
-        """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4), each in the turn nearest the middle of its limits.
+        """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4).
 
-        The same as :func:`model.rotations.to_hinges` joint by joint, in one pass; and an angle near ±pi, where rounding
-        decides the turn, comes out on the side where the limits are.
+        The same as :func:`model.rotations.to_hinges` joint by joint, in one pass, but each angle in the turn nearest the
+        middle of its limits: near ±pi rounding would decide.
         """
         axes, sign = self._hinge_axes
         w = sign * quaternions[..., 0]
@@ -105,7 +108,11 @@ class Skeleton:
         ci, cj, ck = cosine[..., 0], cosine[..., 1], cosine[..., 2]
         si, sj, sk = sine[..., 0], sine[..., 1], sine[..., 2]
         vector = np.stack(
-            [si * cj * ck + sign * ci * sj * sk, ci * sj * ck - sign * si * cj * sk, ci * cj * sk + sign * si * sj * ck],
+            [
+                si * cj * ck + sign * ci * sj * sk,
+                ci * sj * ck - sign * si * cj * sk,
+                ci * cj * sk + sign * si * sj * ck,
+            ],
             axis=-1,
         )
         quaternions = np.empty((*angles.shape[:-1], 4))

@@ -154,7 +154,7 @@ def fit(
     offset: jax.Array | None = None,
     scale: jax.Array | None = None,
 ) -> Posterior:
-    """The posterior of a layer given inputs (N, q) and values (N, D); ``offset + scale · prediction`` is what it predicts."""
+    """The posterior of a layer given inputs (N, q) and values (N, D); it predicts ``offset + scale · value``."""
     k_uu, k_uf, _ = covariances(layer, inputs, styles)
     size, channels = k_uu.shape[0], values.shape[1]
     lower = jnp.linalg.cholesky(k_uu)
@@ -166,8 +166,10 @@ def fit(
     offset = jnp.zeros(channels) if offset is None else offset
     weights = inner_inverse.T @ (inner_inverse @ (k_uf @ values)) / noise * scale
     reduction = inverse.T @ inverse - inner_inverse.T @ inner_inverse
-    between = None if layer.style is None else kernels.style_covariance(layer.style)
-    style = None if layer.style is None else layer.style.inducing @ between
+    between = style = None
+    if layer.style is not None:
+        between = kernels.style_covariance(layer.style)
+        style = layer.style.inducing @ between
     return Posterior(layer.kernel, layer.inducing, style, between, weights, offset, reduction, noise, scale)
 
 
@@ -177,7 +179,10 @@ def covariance_vector(posterior: Posterior, point: jax.Array, style: jax.Array |
     half = 0.5 * jnp.sum(((posterior.inducing - point) * jnp.exp(-kernel.log_lengthscale)) ** 2, axis=1)
     linear = posterior.inducing @ (jnp.exp(kernel.log_linear) * point)
     vector = jnp.exp(kernel.log_rbf - half) + linear + jnp.exp(kernel.log_bias)
-    return vector if posterior.style is None else vector * (posterior.style @ style)
+    if posterior.style is None:
+        return vector
+    assert style is not None
+    return vector * (posterior.style @ style)
 
 
 def mean(posterior: Posterior, point: jax.Array, style: jax.Array | None = None) -> jax.Array:
@@ -188,7 +193,7 @@ def mean(posterior: Posterior, point: jax.Array, style: jax.Array | None = None)
 def predict(
     posterior: Posterior, point: jax.Array, style: jax.Array | None = None
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Mean (D,), its derivative (D, q) and the variance of the function () in the layer's own units at one input (q,)."""
+    """Mean (D,), its derivative (D, q) and the function's variance () in the layer's own units, at one input (q,)."""
     vector = covariance_vector(posterior, point, style)
     slope = jax.jacfwd(lambda p: covariance_vector(posterior, p, style))(point)
     own = kernels.diagonal(posterior.kernel, point[None])[0]

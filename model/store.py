@@ -24,20 +24,14 @@ from model.sparse import Posterior
 VERSION = 1
 KIND = "high-five hgpdm"
 LAYERS = ("dynamics", "interaction", "human", "avatar")
-ARRAYS = (
-    "start_mean",
-    "start_covariance",
-    "interaction_latents",
-    "avatar_latents",
-    "human_latents",
-    "trial",
-    "emotion",
-)
+ARRAYS = ("start_mean", "start_covariance")
+LATENTS = ("interaction_latents", "avatar_latents", "human_latents")  # float32: only pictures need them
+INDICES = ("trial", "emotion")
 
 
 def save_model(model: HGPDM, path: Path | str) -> None:
     """Writes a model in one piece: after a failure the old file, or none, is there."""
-    arrays: dict[str, Array] = {name: np.asarray(getattr(model, name)) for name in ARRAYS}
+    arrays = {name: np.asarray(getattr(model, name)) for name in (*ARRAYS, *LATENTS, *INDICES)}
     arrays |= {"features.matrix": model.feature_map.matrix, "features.offset": model.feature_map.offset}
     for name in LAYERS:
         arrays |= _layer_arrays(name, getattr(model, name))
@@ -97,7 +91,7 @@ def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
     found = description.get("skeleton_hash")
     if skeleton_hash is not None and found != skeleton_hash:
         raise HighFiveError(
-            f"{path} was trained for skeleton {found or 'unknown'}, but this is {skeleton_hash}; train it again"
+            f"{path} was trained for skeleton {found or 'unknown'}, expected {skeleton_hash}; train it again"
         )
     try:
         model = _build(description, arrays)
@@ -142,8 +136,17 @@ def _build(description: dict, arrays: dict[str, Array]) -> HGPDM:
         lag=float(description["lag"]),
         feature_map=FeatureMap(arrays["features.matrix"], arrays["features.offset"]),
         back=tuple(_layer(f"back.{number}", arrays) for number in range(int(description["stages"]))),
-        **{name: _layer(name, arrays) for name in LAYERS},
-        **{name: arrays[name] for name in ARRAYS},
+        dynamics=_layer("dynamics", arrays),
+        interaction=_layer("interaction", arrays),
+        human=_layer("human", arrays),
+        avatar=_layer("avatar", arrays),
+        start_mean=arrays["start_mean"],
+        start_covariance=arrays["start_covariance"],
+        interaction_latents=arrays["interaction_latents"].astype(np.float32),
+        avatar_latents=arrays["avatar_latents"].astype(np.float32),
+        human_latents=arrays["human_latents"].astype(np.float32),
+        trial=arrays["trial"].astype(np.int32),
+        emotion=arrays["emotion"].astype(np.int32),
     )
 
 

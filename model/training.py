@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from model import kernels, sparse
-from model.dataset import TrainingSet, training_set
+from model.dataset import training_set
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.hierarchy import (
@@ -79,7 +79,12 @@ def train(
         checkpoint=None if checkpoint is None else Path(checkpoint),
         key=key,
     )
-    settings = {"inducing": inducing, "seed": seed, "iterations": len(trace), "points": len(data.trial)}
+    settings: dict[str, float] = {
+        "inducing": inducing,
+        "seed": seed,
+        "iterations": len(trace),
+        "points": len(data.trial),
+    }
     settings["objective"] = float(objective(parameters, task))
     return assemble(parameters, task, skeleton_hash, settings, progress)
 
@@ -103,7 +108,7 @@ def assemble(
         now - dynamics_mean(previous, before, data.lag, preset),
         noise["dynamics"],
     )
-    # Online, X¹ and X² come from I; the layers below are fitted at those latents, not at the ones they were trained with.
+    # Online, X¹ and X² come from I: the layers below are fitted at those latents, not at the ones of the training.
     reached = sparse.means(interaction, lat.interaction) if preset.back_constrained else below
     scaled = (data.outputs - task.avatar_offset) / task.avatar_scale
     avatar = sparse.fit(
@@ -189,7 +194,7 @@ def _regression(
     points = np.asarray(inputs)
     chosen = np.linspace(0, len(points) - 1, min(inducing, len(points))).astype(int)
     kernel = motion_kernel(jnp.full(points.shape[1], np.sqrt(points.shape[1])))
-    layer = Layer(kernel, jnp.asarray(points[chosen]), sparse.raw_noise(jnp.asarray(0.3), BACK_BOUNDS))
+    layer = Layer(kernel, jnp.asarray(points[chosen]), sparse.raw_noise(0.3, BACK_BOUNDS))
     targets = Targets(values, values.shape[1], 0.0)
 
     def value(candidate: Layer) -> jax.Array:

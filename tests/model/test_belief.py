@@ -1,0 +1,109 @@
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from model import belief
+from model.hgpdm import HGPDM
+from model.hierarchy import VELOCITY_UNIT, dynamics_mean
+from model.kernels import MotionKernel
+from model.sparse import Posterior
+
+NOISE = 0.01
+
+
+def linear_layer(matrix: np.ndarray) -> Posterior:
+    """A layer whose mean is ``input @ matrix``, with no uncertainty but its noise: a linear kernel on the unit vectors."""
+    inputs, outputs = matrix.shape
+    kernel = MotionKernel(jnp.zeros(inputs), jnp.asarray(-1e4), jnp.zeros(inputs), jnp.asarray(-1e4))
+    identity = jnp.eye(inputs)
+    zeros, ones = jnp.zeros(outputs), jnp.ones(outputs)
+    return Posterior(kernel, identity, None, None, jnp.asarray(matrix), zeros, identity, jnp.asarray(NOISE), ones)
+
+
+@pytest.fixture(scope="module")
+def linear(model: HGPDM) -> HGPDM:
+    dims = model.preset.interaction_dims
+    matrix = 0.1 * np.random.default_rng(0).normal(size=(2 * dims, dims))
+    return replace(model, dynamics=linear_layer(matrix))
+
+
+def transition(model: HGPDM) -> np.ndarray:
+    """Matrix (2 q, 2 q) of one lag of a linear model, from the definition of its dynamics."""
+    dims = model.preset.interaction_dims
+    rows = []
+    for unit in np.eye(2 * dims):
+        now, before = unit[:dims], unit[dims:]
+        inputs = np.concatenate([now, (now - before) * VELOCITY_UNIT / model.lag])
+        ahead = np.asarray(dynamics_mean(now, before, model.lag, model.preset)) + inputs @ model.dynamics.weights
+        rows.append(np.concatenate([ahead, now]))
+    return np.array(rows).T
+
+
+def test_filter_equals_conditioning_the_joint_gaussian(linear: HGPDM):
+    """x_n = A x_{n-1} + w, y_n = x_n[:q] + v, against one big Gaussian over all x and y."""
+    dims, steps = linear.preset.interaction_dims, 4
+    rng = np.random.default_rng(1)
+    mean, covariance = rng.normal(size=2 * dims), np.eye(2 * dims) + 0.3
+    noises = [0.05 * np.eye(dims) * (n + 1) for n in range(steps)]
+    values = rng.normal(size=(steps, dims))
+
+    filtered, spread = jnp.asarray(mean), jnp.asarray(covariance)
+    for value, noise in zip(values, noises, strict=True):
+        filtered, spread = belief.predict(linear, filtered, spread, linear.lag)
+        filtered, spread = belief.update(filtered, spread, jnp.asarray(value), jnp.asarray(noise), jnp.asarray(1.0))
+
+    matrix = transition(linear)
+    process = np.diag(np.concatenate([np.full(dims, NOISE), np.zeros(dims)]))
+    means, blocks = [], {}
+    current, own = mean, covariance
+    for n in range(steps):
+        current, own = matrix @ current, matrix @ own @ matrix.T + process
+        means.append(current)
+        for later in range(n, steps):
+            blocks[later, n] = np.linalg.matrix_power(matrix, later - n) @ own
+            blocks[n, later] = blocks[later, n].T
+    size = 2 * dims
+    joint = np.block([[blocks[i, j] for j in range(steps)] for i in range(steps)])
+    seen = np.concatenate([np.arange(n * size, n * size + dims) for n in range(steps)])
+    last = np.arange((steps - 1) * size, steps * size)
+    observed = joint[np.ix_(seen, seen)] + np.kron(np.diag(np.arange(1, steps + 1)), 0.05 * np.eye(dims))
+    gain = joint[np.ix_(last, seen)] @ np.linalg.inv(observed)
+    residual = values.reshape(-1) - np.concatenate([m[:dims] for m in means])
+    np.testing.assert_allclose(filtered, means[-1] + gain @ residual, atol=1e-9)
+    np.testing.assert_allclose(spread, joint[np.ix_(last, last)] - gain @ joint[np.ix_(seen, last)], atol=1e-9)
+
+
+def test_parabola_through_three_latents_is_exact():
+    for fraction in (-1.0, -0.3, 0.0, 0.25, 1.0):
+        weights = belief.lagrange(fraction)
+        for power in range(3):
+            assert np.isclose(weights @ np.array([-1.0, 0.0, 1.0]) ** power, fraction**power)
+
+
+def test_prediction_hardly_depends_on_the_tick_rate(model: HGPDM):
+    now = jnp.asarray(model.start_mean)
+    start = jnp.concatenate([now + 0.05, now])
+    spread = 1e-4 * jnp.eye(start.size)
+    step = jax.jit(lambda m, c, seconds: belief.predict(model, m, c, seconds), static_argnums=2)
+    ends = []
+    for ticks in (1, 4):
+        latent, covariance = start, spread
+        for _ in range(3 * ticks):
+            latent, covariance = step(latent, covariance, model.lag / ticks)
+        ends.append((np.asarray(latent), np.sqrt(np.diag(covariance))))
+    np.testing.assert_allclose(ends[0][0], ends[1][0], atol=0.05)
+
+
+def test_covariance_grows_without_measurement_and_stays_a_covariance(model: HGPDM):
+    step = jax.jit(lambda m, c: belief.predict(model, m, c, model.lag / 4))
+    latent, covariance = jnp.tile(jnp.asarray(model.start_mean), 2), 1e-4 * jnp.eye(2 * model.preset.interaction_dims)
+    traces = []
+    for _ in range(40):
+        latent, covariance = step(latent, covariance)
+        traces.append(float(jnp.trace(covariance)))
+        assert np.linalg.eigvalsh(covariance).min() > -1e-9
+    assert np.all(np.diff(traces[:10]) > 0.0)
+    assert np.all(np.diag(covariance) <= belief.COVARIANCE_LIMIT * (1.0 + 1e-9))

@@ -1,0 +1,90 @@
+"""Trial results for the tests of what a session writes: simulated pairs, with a slightly wrong answer as 'generated'."""
+
+import numpy as np
+
+from hil.avatar import Pose, avatar_skeleton, right_palm
+from hil.sim.actors import RATE_HZ, PairTrial, simulate_pair
+from hil.sim.capture import PERSON_SET, markers_of
+from hil.sim.contact_check import contact_report
+from hil.sim.playout import KinematicPlayOut
+from hil.sim.scene import Scene
+from hil.trial import TrialResult
+from mocap_bridge.frames import HumanArm, TrackedMarkers
+from mocap_bridge.human_arm import HumanArmEstimator
+from mocap_bridge.marker_sets import load_marker_set
+
+
+def simulated_result(scene: Scene, number: int, emotion: str, cell: str, *, away: float = 0.0, seed: int = 5) -> TrialResult:
+    """A trial whose avatar plays the simulated actor's motion; ``away`` m puts it too far back to meet the person."""
+    rng = np.random.default_rng([seed, number])
+    trial = simulate_pair(emotion, cell, 0, rng)
+    people = _people(trial)
+    skeleton = avatar_skeleton()
+    root = trial.avatar.root_in_world - [away, 0.0, 0.0]
+    poses = [Pose.from_quaternions(*pair) for pair in zip(root, trial.avatar.quaternions, strict=True)]
+    generated = [Pose.from_quaternions(*pair) for pair in zip(root, _perturbed(trial, rng), strict=True)]
+    playout = KinematicPlayOut(scene)
+    states = []
+    for i, (pose, person) in enumerate(zip(poses, people, strict=True)):
+        states.append((playout.step if i else playout.reset)(pose, person, person.time_ns))
+    contact = contact_report(states)
+    person_palm = np.array([person.palm.position for person in people])
+    palm = np.array([state.palm.position for state in states])
+    kinematics = skeleton.forward_kinematics(root, np.array([pose.quaternions for pose in generated]))
+    generated_palm = right_palm(skeleton, *kinematics)[0]
+    count = len(poses)
+    contact_time = np.nan if contact.met_time_ns is None else 1e-9 * contact.met_time_ns
+    return TrialResult(
+        number=number,
+        title=f"simulated person, {emotion}, cell {cell}",
+        emotion=emotion,
+        cell=cell,
+        simulated=True,
+        notes=(),
+        contact=contact,
+        error=contact.distance,
+        uncorrected_error=float(np.linalg.norm(generated_palm - person_palm, axis=-1).min()),
+        true_error=contact.distance,
+        palm_angle=contact.palm_angle,
+        out_of_reach=away > 0.0,
+        contact_time=contact_time,
+        time_error=contact_time - trial.contact_frame / RATE_HZ,
+        other_error=float("nan"),
+        speed_change=2.0,
+        uncorrected_speed_change=4.0,
+        times=np.arange(count) / RATE_HZ,
+        people=people,
+        poses=tuple(poses),
+        generated=tuple(generated),
+        person_palm=person_palm,
+        palm=palm,
+        generated_palm=generated_palm,
+        other_palm=palm,
+        weight=np.clip(1.0 - np.abs(np.arange(count) - trial.contact_frame) / 60.0, 0.0, 1.0),
+        expected=(trial.contact_frame - np.arange(count)) / RATE_HZ,
+        seen=np.ones((count, 16), dtype=bool),
+        tick_ms=rng.gamma(8.0, 0.08, count),
+    )
+
+
+def _people(trial: PairTrial) -> tuple[HumanArm, ...]:
+    marker_set = load_marker_set(PERSON_SET)
+    estimate = HumanArmEstimator(marker_set)
+    positions = markers_of(trial.person, marker_set)
+    velocities = np.gradient(positions, 1.0 / RATE_HZ, axis=0)
+    count = positions.shape[1]
+    fixed = np.zeros((count, 3, 3)), np.ones(count, bool), np.zeros(count, np.int64), np.ones(count, bool)
+    return tuple(
+        estimate(TrackedMarkers(marker_set.names, p, v, *fixed, 0, round(1e9 * i / RATE_HZ)))
+        for i, (p, v) in enumerate(zip(positions, velocities, strict=True))
+    )
+
+
+def _perturbed(trial: PairTrial, rng: np.random.Generator) -> np.ndarray:
+    """The avatar actor's joint rotations with the right arm a few degrees off, more so as the palms meet."""
+    skeleton = trial.avatar.skeleton
+    hinges = skeleton.to_hinges(trial.avatar.quaternions)
+    near = np.exp(-((np.arange(len(hinges)) - trial.contact_frame) ** 2) / 60.0**2)
+    for name in ("right_shoulder", "right_elbow", "right_wrist"):
+        hinges[:, skeleton.index(name)] += near[:, None] * rng.normal(0.0, 0.06, 3)
+    return skeleton.from_hinges(skeleton.clamp(hinges))

@@ -23,8 +23,8 @@ ELLIPSOIDS: dict[str, tuple[tuple[float, float, float], tuple[float, float, floa
 
 # joint: radius of the capsule along the bone
 CAPSULE_RADIUS = {
-    "neck": 0.050, "clavicle": 0.040, "shoulder": 0.040, "elbow": 0.032,
-    "hip": 0.068, "knee": 0.045, "ankle": 0.034, "toe": 0.020,
+    "neck": 0.050, "clavicle": 0.040, "shoulder": 0.040, "elbow": 0.029,
+    "hip": 0.064, "knee": 0.045, "ankle": 0.034, "toe": 0.020,
     "thumb_1": 0.0120, "thumb_2": 0.0105, "thumb_3": 0.0090,
     "index_1": 0.0090, "index_2": 0.0080, "index_3": 0.0070,
     "middle_1": 0.0092, "middle_2": 0.0082, "middle_3": 0.0072,

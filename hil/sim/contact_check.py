@@ -121,7 +121,7 @@ def contact_report(states: Sequence[PlayState]) -> ContactReport:
         gap=gap,
         palm_angle=float(np.arccos(cosine)),
         approach_speed=_closing_speed(before),
-        peak_force=max((touch.force for touch in expected), default=0.0),
+        peak_force=max(s.hand_force for s in states),
         bodies=tuple(dict.fromkeys((touch.first, touch.second) for touch in expected)),
         unwanted=_unwanted(states),
     )

@@ -1,8 +1,9 @@
-"""Which OpenGL MuJoCo draws with. MuJoCo decides once, while it is imported, so this must run before that."""
+"""Which OpenGL MuJoCo draws with. MuJoCo decides once, while it is imported: best, this runs before that."""
 
 from __future__ import annotations
 
 import ctypes
+import importlib
 import os
 import sys
 from collections.abc import Callable, MutableMapping
@@ -49,5 +50,13 @@ def choose_backend(
     return problem
 
 
+def _tell_mujoco(backend: str) -> None:
+    """Hands the choice to a MuJoCo that a script imported before this package, when it had not been made."""
+    if "mujoco" in sys.modules and backend in _LIBRARIES:
+        contexts = importlib.import_module("mujoco.rendering.classic.gl_context")
+        contexts.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
+
+
 NO_PICTURES = choose_backend(os.environ)
 """Why no pictures can be made in this process, or '' where they should work."""
+_tell_mujoco(os.environ.get("MUJOCO_GL", ""))

@@ -9,6 +9,9 @@ contact does not see the velocity of a mocap body and would have the wrong force
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -35,6 +38,32 @@ LEASH = 0.12
 """m that the trunk may lean away from over the feet before the feet follow."""
 STRIDE = 0.4
 """m from which on the feet are put under the trunk at once: the person is somewhere else, not leaning."""
+
+
+BodyPose = tuple[Array, Array]
+"""Position (3,), m, and orientation (4,) in the world."""
+HEAD_CENTRE = np.array(body_shapes.HEAD_CENTRE)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What is not measured of a person.
+
+    Attributes:
+        hip_height: m, of the pelvis above the floor.
+        neck_from_chest: (3,) m, the middle between head and right shoulder from the joint thoracic_8, upright.
+    """
+
+    hip_height: float
+    neck_from_chest: Array
+
+    @classmethod
+    def of(cls, skeleton: Skeleton) -> Figure:
+        """The figure of a person built like ``skeleton``."""
+        upright = np.tile(rotations.IDENTITY, (len(skeleton), 1))
+        centres, _ = skeleton.forward_kinematics(skeleton.offsets[0], upright)
+        chest, shoulder, skull = (centres[skeleton.index(n)] for n in ("thoracic_8", "right_shoulder", "head"))
+        return cls(float(centres[0, 2]), 0.5 * (skull + shoulder) - chest)
 
 
 def person_hand_pose(skeleton: Skeleton) -> tuple[Array, Array]:
@@ -80,72 +109,84 @@ def _add_finger(palm: mujoco.MjsBody, name: str, shape: Shape, start: Array, end
     geom.fromto = np.concatenate([start, end])
 
 
-def hand_quaternion(palm: PalmPose) -> Array:
-    """(4,) orientation of a right hand (wrist frame: z against the fingers, y out of the palm) with that palm."""
-    return rotations.multiply(
-        rotations.frame_from(palm.fingers, palm.normal),
-        rotations.conjugate(rotations.frame_from([0.0, 0.0, -1.0], [0.0, 1.0, 0.0])),
-    )
+def hand_pose(palm: PalmPose) -> BodyPose:
+    """Wrist and orientation of a right hand of the avatar's size that has its palm there."""
+    # In the hand's frame the fingers point to -z and the palm to +y.
+    axes = _frame(-palm.fingers, palm.normal)
+    return palm.position - axes @ PALM_IN_RIGHT_WRIST, _quaternion(axes)
 
 
-def hand_position(palm: PalmPose, quaternion: Array) -> Array:
-    """(3,) m, wrist of a right hand of the avatar's size whose palm is there."""
-    return palm.position - rotations.rotate(quaternion, PALM_IN_RIGHT_WRIST)
-
-
-def _limb(direction: Array, across: Array) -> Array:
-    """Orientation (4,) of a limb whose bone runs along ``direction`` (-z) with its y axis near ``across``."""
-    z = -direction / np.linalg.norm(direction)
-    y = across - (across @ z) * z
-    y = y / np.linalg.norm(y)
-    return rotations.from_matrix(np.stack([np.cross(y, z), y, z], axis=-1))
-
-
-def body_poses(arm: HumanArm, skeleton: Skeleton, stance: Array) -> dict[str, tuple[Array, Array]]:
+def body_poses(arm: HumanArm, figure: Figure, stance: Array) -> dict[str, BodyPose]:
     """Position (3,) and orientation (4,) of the person's mocap bodies.
 
     Args:
         arm: the person.
-        skeleton: gives the measures of a body whose trunk is not measured.
+        figure: measures of what is not measured.
         stance: (2,) m, where the person stands; followed on a leash, so that leaning does not slide the feet.
     """
-    hand = hand_quaternion(arm.palm)
+    head_axes = _matrix(arm.head_orientation)
+    hand = hand_pose(arm.palm)
     upper, lower = arm.elbow - arm.shoulder, arm.wrist - arm.elbow
-    left = rotations.rotate(arm.head_orientation, [0.0, 1.0, 0.0])
     # The elbow's axis; a straight arm has none, so the body's left side decides.
-    across = np.cross(lower, upper) / max(np.linalg.norm(lower) * np.linalg.norm(upper), 1e-9) + 0.05 * left
-    upper_q = _limb(upper, across)
+    across = _cross(lower, upper) / max(_norm(lower) * _norm(upper), 1e-9) + 0.05 * head_axes[:, 1]
+    upper_axes = _frame(-upper, across)
     # Half of the hand's turn about the forearm, as radius and ulna share it out.
-    lower_q = _limb(lower, rotations.rotate(upper_q, [0, 1, 0]) + rotations.rotate(hand, [0, 1, 0]))
-    head = arm.head_position - rotations.rotate(arm.head_orientation, body_shapes.HEAD_CENTRE)
-    trunk_position, trunk_q = _trunk(arm, head, skeleton)
-    hip_height = skeleton.offsets[skeleton.index("pelvis")][2]
-    away = trunk_position[:2] - stance
-    distance = float(np.linalg.norm(away))
+    lower_axes = _frame(-lower, upper_axes[:, 1] + arm.palm.normal)
+    head = arm.head_position - head_axes @ HEAD_CENTRE
+    trunk, trunk_axes = _trunk(arm, head, head_axes[:, 0], figure)
+    away = trunk[:2] - stance
+    distance = _norm(away)
     feet = stance if distance <= LEASH else stance + away * (1.0 - LEASH / distance)
     if distance > STRIDE:
-        feet = trunk_position[:2]
-    forward = rotations.rotate(trunk_q, [1.0, 0.0, 0.0]) * [1.0, 1.0, 0.0]
+        feet = trunk[:2]
     return {
         "person_head": (head, arm.head_orientation),
-        "person_upper_arm": (arm.shoulder, upper_q),
-        "person_forearm": (arm.elbow, lower_q),
-        "person_trunk": (trunk_position, trunk_q),
-        "person_pelvis": (np.array([feet[0], feet[1], hip_height]), rotations.frame_from(forward, [0.0, 0.0, 1.0])),
-        PALM_TARGET: (hand_position(arm.palm, hand), hand),
+        "person_upper_arm": (arm.shoulder, _quaternion(upper_axes)),
+        "person_forearm": (arm.elbow, _quaternion(lower_axes)),
+        "person_trunk": (trunk, _quaternion(trunk_axes)),
+        "person_pelvis": (np.array([feet[0], feet[1], figure.hip_height]), _quaternion(trunk_axes)),
+        PALM_TARGET: hand,
     }
 
 
-def _trunk(arm: HumanArm, head: Array, skeleton: Skeleton) -> tuple[Array, Array]:
-    """Position and orientation of the joint thoracic_8 of a trunk that hangs between head and right shoulder."""
-    centres, _ = skeleton.forward_kinematics(np.zeros(3), np.tile(rotations.IDENTITY, (len(skeleton), 1)))
-    chest, shoulder, skull = (centres[skeleton.index(n)] for n in ("thoracic_8", "right_shoulder", "head"))
-    facing = rotations.rotate(arm.head_orientation, [1.0, 0.0, 0.0]) * [1.0, 1.0, 0.0]
-    # Looking left or right turns the trunk less than the shoulder's place does: take the frame from head to shoulder.
-    right = (arm.shoulder - head) * [1.0, 1.0, 0.0]
-    reach = np.array([-right[1], right[0], 0.0])
-    forward = reach / max(np.linalg.norm(reach), 1e-6) + facing / max(np.linalg.norm(facing), 1e-6)
-    upright = rotations.frame_from(forward, [0.0, 0.0, 1.0])
-    middle_here = 0.5 * (head + arm.shoulder)
-    middle_there = 0.5 * (skull + shoulder)
-    return middle_here - rotations.rotate(upright, middle_there - chest), upright
+def _trunk(arm: HumanArm, head: Array, facing: Array, figure: Figure) -> tuple[Array, Array]:
+    """Position and axes of the joint thoracic_8 of an upright trunk that hangs between head and right shoulder."""
+    # The head may look aside and the shoulder may reach: the trunk faces half way between what the two say.
+    right = arm.shoulder - head
+    across = np.array([-right[1], right[0], 0.0])
+    forward = across / max(_norm(across), 1e-6) + facing * [1.0, 1.0, 0.0]
+    if _norm(forward) < 1e-3:
+        forward = across
+    axes = _frame(np.array([0.0, 0.0, 1.0]), _cross(np.array([0.0, 0.0, 1.0]), forward))
+    return 0.5 * (head + arm.shoulder) - axes @ figure.neck_from_chest, axes
+
+
+def _frame(z: Array, y: Array) -> Array:
+    """Axes (3, 3), in columns, of the frame whose z axis is along ``z`` and whose y axis is as near ``y`` as can be."""
+    z = z / _norm(z)
+    x = _cross(y, z)
+    x = x / max(_norm(x), 1e-9)
+    return np.array([x, _cross(z, x), z]).T
+
+
+# Plain functions for single vectors: this runs in the tick, where a call of np.cross alone takes 30 µs.
+def _norm(vector: Array) -> float:
+    return math.sqrt(vector @ vector)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    result = np.empty(3)
+    mujoco.mju_cross(result, a, b)
+    return result
+
+
+def _quaternion(axes: Array) -> Array:
+    result = np.empty(4)
+    mujoco.mju_mat2Quat(result, axes.ravel())
+    return result
+
+
+def _matrix(quaternion: Array) -> Array:
+    result = np.empty(9)
+    mujoco.mju_quat2Mat(result, quaternion)
+    return result.reshape(3, 3)

@@ -17,7 +17,6 @@ from hil.sim import person
 from hil.sim.scene import SUBSTEPS, Scene
 from hil.sim.touch import Touch, TouchReader
 from mocap_bridge.frames import HumanArm, PalmPose
-from model import rotations
 from model.rotations import Array
 
 FRAME_SECONDS = 1.0 / 120.0
@@ -35,6 +34,7 @@ class PlayState:
         palm: the avatar's right palm.
         person_palm: the person's palm in the scene.
         touches: contacts in this step; in physics the most forceful of all its substeps.
+        hand_force: N, largest sum in a substep of the normal forces between the hands; 0 in kinematic play-out.
     """
 
     time_ns: int
@@ -42,6 +42,7 @@ class PlayState:
     palm: PalmPose
     person_palm: PalmPose
     touches: tuple[Touch, ...]
+    hand_force: float
 
 
 class PlayOut(Protocol):
@@ -84,7 +85,7 @@ class KinematicPlayOut:
             seconds = 1e-9 * (time_ns - self._last[0])
             palm = replace(palm, velocity=(palm.position - self._last[1]) / seconds)
         self._last = time_ns, palm.position
-        return PlayState(time_ns, pose, palm, arm.palm, tuple(self._touches.read(data, forces=False)))
+        return PlayState(time_ns, pose, palm, arm.palm, tuple(self._touches.read(data, forces=False)), 0.0)
 
 
 class PhysicsPlayOut:
@@ -124,7 +125,7 @@ class PhysicsPlayOut:
         self._velocities = np.zeros_like(self._velocities)
         data.ctrl[:] = self._coordinates
         mujoco.mj_forward(self._scene.model, data)
-        return self._state(time_ns, {})
+        return self._state(time_ns, {}, 0.0)
 
     def step(self, pose: Pose, arm: HumanArm, time_ns: int) -> PlayState:
         """Plays up to ``time_ns`` towards the next pose; the time since the last step is rounded to whole substeps."""
@@ -140,17 +141,20 @@ class PhysicsPlayOut:
         self._scene.set_person(data, arm, move_palm=False)
         hand_start, hand_goal = self._hand, self._hand_target()
         touches: dict[tuple[str, str], Touch] = {}
-        for substep in range(1, substeps + 1):
+        hand_force = 0.0
+        for substep in range(substeps):
             part = substep / substeps
             data.ctrl[:] = start + part * (goal - start) + lead
             self._lead_hand(hand_start, hand_goal, part + person.WELD_LEAD / seconds)
             mujoco.mj_step(model, data)
-            for touch in self._touches.read(data, forces=True):
+            now = self._touches.read(data, forces=True)
+            hand_force = max(hand_force, sum(touch.force for touch in now if touch.expected))
+            for touch in now:
                 known = touches.get((touch.first, touch.second))
                 if known is None or touch.force > known.force:
                     touches[touch.first, touch.second] = touch
         self._time_ns, self._coordinates, self._velocities, self._hand = time_ns, goal, velocities, hand_goal
-        return self._state(time_ns, touches)
+        return self._state(time_ns, touches, hand_force)
 
     def _wanted(self, pose: Pose) -> Array:
         self._scene.set_pose(self._free, pose)
@@ -169,13 +173,16 @@ class PhysicsPlayOut:
     def _lead_hand(self, start: tuple[Array, Array], goal: tuple[Array, Array], part: float) -> None:
         """Puts the target of the person's palm a part of the way along, beyond the goal by what the weld lags."""
         self.data.mocap_pos[self._target] = start[0] + part * (goal[0] - start[0])
-        self.data.mocap_quat[self._target] = rotations.slerp(start[1], goal[1], part)
+        turn, quaternion = np.empty(3), start[1].copy()
+        mujoco.mju_subQuat(turn, goal[1], start[1])
+        mujoco.mju_quatIntegrate(quaternion, turn, part)
+        self.data.mocap_quat[self._target] = quaternion
 
-    def _state(self, time_ns: int, touches: dict[tuple[str, str], Touch]) -> PlayState:
+    def _state(self, time_ns: int, touches: dict[tuple[str, str], Touch], hand_force: float) -> PlayState:
         model, data = self._scene.model, self.data
         # A step leaves positions of before its integration behind.
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         palm, person_palm = self._scene.avatar_palm(data), self._scene.person_palm(data)
-        return PlayState(time_ns, self._scene.get_pose(data), palm, person_palm, tuple(touches.values()))
+        return PlayState(time_ns, self._scene.get_pose(data), palm, person_palm, tuple(touches.values()), hand_force)

@@ -28,7 +28,9 @@ SUBSTEPS = 4
 """Physics steps a frame of 120 Hz."""
 TIMESTEP = 1.0 / (120 * SUBSTEPS)
 PALM_SOLREF = (0.03, 1.0)
-"""Time constant, s, and damping ratio of two palms: flesh, so that a high five peaks at 25–100 N."""
+"""Time constant, s, and damping ratio of a contact between two hands."""
+PALM_IMPEDANCE = (0.3, 0.9, 0.02, 0.5, 2.0)
+"""Flesh stiffens over 2 cm of overlap: palms that meet at 0.5–2 m/s peak at 18–65 N (rigid ones at up to 500 N)."""
 NATURAL_FREQUENCY_HZ = 3.0
 """Stiffness of the avatar's joints in physics play-out, as the frequency of each joint's own oscillation.
 
@@ -102,7 +104,7 @@ class Scene:
             move_palm: also puts the palm itself there; False leaves that to the weld, as in physics.
         """
         stance = data.mocap_pos[self._mocap["person_pelvis"], :2]
-        poses = person.body_poses(arm, self.skeleton, stance)
+        poses = person.body_poses(arm, self._figure, stance)
         for name, (position, quaternion) in poses.items():
             data.mocap_pos[self._mocap[name]] = position
             data.mocap_quat[self._mocap[name]] = quaternion
@@ -110,6 +112,10 @@ class Scene:
             position, quaternion = poses[person.PALM_TARGET]
             start = self.person_palm_qpos
             data.qpos[start : start + 3], data.qpos[start + 3 : start + 7] = position, quaternion
+
+    @cached_property
+    def _figure(self) -> person.Figure:
+        return person.Figure.of(self.skeleton)
 
     @cached_property
     def _mocap(self) -> dict[str, int]:
@@ -198,18 +204,35 @@ def contact_pairs(skeleton: Skeleton) -> tuple[list[tuple[str, str]], list[tuple
 def _add_contact_pairs(spec: mujoco.MjSpec, skeleton: Skeleton) -> None:
     expected, unwanted = contact_pairs(skeleton)
     for first, second in expected + unwanted:
-        spec.add_pair(geomname1=first, geomname2=second, solref=PALM_SOLREF, condim=3)
+        spec.add_pair(geomname1=first, geomname2=second, solref=PALM_SOLREF, solimp=PALM_IMPEDANCE, condim=3)
 
 
 def _add_actuators(spec: mujoco.MjSpec, skeleton: Skeleton) -> None:
     """One position actuator a coordinate, stiff in proportion to the inertia that it moves; critically damped."""
-    inertia = spec.compile()
+    inertia = _rest_inertia(spec.compile(), skeleton)
     frequency = 2.0 * np.pi * NATURAL_FREQUENCY_HZ
     names = [f"{n}_{axis}" for n, order in zip(skeleton.names, skeleton.hinge_orders, strict=True) for axis in order]
     for name in [*ROOT_JOINTS, *names]:
-        moved = float(inertia.dof_M0[inertia.joint(name).dofadr[0]])
+        moved = inertia[name]
         actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=moved * frequency**2, kv=2.0 * moved * frequency)
+
+
+def _rest_inertia(model: mujoco.MjModel, skeleton: Skeleton) -> dict[str, float]:
+    """Inertia, kg or kg·m², that each coordinate moves while the avatar is in its rest pose, by the joint's name.
+
+    In the zero pose a straight arm has almost none about its own axis, and a bent one would turn too slowly.
+    """
+    data = mujoco.MjData(model)
+    angles = skeleton.to_hinges(skeleton.rest)
+    for i, (joint, order) in enumerate(zip(skeleton.names, skeleton.hinge_orders, strict=True)):
+        for axis, angle in zip(order, angles[i], strict=True):
+            data.joint(f"{joint}_{axis}").qpos = angle
+    mujoco.mj_forward(model, data)
+    matrix = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, matrix)
+    joints = [model.joint(i) for i in range(model.njnt)]
+    return {joint.name: float(matrix[joint.dofadr[0], joint.dofadr[0]]) for joint in joints}
 
 
 def _scene(spec: mujoco.MjSpec, model: mujoco.MjModel, skeleton: Skeleton) -> Scene:

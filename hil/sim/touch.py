@@ -49,12 +49,13 @@ class TouchReader:
 
     def read(self, data: mujoco.MjData, *, forces: bool) -> list[Touch]:
         """Touches in ``data``, whose collisions have been computed; forces need its constraints solved as well."""
+        if data.ncon == 0:
+            return []
         deepest: dict[tuple[int, int], Touch] = {}
-        force = np.zeros(6)
-        for i in range(data.ncon):
-            contact = data.contact[i]
-            first, second = (int(g) for g in contact.geom)
-            normal = np.array(contact.frame[:3])
+        force, contact = np.zeros(6), data.contact
+        distances, positions, frames = contact.dist.tolist(), contact.pos.copy(), contact.frame.copy()
+        for i, geoms in enumerate(contact.geom.tolist()):
+            (first, second), normal = geoms, frames[i, :3]
             # MuJoCo orders a pair by type of shape.
             if first in self._person_hand or (second in self._hand and first not in self._hand):
                 first, second, normal = second, first, -normal
@@ -62,7 +63,7 @@ class TouchReader:
                 mujoco.mj_contactForce(self._model, data, i, force)
             expected = first in self._hand and second in self._person_hand
             names = self._names[first], self._names[second]
-            touch = Touch(*names, expected, float(contact.dist), float(force[0]), np.array(contact.pos), normal)
+            touch = Touch(*names, expected, distances[i], float(force[0]), positions[i], normal)
             known = deepest.get((first, second))
             if known is None or (touch.force, -touch.distance) > (known.force, -known.distance):
                 deepest[first, second] = touch

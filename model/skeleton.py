@@ -26,8 +26,8 @@ class Skeleton:
     Attributes:
         names: J joint names.
         parents: index of each joint's parent, -1 for the root.
-        offsets: (J, 3) m, a joint's centre relative to its parent's in the zero pose; the root's is its height above the
-            floor.
+        offsets: (J, 3) m, a joint's centre relative to its parent's in the zero pose; the root's is its height above
+            the floor.
         hinge_orders: for each joint the axes of its three hinges from parent to child, such as ``'yxz'``.
         hinge_limits: (J, 3, 2) rad, lower and upper limit in the order of the hinges.
         rest: (J, 4) quaternions of the pose to which the model's rotation vectors are relative.
@@ -41,6 +41,7 @@ class Skeleton:
     rest: Array
 
     def __len__(self) -> int:
+        """Number of joints, J."""
         return len(self.names)
 
     def index(self, name: str) -> int:
@@ -52,7 +53,7 @@ class Skeleton:
 
     @cached_property
     def hash(self) -> str:
-        """Hex digest of names, tree, hinges, limits and rest pose, but not of bone lengths: scaled bodies share a model."""
+        """Hex digest of names, tree, hinges, limits and rest pose; scaled bodies share a model, so not of bone lengths."""
         digest = hashlib.sha256()
         digest.update(repr((self.names, self.parents, self.hinge_orders)).encode())
         digest.update(np.round(self.hinge_limits, 6).tobytes() + np.round(self.rest, 6).tobytes())
@@ -87,8 +88,8 @@ class Skeleton:
     def to_hinges(self, quaternions: Array) -> Array:
         """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4).
 
-        The same as :func:`model.rotations.to_hinges` joint by joint, in one pass, but each angle in the turn nearest the
-        middle of its limits: near ±pi rounding would decide.
+        The same as :func:`model.rotations.to_hinges` joint by joint, in one pass, but each angle in the turn nearest
+        the middle of its limits: near ±pi rounding would decide.
         """
         axes, sign = self._hinge_axes
         w = sign * quaternions[..., 0]

@@ -1,15 +1,16 @@
 """The avatar's skeleton in numbers: the one place where body measures are written down.
 
-All lengths are given for a standing height of 1.75 m and scale with height. In the zero pose the body stands upright, the
-arms hang with the palms at the thighs, and every joint frame is parallel to the world: x forward, y to the left, z up.
+All lengths are given for a standing height of 1.75 m and scale with height. In the zero pose the body stands upright,
+the arms hang with the palms at the thighs, and every joint frame is parallel to the world: x forward, y to the left, z
+up.
 
 Sources
-    Segment lengths as fractions of standing height: Drillis & Contini 1966, as printed in Winter, "Biomechanics and Motor
-    Control of Human Movement" (4th ed. 2009), fig. 4.1.
+    Segment lengths as fractions of standing height: Drillis & Contini 1966, as printed in Winter, "Biomechanics and
+    Motor Control of Human Movement" (4th ed. 2009), fig. 4.1.
     Segment masses as fractions of body mass: de Leva 1996, J. Biomech. 29(9), table 4 (male).
     Finger bones: Buryanov & Kotiuk 2010, Int. J. Morphol. 28(3), tables 1 and 2 (means of adults).
-    Ranges of motion: American Academy of Orthopaedic Surgeons, "Joint Motion: Method of Measuring and Recording" (1965),
-    rounded; trunk ranges are split evenly over the four trunk joints.
+    Ranges of motion: American Academy of Orthopaedic Surgeons, "Joint Motion: Method of Measuring and Recording"
+    (1965), rounded; trunk ranges are split evenly over the four trunk joints.
 """
 
 from __future__ import annotations

@@ -54,7 +54,8 @@ def _tell_mujoco(backend: str) -> None:
     """Hands the choice to a MuJoCo that a script imported before this package, when it had not been made."""
     if "mujoco" in sys.modules and backend in _LIBRARIES:
         contexts = importlib.import_module("mujoco.rendering.classic.gl_context")
-        contexts.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
+        context = importlib.import_module(f"mujoco.{backend}").GLContext
+        contexts.GLContext = context  # pyright: ignore[reportAttributeAccessIssue]
 
 
 NO_PICTURES = choose_backend(os.environ)

@@ -99,7 +99,8 @@ def write_video(path: Path, frames: Iterable[Image], frames_per_second: float = 
 def _open(path: Path, frame: Image, frames_per_second: float):
     size = frame.shape[1], frame.shape[0]
     options = ["-crf", "20", "-preset", "medium", "-movflags", "+faststart"]
-    writer = imageio_ffmpeg.write_frames(
+    # quality=None leaves the rate to -crf.
+    writer = imageio_ffmpeg.write_frames(  # pyright: ignore[reportArgumentType]
         str(path), size, fps=frames_per_second, codec="libx264", pix_fmt_out="yuv420p", macro_block_size=2,
         quality=None, output_params=options, ffmpeg_log_level="error",
     )  # fmt: skip

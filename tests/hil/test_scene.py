@@ -95,7 +95,7 @@ def test_a_hand_in_the_persons_face_is_not_expected(scene):
     data = scene.make_data()
     scene.set_pose(data, pose_of(scene.skeleton, RAISED))
     mujoco.mj_kinematics(scene.model, data)
-    head = scene.avatar_palm(data).position + [0.06, 0.0, 0.0]
+    head = scene.avatar_palm(data).position + np.array([0.06, 0.0, 0.0])
     scene.set_person(data, person_with_palm([1.0, 0.4, 0.9], [-1.0, 0.0, 0.0], head=head))
     found = touches(scene, data)
     assert {touch.second for touch in found} == {"person_head"}

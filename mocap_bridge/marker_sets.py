@@ -7,7 +7,7 @@ same way.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -159,9 +159,8 @@ class MarkerSet:
         missing = [name for name in self.arm.markers if name not in names]
         if missing:
             raise HighFiveError(f"a part of marker set {self.name} without {_listed(missing)} cannot give the arm")
-        self.indices(names)  # says which name is unknown
-        keep = [m for m, name in enumerate(self.names) if name in names]
-        carrying = {self.joints[m] for m in keep}
+        keep = np.sort(self.indices(names))
+        carrying = tuple(dict.fromkeys(self.joints[m] for m in keep))
         return replace(
             self,
             names=tuple(self.names[m] for m in keep),
@@ -169,18 +168,15 @@ class MarkerSet:
             joints=tuple(self.joints[m] for m in keep),
             local_positions=self.local_positions[keep],
             roles=tuple(self.roles[m] for m in keep),
-            segments={
-                j: replace(s, parent=self._carrier(s.parent, carrying))
-                for j, s in self.segments.items()
-                if j in carrying
-            },
+            segments={joint: replace(self.segments[joint], parent=self._above(joint, carrying)) for joint in carrying},
         )
 
-    def _carrier(self, joint: str | None, carrying: Set[str]) -> str | None:
-        """``joint``, or the next one towards the root that is among ``carrying``."""
-        while joint is not None and joint not in carrying:
-            joint = self.segments[joint].parent
-        return joint
+    def _above(self, joint: str, carrying: Sequence[str]) -> str | None:
+        """The next joint from ``joint`` towards the root that is among ``carrying``."""
+        parent = self.segments[joint].parent
+        while parent is not None and parent not in carrying:
+            parent = self.segments[parent].parent
+        return parent
 
     def positions_on(self, skeleton: Skeleton) -> Array:
         """Local positions (M, 3), m, scaled with the segment lengths of ``skeleton``."""

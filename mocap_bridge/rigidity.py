@@ -8,22 +8,22 @@ from numpy.typing import NDArray
 from mocap_bridge.marker_sets import MarkerSet
 from model.rotations import Array
 
-# Power of the white accelerations that drive the motion: angular of every joint (rad²/s³), of the body as a whole and of
-# each marker on its skin (m²/s³). An arm that is raised fast reaches 300 rad/s² for about 0.1 s.
+# Power of the white accelerations that drive the motion: angular of every joint (rad²/s³), of the body as a whole and
+# of each marker on its skin (m²/s³). An arm that is raised fast reaches 300 rad/s² for about 0.1 s.
 JOINT_POWER = 10_000.0
 TRUNK_POWER = 10.0
 SKIN_POWER = 0.1
 
 _NEIGHBOURS = 5  # markers whose distance to a hidden one is used
-_MEMORY = 240  # frames over which distances are averaged
+_MEMORY = 100  # learned frames over which distances are averaged
 _OWN_SIGMA, _NEXT_SIGMA = 0.0015, 0.005  # m; how constant a distance is on one segment and across a joint
 
 
 class MotionModes:
     """The directions in which the markers of a set move together: the segments' turning and the trunk's shift.
 
-    Each joint turns all markers beyond it about its centre, which is taken to lie at the mean of the markers next to it: an
-    error of some centimetres changes the modes little.
+    Each joint turns all markers beyond it about its centre, which is taken to lie at the mean of the markers next to
+    it: an error of some centimetres changes the modes little.
     """
 
     def __init__(self, marker_set: MarkerSet):

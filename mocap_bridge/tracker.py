@@ -1,10 +1,10 @@
 """A Kalman filter over all markers of a set at once, which carries hidden markers along with the visible ones.
 
 State: position and velocity of every marker. The accelerations that drive it are those of a body: turns of the segments
-about their joints and shifts of the trunk, so that a hidden hand follows from a visible forearm. Distances on and across
-segments, learned while they are seen, hold hidden markers in place (extended Kalman update). A measurement far outside
-its predicted covariance is not believed (innovation gate), and points without a believed label are taken up where exactly
-one prediction fits. Kalman 1960; gating and nearest-neighbour association as in Bar-Shalom, Li & Kirubarajan 2001, ch. 3.
+about their joints and shifts of the trunk, so that a hidden hand follows from a visible forearm. Distances on and
+across segments, learned while they are seen, hold hidden markers in place (extended Kalman update). A measurement far
+outside its predicted covariance is not believed (innovation gate), and points without a believed label are taken up
+where exactly one prediction fits. Kalman 1960; gating and association: Bar-Shalom, Li & Kirubarajan 2001, ch. 3.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TAKE_UP_GATE = 11.3
 """The same within which a point without a label may be taken for a marker (1 in 100 missed)."""
 
 DRIFT = 0.15
-"""How much further off a marker may reappear than its covariance says, m a second hidden: the body is not quite known."""
+"""How much further off a marker may reappear than its covariance says, m per second hidden: no model is right."""
 
 COASTING_S = 0.2
 """Time in which the speed of a hidden marker falls to a third, s."""
@@ -38,6 +38,7 @@ USABLE_SIGMA = 0.03
 
 _RESET_S = 0.25  # a marker that was not believed for so long is believed: the tracker, not the system, must be wrong
 _START_SPEED = 1.5  # m/s, standard deviation of the speed of a marker that appears
+_LEARN_EVERY = 4  # frames; distances change slowly
 _REACH = 0.10  # m; a point without a label is never taken up from further off
 
 _potrf, _trtrs = get_lapack_funcs(("potrf", "trtrs"), (np.zeros((1, 1)),))
@@ -51,6 +52,7 @@ class Tracker:
         self._set = marker_set
         self._period = 1.0 / rate_hz
         self._modes = MotionModes(marker_set)
+        self._noise = MARKER_SIGMA**2 * np.eye(3 * len(marker_set))
         self._names: tuple[str, ...] | None = None
         self._columns = np.zeros(0, dtype=np.intp)
         self.reset()
@@ -58,12 +60,14 @@ class Tracker:
     def reset(self) -> None:
         """Forgets everything that was seen."""
         count = len(self._set)
-        self._mean = np.zeros(6 * count)  # positions, then velocities
-        self._covariance = np.eye(6 * count)
+        self._position, self._velocity = np.zeros(3 * count), np.zeros(3 * count)
+        # Covariance of the positions, of positions with velocities, and of the velocities.
+        self._place, self._cross, self._speed = np.eye(3 * count), np.zeros((3 * count, 3 * count)), np.eye(3 * count)
         self._known = np.zeros(count, dtype=bool)  # seen at least once
         self._last_seen = np.full(count, -1, dtype=np.int64)
         self._disbelieved = np.zeros(count)  # s, for how long measurements were rejected
         self._time_ns: int | None = None
+        self._frames = 0
         self._distances = Distances(self._set)
 
     def update(self, frame: MarkerFrame) -> TrackedMarkers:
@@ -83,7 +87,9 @@ class Tracker:
         self._appear(points, appearing)
         seen = believed | appearing
         self._last_seen[seen] = frame.source_time_ns
-        self._distances.learn(points, seen)
+        self._frames += 1
+        if self._frames % _LEARN_EVERY == 1:
+            self._distances.learn(points, seen)
         return self._output(seen, rejected, frame)
 
     def _arranged(self, frame: MarkerFrame) -> tuple[Array, NDArray[np.bool_]]:
@@ -106,33 +112,27 @@ class Tracker:
         return elapsed if 0.0 < elapsed <= 1.0 else self._period
 
     def _predict(self, dt: float) -> None:
-        n = len(self._mean) // 2
-        p, power = self._covariance, self._modes.power(self._mean[:n].reshape(-1, 3))
-        self._mean[:n] += dt * self._mean[n:]
-        cross, speed = p[:n, n:], p[n:, n:]
-        shift = dt * cross
-        p[:n, :n] += shift + shift.T + dt * dt * speed + (dt**3 / 3.0) * power
-        cross += dt * speed + (dt * dt / 2.0) * power
-        speed += dt * power
+        power = self._modes.power(self._position.reshape(-1, 3))
         # No one keeps a speed for long: what is not seen comes to rest.
-        keep = np.exp(-dt / COASTING_S)
-        cross *= keep
-        speed *= keep * keep
-        self._mean[n:] *= keep
-        p[n:, :n] = cross.T
+        keep = float(np.exp(-dt / COASTING_S))
+        shift = dt * self._cross
+        self._place += shift + shift.T + dt * dt * self._speed + (dt**3 / 3.0) * power
+        self._cross = keep * (self._cross + dt * self._speed + (dt * dt / 2.0) * power)
+        self._speed = (keep * keep) * (self._speed + dt * power)
+        self._position += dt * self._velocity
+        self._velocity *= keep
 
     def _blocks(self) -> Array:
         """Covariance (M, 3, 3) of each marker's position."""
         count = len(self._set)
-        view = self._covariance[: 3 * count, : 3 * count].reshape(count, 3, count, 3)
-        return np.einsum("aiaj->aij", view)
+        return np.einsum("aiaj->aij", self._place.reshape(count, 3, count, 3))
 
     def _gate(self, points: Array, labelled: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
         """Which labelled points (M,) are believed, and how many known markers' points are not."""
         hidden_s = np.where(self._last_seen >= 0, (self._time_ns or 0) - self._last_seen, 0) * 1e-9
         slack = MARKER_SIGMA**2 + (DRIFT * np.maximum(hidden_s - self._period, 0.0)) ** 2
         self._inverse = np.linalg.inv(self._blocks() + slack[:, None, None] * np.eye(3))
-        innovation = points - self._mean[: 3 * len(self._set)].reshape(-1, 3)
+        innovation = points - self._position.reshape(-1, 3)
         distance = np.einsum("mi,mij,mj->m", innovation, self._inverse, innovation)
         believed = labelled & self._known & (distance < GATE)
         return believed, int((labelled & self._known & ~believed).sum())
@@ -150,7 +150,7 @@ class Tracker:
         loose = np.concatenate([points[labelled & ~believed], frame.unlabelled.reshape(-1, 3)])
         if not len(loose):
             return points, believed
-        gap = loose[None] - self._mean[: 3 * len(self._set)].reshape(-1, 3)[wanting][:, None]
+        gap = loose[None] - self._position.reshape(-1, 3)[wanting][:, None]
         distance = np.einsum("wli,wij,wlj->wl", gap, self._inverse[wanting], gap)
         fits = (distance < TAKE_UP_GATE) & (np.linalg.norm(gap, axis=-1) < _REACH)
         alone = fits & (fits.sum(axis=0) == 1)[None] & (fits.sum(axis=1) == 1)[:, None]
@@ -161,69 +161,77 @@ class Tracker:
         return points, believed
 
     def _measure(self, points: Array, markers: NDArray[np.intp]) -> None:
-        if not len(markers):
-            return
-        rows = (3 * markers[:, None] + np.arange(3)).reshape(-1)
-        cross = self._covariance[rows] if len(markers) < len(self._set) else self._covariance[: len(rows)]
-        innovation = points[markers].reshape(-1) - self._mean[rows]
-        self._correct(cross[:, rows] + MARKER_SIGMA**2 * np.eye(len(rows)), cross, innovation)
+        if len(markers) == len(self._set):
+            self._correct(self._place + self._noise, self._place, self._cross, points.reshape(-1) - self._position)
+        elif len(markers):
+            rows = (3 * markers[:, None] + np.arange(3)).reshape(-1)
+            place = self._place[rows]
+            noise = place[:, rows] + self._noise[: len(rows), : len(rows)]
+            self._correct(noise, place, self._cross[rows], points[markers].reshape(-1) - self._position[rows])
 
     def _hold(self, hidden: NDArray[np.intp]) -> None:
         """Keeps hidden markers at the learned distances from their neighbours, one marker at a time."""
         for marker in hidden:
             near, distance, sigma = self._distances.of(int(marker))
-            near_known = self._known[near]
-            near, distance, sigma = near[near_known], distance[near_known], sigma[near_known]
+            known = self._known[near]
+            near, distance, sigma = near[known], distance[known], sigma[known]
             if not len(near):
                 continue
-            positions = self._mean[: 3 * len(self._set)].reshape(-1, 3)
+            positions = self._position.reshape(-1, 3)
             gap = positions[marker] - positions[near]
             length = np.linalg.norm(gap, axis=1)
             direction = gap / np.maximum(length, 1e-6)[:, None]
-            rows = np.arange(len(near))
             slopes = np.zeros((len(near), len(self._set), 3))
             slopes[:, marker] = direction
-            slopes[rows, near] = -direction
+            slopes[np.arange(len(near)), near] = -direction
             slopes = slopes.reshape(len(near), -1)
-            cross = slopes @ self._covariance[: slopes.shape[1]]
-            noise = cross[:, : slopes.shape[1]] @ slopes.T + np.diag(sigma**2)
+            place = slopes @ self._place
+            noise = place @ slopes.T + np.diag(sigma**2)
             # A distance that is far off says that the pose is not what was learned, not that the marker jumped.
-            wrong = np.clip(distance - length, -3.0 * np.sqrt(np.diag(noise)), 3.0 * np.sqrt(np.diag(noise)))
-            self._correct(noise, cross, wrong)
+            most = 3.0 * np.sqrt(np.diag(noise))
+            self._correct(noise, place, slopes @ self._cross, np.clip(distance - length, -most, most))
 
-    def _correct(self, innovation_covariance: Array, cross: Array, innovation: Array) -> None:
-        """Kalman update from the innovation's covariance (k, k) and its covariance with the state (k, 6 M)."""
-        factor, failed = _potrf(innovation_covariance, lower=1)
-        if failed:
+    def _correct(self, noise: Array, place: Array, speed: Array, innovation: Array) -> None:
+        """Kalman update.
+
+        Args:
+            noise: (k, k) covariance of the innovation.
+            place, speed: (k, 3 M) covariance of the measured quantities with positions and with velocities.
+            innovation: (k,) measured minus predicted.
+        """
+        factor, failed = _potrf(noise, lower=1)
+        if failed:  # only if rounding has spoilt the covariance: start anew rather than go on wrongly
             self.reset()
             return
-        whitened, _ = _trtrs(factor, np.column_stack([cross, innovation]), lower=1)
-        gain, residual = whitened[:, :-1], whitened[:, -1]
-        self._mean += gain.T @ residual
-        self._covariance -= gain.T @ gain
+        n = place.shape[1]
+        whitened, _ = _trtrs(factor, np.column_stack([place, speed, innovation]), lower=1)
+        by_place, by_speed, residual = whitened[:, :n], whitened[:, n:-1], whitened[:, -1]
+        self._position += residual @ by_place
+        self._velocity += residual @ by_speed
+        self._place -= by_place.T @ by_place
+        self._cross -= by_place.T @ by_speed
+        self._speed -= by_speed.T @ by_speed
 
     def _appear(self, points: Array, markers: NDArray[np.bool_]) -> None:
         """(Re)starts markers where they are measured."""
-        n = 3 * len(self._set)
         for marker in np.flatnonzero(markers):
-            place, speed = slice(3 * marker, 3 * marker + 3), slice(n + 3 * marker, n + 3 * marker + 3)
-            for rows in (place, speed):
-                self._covariance[rows, :] = 0.0
-                self._covariance[:, rows] = 0.0
-            self._covariance[place, place] = MARKER_SIGMA**2 * np.eye(3)
-            self._covariance[speed, speed] = _START_SPEED**2 * np.eye(3)
-            self._mean[place], self._mean[speed] = points[marker], 0.0
+            own = slice(3 * marker, 3 * marker + 3)
+            for covariance in (self._place, self._cross, self._speed):
+                covariance[own, :] = 0.0
+                covariance[:, own] = 0.0
+            self._place[own, own] = MARKER_SIGMA**2 * np.eye(3)
+            self._speed[own, own] = _START_SPEED**2 * np.eye(3)
+            self._position[own], self._velocity[own] = points[marker], 0.0
             self._known[marker] = True
             self._disbelieved[marker] = 0.0
 
     def _output(self, seen: NDArray[np.bool_], rejected: int, frame: MarkerFrame) -> TrackedMarkers:
-        count = len(self._set)
         covariances = self._blocks().copy()
         variance = np.einsum("mii->m", covariances) / 3.0
         return TrackedMarkers(
             names=self._set.names,
-            positions=self._mean[: 3 * count].reshape(-1, 3).copy(),
-            velocities=self._mean[3 * count :].reshape(-1, 3).copy(),
+            positions=self._position.reshape(-1, 3).copy(),
+            velocities=self._velocity.reshape(-1, 3).copy(),
             covariances=covariances,
             seen=seen,
             age_ns=np.where(self._last_seen >= 0, frame.source_time_ns - self._last_seen, np.iinfo(np.int64).max),

@@ -1,0 +1,237 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.avatar import avatar_skeleton
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.marker_sets import load_marker_set
+from mocap_bridge.rigidity import MotionModes
+from mocap_bridge.tracker import MARKER_SIGMA, Tracker
+from model import rotations
+
+SKELETON = avatar_skeleton()
+PAPER = load_marker_set("paper")
+NOTHING = np.zeros((0, 3))
+HAND = PAPER.indices(["RFIN", "RMC5"])
+
+
+def reaching(frames=480):
+    """Markers (T, 16, 3) of a person who raises and lowers the right arm four times in 8 s."""
+    time = np.arange(frames) / 120.0
+    lift = 0.5 - 0.5 * np.cos(2 * np.pi * time / 2.0)
+    angles = np.zeros((frames, len(SKELETON), 3))
+    shoulder, elbow, wrist = (SKELETON.index(f"right_{joint}") for joint in ("shoulder", "elbow", "wrist"))
+    angles[:, shoulder] = np.stack([-0.2 - 1.6 * lift, -0.2 - 0.3 * lift, 0.4 * lift], axis=-1)
+    angles[:, elbow] = np.stack([-0.4 - 1.0 * lift, 0 * lift, -lift], axis=-1)
+    angles[:, wrist, 0] = 0.4 * lift
+    angles[:, SKELETON.index("head"), 1] = 0.2 * np.sin(time)
+    root = np.stack([1.0 + 0.03 * np.sin(1.3 * time), 0.02 * np.sin(time), np.full(frames, 0.93)], axis=-1)
+    return PAPER.simulate(SKELETON, *SKELETON.forward_kinematics(root, SKELETON.from_hinges(angles)))
+
+
+TRUTH = reaching()
+NOISY = TRUTH + np.random.default_rng(5).normal(scale=0.001, size=TRUTH.shape)
+
+
+def frame(points, number, valid=None, unlabelled=NOTHING, names=PAPER.names):
+    valid = np.ones(len(points), dtype=bool) if valid is None else valid
+    return MarkerFrame(names, points, valid, number, round(number * 1e9 / 120), 0, unlabelled)
+
+
+def follow(points, valid=None, unlabelled=None):
+    tracker = Tracker(PAPER)
+    shown = np.ones(points.shape[:2], dtype=bool) if valid is None else valid
+    extra = [NOTHING] * len(points) if unlabelled is None else unlabelled
+    return [tracker.update(frame(points[k], k, shown[k], extra[k])) for k in range(len(points))]
+
+
+def errors(tracked):
+    return np.linalg.norm(np.array([t.positions for t in tracked]) - TRUTH[: len(tracked)], axis=-1)
+
+
+def test_the_modes_of_motion_are_those_of_the_skeleton():
+    """Turning a joint moves the markers beyond it along a mode; the power of any other motion is small."""
+    modes = MotionModes(PAPER)
+    angles = np.zeros((len(SKELETON), 3))
+    angles[SKELETON.index("right_elbow"), 0] = -1.0
+
+    def markers(turn):
+        bent = angles.copy()
+        bent[SKELETON.index("right_shoulder"), 0] += turn
+        return PAPER.simulate(SKELETON, *SKELETON.forward_kinematics(np.zeros(3), SKELETON.from_hinges(bent)))
+
+    swing = ((markers(1e-5) - markers(-1e-5)) / 2e-5).reshape(-1)
+    swing /= np.linalg.norm(swing)
+    scramble = np.random.default_rng(0).normal(size=swing.shape)
+    scramble /= np.linalg.norm(scramble)
+    power = modes.power(markers(0.0))
+    assert swing @ power @ swing > 20.0 * (scramble @ power @ scramble)
+    np.testing.assert_allclose(power, power.T)
+    assert np.linalg.eigvalsh(power).min() > 0.0
+
+
+def test_seen_markers_are_smoothed_not_spoilt():
+    error = errors(follow(NOISY))[20:]
+    assert np.sqrt((error**2).mean()) < np.sqrt(3) * 0.001
+
+
+def test_innovations_are_about_as_large_as_predicted():
+    """Normalised innovation squared: mean near its dimension, 3, on noise of the size that the tracker assumes."""
+    points = TRUTH + np.random.default_rng(1).normal(scale=MARKER_SIGMA, size=TRUTH.shape)
+    tracker = Tracker(PAPER)
+    squared = []
+    for k in range(len(points)):
+        if k >= 60 and k % 4 == 0:  # a frame without measurements shows the prediction
+            one = np.ones(16, dtype=bool)
+            marker = (k // 4) % 16
+            one[marker] = False
+            tracked = tracker.update(frame(points[k], k, one))
+            innovation = points[k, marker] - tracked.positions[marker]
+            covariance = tracked.covariances[marker] + MARKER_SIGMA**2 * np.eye(3)
+            squared.append(innovation @ np.linalg.solve(covariance, innovation))
+        else:
+            tracker.update(frame(points[k], k))
+    assert 0.3 < np.mean(squared) / 3.0 < 1.5
+    assert np.mean(np.array(squared) > 16.3) < 0.03  # the 99.9 % quantile
+
+
+def hidden_hand():
+    valid = np.ones(TRUTH.shape[:2], dtype=bool)
+    for start in range(60, len(TRUTH) - 40, 70):
+        valid[start : start + 36, HAND] = False  # 300 ms
+    return valid
+
+
+def held(valid):
+    out = NOISY.copy()
+    for k in range(1, len(out)):
+        out[k] = np.where(valid[k][:, None], NOISY[k], out[k - 1])
+    return np.linalg.norm(out - TRUTH, axis=-1)
+
+
+def test_a_hidden_hand_follows_from_the_forearm():
+    valid = hidden_hand()
+    tracked = follow(NOISY, valid)
+    ours = errors(tracked)[~valid]
+    assert np.sqrt((ours**2).mean()) < 0.2 * np.sqrt((held(valid)[~valid] ** 2).mean())
+    assert np.sqrt((ours**2).mean()) < 0.025
+    reported = np.array([t.valid for t in tracked])
+    assert reported[~valid].mean() > 0.9
+
+
+def test_the_covariance_owns_up_to_the_error_of_hidden_markers():
+    valid = hidden_hand()
+    tracked = follow(NOISY, valid)
+    spread = np.sqrt(np.array([np.trace(t.covariances, axis1=1, axis2=2) for t in tracked]))
+    ratio = errors(tracked)[~valid] / spread[~valid]
+    assert np.sqrt((ratio**2).mean()) < 2.5
+    assert (spread[~valid] > spread[valid].mean()).all()
+
+
+def test_age_and_seen_tell_when_a_marker_was_measured():
+    valid = hidden_hand()
+    tracked = follow(NOISY, valid)
+    np.testing.assert_array_equal(np.array([t.seen for t in tracked]), valid)
+    assert tracked[95].age_ns[HAND[0]] == round(95e9 / 120) - round(59e9 / 120)
+    assert (tracked[59].age_ns == 0).all()
+
+
+def test_one_frame_outliers_and_ghosts_move_nothing():
+    rng = np.random.default_rng(2)
+    points, ghosts, wrong = NOISY.copy(), [], 0
+    for k in range(len(points)):
+        ghosts.append(points[k, rng.integers(16, size=3)] + rng.normal(scale=0.5, size=(3, 3)))
+        if k > 30 and k % 7 == 0:
+            points[k, rng.integers(16)] += rng.normal(size=3) + 0.2
+            wrong += 1
+    tracked = follow(points, unlabelled=ghosts)
+    clean = follow(NOISY)
+    assert sum(t.rejected for t in tracked) == pytest.approx(wrong, abs=2)
+    shift = [np.linalg.norm(a.positions - b.positions, axis=-1).max() for a, b in zip(tracked, clean, strict=True)]
+    assert max(shift) < 0.02
+
+
+def test_swapped_labels_are_put_right():
+    points = NOISY.copy()
+    swap = PAPER.indices(["RWRA", "RFIN"])
+    points[100:110, swap] = points[100:110, swap[::-1]]
+    tracked = follow(points)
+    assert errors(tracked)[95:130].max() < 0.01
+    assert all(t.rejected == 2 for t in tracked[100:110])
+
+
+def test_a_lost_label_is_taken_up_from_the_unlabelled_points():
+    valid = np.ones(TRUTH.shape[:2], dtype=bool)
+    valid[100:140, HAND[0]] = False
+    loose = [NOISY[k, HAND[:1]] if 100 <= k < 140 else NOTHING for k in range(len(NOISY))]
+    tracked = follow(NOISY, valid, loose)
+    assert all(t.seen[HAND[0]] for t in tracked[100:140])
+    assert errors(tracked)[100:140].max() < 0.005
+
+
+def test_it_recovers_by_itself_when_everything_jumps():
+    points = NOISY.copy()
+    points[200:] += [0.5, 0.0, 0.0]
+    tracked = follow(points)
+    after = np.linalg.norm(tracked[-1].positions - TRUTH[-1] - [0.5, 0.0, 0.0], axis=-1)
+    assert after.max() < 0.01
+    late = np.linalg.norm(tracked[240].positions - TRUTH[240] - [0.5, 0.0, 0.0], axis=-1)
+    assert late.max() < 0.02
+
+
+def test_labels_may_come_in_any_order_and_change_it():
+    tracker, order = Tracker(PAPER), np.arange(16)
+    rng = np.random.default_rng(0)
+    for k in range(40):
+        if k % 5 == 0:
+            order = rng.permutation(16)
+        names = tuple(PAPER.names[m] for m in order)
+        tracked = tracker.update(frame(NOISY[k][order], k, names=names))
+    assert np.linalg.norm(tracked.positions - TRUTH[39], axis=-1).max() < 0.005
+    assert tracked.names == PAPER.names
+
+
+def test_moving_the_world_moves_the_output():
+    turn, shift = rotations.normalize(np.array([0.4, 0.2, -0.5, 0.8])), np.array([3.0, -1.0, 0.4])
+    valid = hidden_hand()[:130]
+    here = follow(NOISY[:130], valid)
+    there = follow(rotations.rotate(turn, NOISY[:130]) + shift, valid)
+    matrix = rotations.to_matrix(turn)
+    for a, b in zip(here[::10], there[::10], strict=True):
+        np.testing.assert_allclose(b.positions, rotations.rotate(turn, a.positions) + shift, atol=1e-6)
+        np.testing.assert_allclose(b.covariances, matrix @ a.covariances @ matrix.T, atol=1e-8)
+
+
+def test_a_marker_that_never_came_is_not_valid_and_unknown_names_are_ignored():
+    names = (*PAPER.names[:15], "SPARE")
+    tracker = Tracker(PAPER)
+    for k in range(30):
+        tracked = tracker.update(frame(NOISY[k], k, names=names))
+    assert tracked.valid[:15].all()
+    assert not tracked.valid[15]
+
+
+def test_bad_numbers_and_bad_times_do_no_lasting_harm():
+    tracker = Tracker(PAPER)
+    for k in range(60):
+        points = NOISY[k].copy()
+        if k % 10 == 5:
+            points[3] = np.nan
+        stamp = frame(points, k)
+        if k == 30:
+            stamp = replace(stamp, source_time_ns=stamp.source_time_ns - 50_000_000)
+        tracked = tracker.update(stamp)
+        assert np.isfinite(tracked.positions).all()
+    assert np.linalg.norm(tracked.positions - TRUTH[59], axis=-1).max() < 0.01
+
+
+def test_a_reset_tracker_is_a_new_one():
+    used, fresh = Tracker(PAPER), Tracker(PAPER)
+    for k in range(50):
+        used.update(frame(NOISY[k], k))
+    used.reset()
+    for k in range(100, 150):
+        a, b = used.update(frame(NOISY[k], k)), fresh.update(frame(NOISY[k], k))
+    np.testing.assert_array_equal(a.positions, b.positions)
+    np.testing.assert_array_equal(a.covariances, b.covariances)

@@ -53,7 +53,7 @@ class Skeleton:
 
     @cached_property
     def hash(self) -> str:
-        """Hex digest of names, tree, hinges, limits and rest pose; scaled bodies share a model, so not of bone lengths."""
+        """Hex digest of names, tree, hinges, limits and rest pose; not of bone lengths, so scaled bodies share a model."""
         digest = hashlib.sha256()
         digest.update(repr((self.names, self.parents, self.hinge_orders)).encode())
         digest.update(np.round(self.hinge_limits, 6).tobytes() + np.round(self.rest, 6).tobytes())

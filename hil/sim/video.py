@@ -99,11 +99,17 @@ def write_video(path: Path, frames: Iterable[Image], frames_per_second: float = 
 def _open(path: Path, frame: Image, frames_per_second: float):
     size = frame.shape[1], frame.shape[0]
     options = ["-crf", "20", "-preset", "medium", "-movflags", "+faststart"]
-    # quality=None leaves the rate to -crf.
-    writer = imageio_ffmpeg.write_frames(  # pyright: ignore[reportArgumentType]
-        str(path), size, fps=frames_per_second, codec="libx264", pix_fmt_out="yuv420p", macro_block_size=2,
-        quality=None, output_params=options, ffmpeg_log_level="error",
-    )  # fmt: skip
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        size,
+        fps=frames_per_second,  # pyright: ignore[reportArgumentType]
+        codec="libx264",
+        pix_fmt_out="yuv420p",
+        macro_block_size=2,
+        quality=None,  # pyright: ignore[reportArgumentType] (leaves it to -crf)
+        output_params=options,
+        ffmpeg_log_level="error",
+    )
     writer.send(None)
     return writer
 

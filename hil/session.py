@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mocap_bridge.tracker import Tracker
-
 from hil.avatar import Pose, avatar_skeleton
 from hil.contact_correction import ContactCorrection
 from hil.reach import Phase, Reach, ReachTarget
 from hil.sim.scene import Scene
+from hil.threads import use_one_blas_thread
 from mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import MarkerSet
+from mocap_bridge.tracker import Tracker
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.responder import Responder, Response
@@ -67,6 +67,7 @@ class Session:
                 f"the model is for skeleton {model.skeleton_hash or '(none given)'}, the avatar is {expected}; "
                 "train a model on this avatar"
             )
+        use_one_blas_thread()
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
         self._responder = Responder(model, style, RATE_HZ)

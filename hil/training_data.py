@@ -8,18 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mocap_bridge.tracker import Tracker
 from scipy.interpolate import CubicSpline
 
 from calibration.subject import Subject, fit_subject
 from hil.avatar import avatar_skeleton, right_palm
 from hil.sim.capture import COLUMNS, TABLE
+from hil.threads import parallel_map, use_one_blas_thread
 from mocap_bridge.body_solver import solve_body
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording
 from mocap_bridge.sources import RATE_HZ, C3DSource
+from mocap_bridge.tracker import Tracker
 from model.errors import HighFiveError
 from model.rotations import Array
 from model.trials import Trial
@@ -111,18 +112,15 @@ def load_trials(
         avatar_set: likewise of the avatar actor.
         progress: called with the number of trials; what comes back is called after each.
     """
+    use_one_blas_thread()
     rows = read_table(folder)
     recordings = [_read_pair(folder / row.file, human, avatar) for row in rows]
     person, actor = recordings[0]
     people = load_marker_set(human_set) if human_set else find_marker_set(person.names)
     actors = load_marker_set(avatar_set) if avatar_set else find_marker_set(actor.names)
     subject = _fit_actor([actor for _, actor in recordings], actors)
-    advance = progress(len(rows))
-    pairs = []
-    for row, (person, actor) in zip(rows, recordings, strict=True):
-        pairs.append(_solve_pair(row, person, actor, people, subject))
-        advance()
-    return pairs
+    jobs = [(row, person, actor, people, subject) for row, (person, actor) in zip(rows, recordings, strict=True)]
+    return list(parallel_map(_solve_pair, jobs, progress))
 
 
 def _read_pair(path: Path, human: str, avatar: str) -> tuple[Recording, Recording]:
@@ -139,7 +137,8 @@ def _fit_actor(actors: Sequence[Recording], marker_set: MarkerSet) -> Subject:
     return fit_subject(avatar_skeleton(), marker_set, points, valid)
 
 
-def _solve_pair(row: TrialRow, person: Recording, actor: Recording, people: MarkerSet, subject: Subject) -> SolvedPair:
+def _solve_pair(job: tuple[TrialRow, Recording, Recording, MarkerSet, Subject]) -> SolvedPair:
+    row, person, actor, people, subject = job
     hand_points, person_palm = track_hand(person, people)
     times = np.arange(len(hand_points)) / RATE_HZ
     points, valid = subject.marker_set.arrange(actor.names, actor.points, actor.valid)

@@ -4,6 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from hil.threads import use_one_blas_thread
+
+use_one_blas_thread()  # as every session does
+
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +12,7 @@ from numpy.typing import NDArray
 
 from hil.sim.actors import CELLS, RATE_HZ, ActorMotion, PairTrial, simulate_pair
 from hil.sim.emotions import EMOTIONS, emotion_style
+from hil.threads import parallel_map
 from mocap_bridge.c3d import write_c3d
 from mocap_bridge.marker_sets import MarkerSet, load_marker_set
 from mocap_bridge.recording import Recording
@@ -158,11 +156,8 @@ def capture(
         for cell in CELLS
         for r in range(repetitions)
     ]
-    # Spawned, not forked: JAX may run threads in this process.
-    with ProcessPoolExecutor(min(os.cpu_count() or 1, 8), mp_context=get_context("spawn")) as pool:
-        advance = progress(len(jobs))
-        for _ in pool.map(_write_trial, jobs, chunksize=2):
-            advance()
+    for _ in parallel_map(_write_trial, jobs, progress):
+        pass
     write_table(folder, [(j.file, j.emotion, j.cell, str(j.repetition + 1), j.split) for j in jobs])
     return len(jobs)
 

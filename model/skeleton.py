@@ -53,7 +53,7 @@ class Skeleton:
 
     @cached_property
     def hash(self) -> str:
-        """Hex digest of names, tree, hinges, limits and rest pose; not of bone lengths, so scaled bodies share a model."""
+        """Hex digest of names, tree, hinges, limits and rest pose; not of bone lengths: scaled bodies share a model."""
         digest = hashlib.sha256()
         digest.update(repr((self.names, self.parents, self.hinge_orders)).encode())
         digest.update(np.round(self.hinge_limits, 6).tobytes() + np.round(self.rest, 6).tobytes())
@@ -80,10 +80,13 @@ class Skeleton:
         return tuple(levels)
 
     @cached_property
-    def _hinge_axes(self) -> tuple[Indices, Array]:
-        """Axes (J, 3) of each joint's hinges as 0, 1, 2 for x, y, z, and the sign (J,) of their permutation."""
+    def _hinges(self) -> tuple[Indices, Indices, Array, Array]:
+        """Where in quaternions (J, 4) the components along each joint's hinges are, rows (J, 1) and columns (J, 3); the
+        sign (J,) of the permutation that the hinges are of x, y, z; the middle (J, 3), rad, of their limits.
+        """
         axes = np.array([["xyz".index(axis) for axis in order] for order in self.hinge_orders])
-        return axes, np.where((axes[:, 1] - axes[:, 0]) % 3 == 1, 1.0, -1.0)
+        sign = np.where((axes[:, 1] - axes[:, 0]) % 3 == 1, 1.0, -1.0)
+        return np.arange(len(self))[:, None], axes + 1, sign, self.hinge_limits.mean(axis=-1)
 
     def to_hinges(self, quaternions: Array) -> Array:
         """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4).
@@ -91,20 +94,19 @@ class Skeleton:
         The same as :func:`model.rotations.to_hinges` joint by joint, in one pass, but each angle in the turn nearest
         the middle of its limits: near ±pi rounding would decide.
         """
-        axes, sign = self._hinge_axes
+        joints, axes, sign, middle = self._hinges
         w = sign * quaternions[..., 0]
-        v = np.take_along_axis(quaternions[..., 1:], np.broadcast_to(axes, quaternions[..., 1:].shape), axis=-1)
+        v = quaternions[..., joints, axes]
         i, j, k = v[..., 0], v[..., 1], v[..., 2]
         angles = np.empty(v.shape)
         angles[..., 0] = np.arctan2(2.0 * (w * i - j * k) * sign, 1.0 - 2.0 * (i * i + j * j))
         angles[..., 1] = np.arcsin(np.clip(2.0 * (i * k + w * j) * sign, -1.0, 1.0))
         angles[..., 2] = np.arctan2(2.0 * (w * k - i * j) * sign, 1.0 - 2.0 * (j * j + k * k))
-        middle = self.hinge_limits.mean(axis=-1)
         return angles - 2.0 * np.pi * np.round((angles - middle) / (2.0 * np.pi))
 
     def from_hinges(self, angles: Array) -> Array:
         """Joint rotations (..., J, 4) of hinge angles (..., J, 3), rad: the product of three half-angle quaternions."""
-        axes, sign = self._hinge_axes
+        joints, axes, sign, _ = self._hinges
         cosine, sine = np.cos(0.5 * angles), np.sin(0.5 * angles)
         ci, cj, ck = cosine[..., 0], cosine[..., 1], cosine[..., 2]
         si, sj, sk = sine[..., 0], sine[..., 1], sine[..., 2]
@@ -118,7 +120,7 @@ class Skeleton:
         )
         quaternions = np.empty((*angles.shape[:-1], 4))
         quaternions[..., 0] = ci * cj * ck - sign * si * sj * sk
-        np.put_along_axis(quaternions[..., 1:], np.broadcast_to(axes, vector.shape), vector, axis=-1)
+        quaternions[..., joints, axes] = vector
         return quaternions
 
     def clamp(self, angles: Array) -> Array:

@@ -123,7 +123,7 @@ _SLEEVE = (
     Blob("left_elbow", (0, 0, -0.10), (0, 0, -0.26), (0.045, 0.0335), blend=0.005),
 )
 
-_CUFF = (Blob("left_elbow", (0, 0, -0.218), (0, 0, -0.243), (0.0375, 0.0365), blend=0.004),)
+_CUFF = (Blob("left_elbow", (0, 0, -0.218), (0, 0, -0.243), (0.0385, 0.0375), blend=0.004),)
 _CUFF_CUTS = (Cut("left_elbow", (0, 0, -0.247), (0, 0, -1)), Cut("left_elbow", (0, 0, -0.212), (0, 0, 1)))
 
 _LEG = (
@@ -212,12 +212,12 @@ _LIDS = mirrored([
 ])  # fmt: skip
 
 _LIPS = mirrored([
-    Blob("head", (0.0990, 0.004, -0.0040), (0.0945, 0.0250, -0.0050), (0.0046, 0.0022), (1, 1, 0.8), blend=0.003),
-    Blob("head", (0.0985, 0.000, -0.0120), (0.0945, 0.0240, -0.0063), (0.0056, 0.0022), (1, 1, 0.9), blend=0.001),
+    Blob("head", (0.0990, 0.004, -0.0040), (0.0942, 0.0255, -0.0030), (0.0046, 0.0022), (1, 1, 0.8), blend=0.003),
+    Blob("head", (0.0985, 0.000, -0.0120), (0.0942, 0.0245, -0.0042), (0.0056, 0.0022), (1, 1, 0.9), blend=0.001),
 ])  # fmt: skip
 
 _BROWS = mirrored([
-    Blob("head", (0.1035, 0.013, 0.0750), (0.0975, 0.032, 0.0785), (0.0038, 0.0042), (1, 1, 0.75), blend=0.003),
+    Blob("head", (0.1035, 0.013, 0.0765), (0.0975, 0.032, 0.0785), (0.0038, 0.0042), (1, 1, 0.75), blend=0.003),
     Blob("head", (0.0975, 0.032, 0.0785), (0.0850, 0.050, 0.0715), (0.0042, 0.0028), (1, 1, 0.75), blend=0.003),
 ])  # fmt: skip
 
@@ -267,7 +267,7 @@ def parts(look: Look) -> list[Part]:
     sleeve_ends = mirrored([Cut("left_elbow", (0, 0, -0.236), (0, 0, -1))])
     return [
         Part("shirt", "shirt", (*_TRUNK_SHIRT, *mirrored(_SLEEVE)), (neckline, hem, *sleeve_ends)),
-        Part("left_cuff", "cuff", _CUFF, _CUFF_CUTS, step=0.007),
+        Part("left_cuff", "cuff", _CUFF, _CUFF_CUTS, step=0.005),
         Part("trousers", "trousers",
              (Blob("pelvis", (0, 0, -0.03), (0.004, 0, 0.05), (0.100, 0.096), (1, 1.38, 1)), *mirrored(_LEG)),
              mirrored([Cut("left_knee", (0, 0, -0.405), (0, 0, -1))])),

@@ -42,6 +42,7 @@ STRIDE = 0.4
 
 BodyPose = tuple[Array, Array]
 """Position (3,), m, and orientation (4,) in the world."""
+UP = np.array([0.0, 0.0, 1.0])
 HEAD_CENTRE = np.array(body_shapes.HEAD_CENTRE)
 
 
@@ -157,15 +158,21 @@ def _trunk(arm: HumanArm, head: Array, facing: Array, figure: Figure) -> tuple[A
     forward = across / max(_norm(across), 1e-6) + facing * [1.0, 1.0, 0.0]
     if _norm(forward) < 1e-3:
         forward = across
-    axes = _frame(np.array([0.0, 0.0, 1.0]), _cross(np.array([0.0, 0.0, 1.0]), forward))
+    axes = _frame(UP, _cross(UP, forward))
     return 0.5 * (head + arm.shoulder) - axes @ figure.neck_from_chest, axes
 
 
 def _frame(z: Array, y: Array) -> Array:
-    """Axes (3, 3), in columns, of the frame whose z axis is along ``z`` and whose y axis is as near ``y`` as can be."""
-    z = z / _norm(z)
+    """Axes (3, 3), in columns, of the frame whose z axis is along ``z`` and whose y axis is as near ``y`` as can be.
+
+    A limb without length points down, and one along ``y`` turns any way: a picture needs a frame in any case.
+    """
+    length = _norm(z)
+    z = z / length if length > 1e-6 else UP
     x = _cross(y, z)
-    x = x / max(_norm(x), 1e-9)
+    if _norm(x) < 1e-6:
+        x = _cross(np.array([0.6, 0.8, 0.0]) if abs(z[2]) > 0.5 else UP, z)
+    x = x / _norm(x)
     return np.array([x, _cross(z, x), z]).T
 
 

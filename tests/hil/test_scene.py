@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -164,3 +166,17 @@ def test_the_exported_file_is_the_same_model(scene, tmp_path):
 def test_the_rest_pose_is_the_skeletons(scene):
     pose = rest_pose(scene.skeleton)
     np.testing.assert_array_equal(pose.quaternions, scene.skeleton.rest)
+
+
+def test_a_degenerate_arm_still_gives_frames(scene):
+    data = scene.make_data()
+    arm = person_with_palm([0.6, 0.1, 1.5], [-1.0, 0.0, 0.0])
+    for change in (
+        {"elbow": arm.shoulder},
+        {"shoulder": arm.head_position},
+        {"elbow": arm.wrist, "shoulder": arm.wrist},
+    ):
+        scene.set_person(data, replace(arm, **change))
+        mujoco.mj_kinematics(scene.model, data)
+        assert np.all(np.isfinite(data.xpos))
+        np.testing.assert_allclose(np.linalg.norm(data.mocap_quat, axis=1), 1.0, atol=1e-9)

@@ -1,8 +1,8 @@
 """A person's own bone lengths and marker places, from a recording of any movement.
 
-Alternates between solving the pose with the body as it is known and, given the rotations, the linear least-squares
-problem of segment scales and marker places. Weak priors keep what the recording does not show at the proportions of the
-reference body.
+A Gauss–Newton fit of segment scales and marker places together with the poses of some frames; each frame's pose is
+eliminated from the normal equations (Schur complement), so that scales and poses move as one. Weak priors keep what the
+recording does not show at the proportions of the reference body.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.body_solver import BodySolution, solve_body
+from mocap_bridge.body_solver import ANGLE_SIGMA, body_part, solve_body, solve_part_alone
+from mocap_bridge.kinematic_part import Part, forward, jacobian
 from mocap_bridge.marker_sets import MarkerSet, segment_lengths
-from model import rotations
 from model.errors import HighFiveError
 from model.rotations import Array
 from model.skeleton import Skeleton
@@ -22,7 +22,7 @@ from model.skeleton import Skeleton
 FRAMES = 40
 """Frames of the recording that the fit looks at, spread over its length."""
 
-ROUNDS = 8
+ROUNDS = 6
 SCALE_SIGMA = 0.10
 """Standard deviation of a segment's scale about the body's overall scale: people's proportions differ by so much."""
 
@@ -79,16 +79,20 @@ def fit_subject(
     chosen = candidates[np.unique(np.linspace(0, len(candidates) - 1, frames).astype(int))]
     points, valid = points[chosen], valid[chosen]
     measure_names, measure_of = _measures(skeleton)
-    body, markers, scales = skeleton, marker_set, np.ones(len(measure_names))
+    body, markers = skeleton, marker_set
+    scales, moved = np.ones(len(measure_names)), np.zeros((len(marker_set), 3))
+    poses = None
     for _ in range(ROUNDS):
-        pose = solve_body(body, markers, points, valid, key_step=1)
-        scales, moved = _scales_and_places(skeleton, marker_set, measure_of, len(scales), pose, points, valid)
+        part = body_part(body, markers)
+        poses = solve_part_alone(part, points, valid, poses)
+        step = _improve(skeleton, marker_set, measure_of, part, poses, points, valid, scales, moved)
+        scales, moved = scales + step[: len(scales)], moved + step[len(scales) :].reshape(-1, 3)
         body = replace(skeleton, offsets=skeleton.offsets * scales[measure_of][:, None])
         lengths = segment_lengths(body)
         stretch = [lengths[body.index(joint)] / marker_set.segments[joint].length for joint in marker_set.joints]
         markers = replace(marker_set, local_positions=marker_set.local_positions + moved / np.array(stretch)[:, None])
-    pose = solve_body(body, markers, points, valid, key_step=1)
-    return Subject(body, markers, pose.rms, dict(zip(measure_names, scales.tolist(), strict=True)))
+    rms = solve_body(body, markers, points, valid, key_step=1).rms
+    return Subject(body, markers, rms, dict(zip(measure_names, scales.tolist(), strict=True)))
 
 
 def _measures(skeleton: Skeleton) -> tuple[list[str], NDArray[np.intp]]:
@@ -104,69 +108,75 @@ def _measures(skeleton: Skeleton) -> tuple[list[str], NDArray[np.intp]]:
     return names, np.array(belongs)
 
 
-def _scales_and_places(
+def _improve(
     skeleton: Skeleton,
     marker_set: MarkerSet,
     measure_of: NDArray[np.intp],
-    measures: int,
-    pose: BodySolution,
+    part: Part,
+    poses: Array,
     points: Array,
     valid: NDArray[np.bool_],
-) -> tuple[Array, Array]:
-    """Scales (S,) and shifts (M, 3), m, of the markers on their segments, given the rotations of the pose.
+    scales: Array,
+    moved: Array,
+) -> Array:
+    """Gauss–Newton step (S + 3 M,) of the scales and of the markers' shifts on their segments, m.
 
     A marker's place is linear in both: x = root + Σ s R o along the path + R (l(s) + d) with offsets o, place l.
-    Each frame's mean is taken out of the equations, which does away with the root.
     """
-    _, orientations = skeleton.forward_kinematics(pose.root, pose.quaternions)
-    turned = rotations.to_matrix(orientations)  # (T, J, 3, 3)
-    columns = _scale_columns(skeleton, marker_set, measure_of, measures, turned)
-    carriers = [skeleton.index(name) for name in marker_set.joints]
-    count = len(marker_set)
-    unknowns = measures + 3 * count
+    upright = np.tile(np.eye(3), (len(poses), 1, 1))
+    kinematics = forward(part, poses[:, :-3], poses[:, -3:], upright)
+    by_pose = jacobian(part, kinematics)
+    by_body = _body_columns(skeleton, marker_set, measure_of, part, kinematics.rotations, len(scales))
+    error = kinematics.markers - points[:, part.markers]
+    unknowns = by_body.shape[-1]
     normal, right = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    for t in range(len(points)):
-        seen = np.flatnonzero(valid[t])
-        rows = np.zeros((len(seen), 3, unknowns))
-        rows[:, :, :measures] = columns[t, seen]
-        for row, m in enumerate(seen):
-            first = measures + 3 * m
-            rows[row, :, first : first + 3] = turned[t, carriers[m]]
-        target = points[t, seen] - points[t, seen].mean(axis=0)
-        rows = (rows - rows.mean(axis=0)).reshape(-1, unknowns)
-        normal += rows.T @ rows
-        right += rows.T @ target.reshape(-1)
+    weak = np.eye(part.parameters) * (_MARKER_SIGMA / ANGLE_SIGMA) ** 2
+    for t in range(len(poses)):
+        seen = valid[t, part.markers]
+        c = by_body[t, seen].reshape(-1, unknowns)
+        j = by_pose[t][:, seen].transpose(1, 0, 2).reshape(-1, part.parameters)
+        # What the pose can explain is not the body's: project it out.
+        left = c - j @ np.linalg.solve(j.T @ j + weak, j.T @ c)
+        normal += left.T @ c
+        right += left.T @ error[t, seen].reshape(-1)
     normal, right = normal / _MARKER_SIGMA**2, right / _MARKER_SIGMA**2
-    # Scales lie about their own mean, which is free; the places lie about the set's.
-    about_mean = np.eye(measures) - np.full((measures, measures), 1.0 / measures)
-    normal[:measures, :measures] += about_mean / SCALE_SIGMA**2 * _frames_weight(len(points))
-    places = np.arange(measures, unknowns)
-    normal[places, places] += _frames_weight(len(points)) / PLACE_SIGMA**2
-    solution = np.linalg.solve(normal, right)
-    places_moved = solution[measures:].reshape(count, 3)
-    return np.asarray(solution[:measures], dtype=float), np.asarray(places_moved, dtype=float)
+    # Scales lie about their own mean, which is free; the places lie about the set's. The residuals are misfit of the
+    # model, alike in neighbouring frames: all frames together count as a few.
+    weight = len(poses) / 4.0
+    count = len(scales)
+    about_mean = np.eye(count) - np.full((count, count), 1.0 / count)
+    normal[:count, :count] += weight / SCALE_SIGMA**2 * about_mean + weight * 1e-3 * np.eye(count)
+    right[:count] += weight / SCALE_SIGMA**2 * (about_mean @ scales)
+    places = np.arange(count, unknowns)
+    normal[places, places] += weight / PLACE_SIGMA**2
+    right[places] += weight / PLACE_SIGMA**2 * moved.reshape(-1)
+    return np.asarray(-np.linalg.solve(normal, right), dtype=float)
 
 
-def _frames_weight(frames: int) -> float:
-    """The residuals are misfit of the model, alike in neighbouring frames: all frames together count as a few."""
-    return frames / 4.0
-
-
-def _scale_columns(
-    skeleton: Skeleton, marker_set: MarkerSet, measure_of: NDArray[np.intp], measures: int, turned: Array
+def _body_columns(
+    skeleton: Skeleton,
+    marker_set: MarkerSet,
+    measure_of: NDArray[np.intp],
+    part: Part,
+    turned: Array,
+    measures: int,
 ) -> Array:
-    """Derivative (T, M, 3, S) of the markers' positions by the scales."""
+    """Derivative (T, N, 3, S + 3 M) of the part's markers by the scales and by the shifts of all markers."""
     lengths = np.linalg.norm(skeleton.offsets, axis=1)
-    out = np.zeros((len(turned), len(marker_set), 3, measures))
-    for m, name in enumerate(marker_set.joints):
+    within = {int(joint): i for i, joint in enumerate(part.joints)}
+    out = np.zeros((len(turned), len(part.markers), 3, measures + 3 * len(marker_set)))
+    for n, m in enumerate(part.markers):
+        name = marker_set.joints[m]
         joint = skeleton.index(name)
-        place = turned[:, joint] @ marker_set.local_positions[m]
+        own = turned[:, within[joint]]
+        out[:, n, :, measures + 3 * m : measures + 3 * m + 3] = own
+        place = own @ marker_set.local_positions[m]
         children = [child for child, parent in enumerate(skeleton.parents) if parent == joint] or [joint]
         for child in children:  # a segment is as long as the mean distance to its children
             share = lengths[child] / len(children) / marker_set.segments[name].length
-            out[:, m, :, measure_of[child]] += share * place
+            out[:, n, :, measure_of[child]] += share * place
         while skeleton.parents[joint] >= 0:
             parent = skeleton.parents[joint]
-            out[:, m, :, measure_of[joint]] += turned[:, parent] @ skeleton.offsets[joint]
+            out[:, n, :, measure_of[joint]] += turned[:, within[parent]] @ skeleton.offsets[joint]
             joint = parent
     return out

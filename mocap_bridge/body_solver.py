@@ -30,6 +30,7 @@ NEIGHBOUR_SIGMA = 0.3
 """Standard deviation of a hinge about what the frames before and after say, rad."""
 
 _OUTLIER = 0.05  # m; residuals beyond it count linearly (Huber): a swapped label must not bend the body
+_MISLABELLED = 0.15  # m; a marker so far off does not belong where its label says
 _KEY_STEP = 12  # every so many frames is solved from scratch, the frames between from the interpolated result
 _CHUNK = 256  # frames solved at once; bounds the memory of the Jacobian
 
@@ -96,12 +97,10 @@ def solve_body(
     Raises:
         HighFiveError: fewer than a tenth of the frames show enough markers to place the body.
     """
-    hands = [joint for joint in range(len(skeleton)) if skeleton.parents.count(joint) > 3]
-    digits = [chain for hand in hands for chain in _chains(skeleton, hand)]
-    of_digits = {joint for chain in digits for joint in chain}
-    body = make_part(skeleton, marker_set, [j for j in range(len(skeleton)) if j not in of_digits])
+    body, digits = body_part(skeleton, marker_set), digits_of(skeleton)
     angles = np.tile(skeleton.to_hinges(skeleton.rest), (len(points), 1, 1))
-    root = _solve_body_part(body, points, valid, angles, key_step)
+    solved = _solve_body_part(body, points, valid, key_step)
+    root, angles[:, body.joints] = solved[:, -3:], solved[:, :-3].reshape(len(points), -1, 3)
     positions, orientations = skeleton.forward_kinematics(root, skeleton.from_hinges(angles))
     for chain in digits:
         part, hand = make_part(skeleton, marker_set, chain), skeleton.parents[chain[0]]
@@ -116,11 +115,11 @@ def solve_body(
     return BodySolution(root, quaternions, residuals, rms)
 
 
-def _chains(skeleton: Skeleton, hand: int) -> list[list[int]]:
-    """The digits of a hand, each as its joints from base to tip."""
+def digits_of(skeleton: Skeleton) -> list[list[int]]:
+    """The fingers and thumbs, each as its joints from base to tip; a hand is a joint with more than three children."""
     chains = []
     for first, parent in enumerate(skeleton.parents):
-        if parent == hand:
+        if skeleton.parents.count(parent) > 3:
             chain = [first]
             for joint in range(first + 1, len(skeleton)):
                 if skeleton.parents[joint] in chain:
@@ -129,15 +128,39 @@ def _chains(skeleton: Skeleton, hand: int) -> list[list[int]]:
     return chains
 
 
+def body_part(skeleton: Skeleton, marker_set: MarkerSet) -> Part:
+    """The skeleton without its digits, and the markers on it."""
+    of_digits = {joint for chain in digits_of(skeleton) for joint in chain}
+    return make_part(skeleton, marker_set, [j for j in range(len(skeleton)) if j not in of_digits])
+
+
+def solve_part_alone(part: Part, points: Array, valid: NDArray[np.bool_], start: Array | None = None) -> Array:
+    """Parameters (T, P) of the body part in frames that need not be neighbours in time.
+
+    Args:
+        part: from :func:`body_part`.
+        points: (T, M, 3) m, in the order of the set.
+        valid: (T, M) bool.
+        start: (T, P) parameters near the solution; None solves from scratch.
+    """
+    if start is not None:
+        return _minimise(part, _body_problem(part, points, valid), start, 10)
+    return _solve_body_part(part, points, valid, 1)
+
+
 def _pose_problem(part: Part, points: Array, valid: NDArray[np.bool_], base: Array, rotation: Array) -> _Problem:
     rest = np.tile(part.rest, (len(points), 1))
     return _Problem(points[:, part.markers], valid[:, part.markers], base, rotation, rest, ANGLE_SIGMA)
 
 
-def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], angles: Array, key_step: int) -> Array:
-    """Solves the body; writes its ``angles`` (T, J, 3) in place and returns the root (T, 3)."""
+def _body_problem(part: Part, points: Array, valid: NDArray[np.bool_]) -> _Problem:
     frames = len(points)
-    problem = _pose_problem(part, points, valid, np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
+    return _pose_problem(part, points, valid, np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
+
+
+def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], key_step: int) -> Array:
+    """Parameters (T, P) of the body."""
+    frames, problem = len(points), _body_problem(part, points, valid)
     usable = np.flatnonzero(problem.seen.sum(axis=1) >= 3)
     if len(usable) < max(1, frames // 10):
         raise HighFiveError(
@@ -145,9 +168,7 @@ def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], angles
         )
     start = np.column_stack([problem.prior, np.zeros((frames, 3))])
     start[usable, :3], start[usable, -3:] = _place_root(part, problem.measured[usable], problem.seen[usable])
-    found = _solve_part(part, problem, usable, [start], key_step)
-    angles[:, part.joints] = found[:, :-3].reshape(frames, -1, 3)
-    return found[:, -3:]
+    return _solve_part(part, problem, usable, [start], key_step)
 
 
 def _solve_digit(part: Part, problem: _Problem, angles: Array, key_step: int) -> None:
@@ -182,6 +203,17 @@ def _solve_part(part: Part, problem: _Problem, usable: NDArray[np.intp], starts:
     blind = np.setdiff1d(np.flatnonzero(problem.seen.any(axis=1)), usable)
     if len(blind):
         solved[blind] = _minimise(part, problem.take(blind).near(solved[blind]), solved[blind], 15)
+    return _without_mislabelled(part, problem, solved)
+
+
+def _without_mislabelled(part: Part, problem: _Problem, solved: Array) -> Array:
+    """Solves frames with a marker far from where the body has it once more without that marker."""
+    distance = np.linalg.norm(problem.measured - _kinematics(part, problem, solved).markers, axis=-1)
+    far = problem.seen & (distance > _MISLABELLED)
+    frames = np.flatnonzero(far.any(axis=1))
+    if len(frames):
+        trusted = replace(problem, seen=problem.seen & ~far)
+        solved[frames] = _minimise(part, trusted.take(frames).near(solved[frames]), solved[frames], 15)
     return solved
 
 

@@ -66,7 +66,7 @@ def test_the_modes_of_motion_are_those_of_the_skeleton():
     scramble = np.random.default_rng(0).normal(size=swing.shape)
     scramble /= np.linalg.norm(scramble)
     power = modes.power(markers(0.0))
-    assert swing @ power @ swing > 20.0 * (scramble @ power @ scramble)
+    assert swing @ power @ swing > 4.0 * (scramble @ power @ scramble)
     np.testing.assert_allclose(power, power.T)
     assert np.linalg.eigvalsh(power).min() > 0.0
 

@@ -24,6 +24,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from zstandard import ZstdError
 
+from hil import messages
 from hil.avatar import Pose, avatar_skeleton
 from hil.session import Tick
 from hil.summary import SessionSettings, versions
@@ -37,38 +38,6 @@ PAUSE_NS = 1_000_000_000
 """Between two trials of a simulated session, whose clocks both start at 0."""
 _SKELETON_EVERY = 4
 """Ticks between two drawn skeletons."""
-
-_NUMBER: dict[str, Any] = {"type": "number"}
-_TEXT: dict[str, Any] = {"type": "string"}
-_YES: dict[str, Any] = {"type": "boolean"}
-_LIST: dict[str, Any] = {"type": "array", "items": _NUMBER}
-_ROWS: dict[str, Any] = {"type": "array", "items": _LIST}
-_NAMES: dict[str, Any] = {"type": "array", "items": _TEXT}
-_UNKNOWN: dict[str, Any] = {"type": ["number", "null"]}
-_POSE = {"root": _LIST, "quaternions": _ROWS}
-_CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
-    "/session": ("high_five.Session", {"settings": {"type": "object"}, "joints": _NAMES, "units": _TEXT}),
-    "/trial": ("high_five.Trial", {"trial": _NUMBER, "title": _TEXT, "emotion": _TEXT, "cell": _TEXT, "simulated": _YES}),
-    "/markers": ("high_five.Markers", {"names": _NAMES, "positions": _ROWS, "seen": {"type": "array", "items": _YES}}),
-    "/person": (
-        "high_five.Person",
-        {"head": _LIST, "head_orientation": _LIST, "shoulder": _LIST, "elbow": _LIST, "wrist": _LIST, "knuckles": _LIST,
-         "palm": _LIST, "palm_normal": _LIST, "valid": _YES, "age_ns": _NUMBER},
-    ),
-    "/generated": ("high_five.Pose", _POSE),
-    "/avatar": ("high_five.Pose", _POSE),
-    "/tick": (
-        "high_five.Tick",
-        {"trial": _NUMBER, "phase": _TEXT, "weight": _NUMBER, "time_to_contact": _UNKNOWN, "latency_ms": _UNKNOWN},
-    ),
-    "/contact": (
-        "high_five.Contact",
-        {"trial": _NUMBER, "met": _YES, "distance": _NUMBER, "gap": _NUMBER, "lateral": _NUMBER, "palm_angle": _NUMBER,
-         "approach_speed": _NUMBER, "peak_force": _NUMBER, "where": _LIST, "out_of_reach": _YES},
-    ),
-    "/skeleton": ("foxglove.SceneUpdate", {"deletions": {"type": "array"}, "entities": {"type": "array"}}),
-}  # fmt: skip
-_RGBA = {"avatar": (0.84, 0.37, 0.0, 1.0), "person": (0.0, 0.45, 0.70, 1.0)}
 
 
 class _Sink:
@@ -120,7 +89,6 @@ class SessionRecorder:
         self._failure: HighFiveError | None = None
         self._chunk_start: int | None = None
         self._end = self._count = 0
-        self._markers_known = False
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = _Sink(path)
@@ -132,7 +100,7 @@ class SessionRecorder:
             self._writer.start(profile="", library="high-five")
         except OSError as error:
             raise self._fail(error) from None
-        self._channels = {topic: self._register(topic, *entry) for topic, entry in _CHANNELS.items()}
+        self._channels = {topic: self._register(topic, *entry) for topic, entry in messages.CHANNELS.items()}
         about = {"settings": {**asdict(settings), "versions": versions()}, "joints": list(avatar_skeleton().names)}
         self._add("/session", 0, {**about, "units": "m, rad, s; quaternions w x y z, relative to the parent joint"})
         self._flush()
@@ -153,6 +121,8 @@ class SessionRecorder:
         """
         now = tick.person.time_ns
         self._record_poses(now, tick.person, played, tick.generated)
+        if self._count % _SKELETON_EVERY == 0:
+            self._add("/skeleton", now, messages.skeleton_update(now, tick.person, messages.joints_of([played])[0]))
         self._record_markers(now, tick.markers)
         facts = tick.target.phase.value, tick.target.weight, tick.response.time_to_contact
         self._record_tick_facts(now, trial, *facts, latency_ms)
@@ -160,17 +130,24 @@ class SessionRecorder:
     def record_trial(self, result: TrialResult) -> None:
         """A whole trial, a second after what came before, with its judgement at the end."""
         start = self._end + PAUSE_NS if self._count else 0
-        self._add("/trial", start, _trial(result))
+        self._add("/trial", start, messages.trial(result))
+        drawn = messages.joints_of(result.poses[::_SKELETON_EVERY])
         for i, time in enumerate(result.times):
             now = start + round(1e9 * float(time))
             self._record_poses(now, result.people[i], result.poses[i], result.generated[i])
-            weight, expected, latency = (float(values[i]) for values in (result.weight, result.expected, result.tick_ms))
+            if i % _SKELETON_EVERY == 0:
+                self._add(
+                    "/skeleton", now, messages.skeleton_update(now, result.people[i], drawn[i // _SKELETON_EVERY])
+                )
+            weight, expected, latency = (
+                float(values[i]) for values in (result.weight, result.expected, result.tick_ms)
+            )
             self._record_tick_facts(now, result.number, "", weight, expected, latency)
         self.record_contact(result, self._end)
 
     def record_contact(self, result: TrialResult, time_ns: int) -> None:
         """The judgement of a trial, and makes all of it safe."""
-        self._add("/contact", time_ns, _contact(result))
+        self._add("/contact", time_ns, messages.contact(result))
         self._flush()
 
     def close(self) -> None:
@@ -188,27 +165,26 @@ class SessionRecorder:
         """Self."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Closes."""
         self.close()
 
     def _record_poses(self, now: int, person: HumanArm, played: Pose, generated: Pose) -> None:
-        self._add("/person", now, _person(person))
-        self._add("/generated", now, _pose(generated))
-        self._add("/avatar", now, _pose(played))
-        if self._count % _SKELETON_EVERY == 0:
-            self._add("/skeleton", now, _skeleton_update(now, person, played))
+        self._add("/person", now, messages.person(person))
+        self._add("/generated", now, messages.pose(generated))
+        self._add("/avatar", now, messages.pose(played))
 
     def _record_markers(self, now: int, markers: TrackedMarkers) -> None:
-        names = {} if self._markers_known else {"names": list(markers.names)}
-        self._markers_known = True
-        self._add("/markers", now, {**names, "positions": _rounded(markers.positions), "seen": markers.seen.tolist()})
+        positions, seen = messages.rounded(markers.positions), markers.seen.tolist()
+        self._add("/markers", now, {"names": list(markers.names), "positions": positions, "seen": seen})
 
     def _record_tick_facts(
         self, now: int, trial: int, phase: str, weight: float, expected: float, latency_ms: float
     ) -> None:
-        facts = {"trial": trial, "weight": round(weight, 5), "time_to_contact": _known(expected)}
-        self._add("/tick", now, {**facts, "phase": phase, "latency_ms": _known(latency_ms)})
+        facts = {"trial": trial, "weight": round(weight, 5), "time_to_contact": messages.known(expected)}
+        self._add("/tick", now, {**facts, "phase": phase, "latency_ms": messages.known(latency_ms)})
         self._count += 1
         self._end = now
         if self._chunk_start is None:
@@ -278,7 +254,7 @@ def read_recording(path: Path) -> SessionRecording:
     Raises:
         HighFiveError: there is no such file, or it holds no session.
     """
-    channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in _CHANNELS}
+    channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in messages.CHANNELS}
     complete = False
     try:
         with path.open("rb") as file:
@@ -294,7 +270,9 @@ def read_recording(path: Path) -> SessionRecording:
     except OSError as error:
         raise HighFiveError(f"cannot read the recording {path}: {error.strerror or error}") from None
     if not channels["/session"]:
-        raise HighFiveError(f"{path} is not the recording of a session: no readable MCAP chunk with a /session message in it")
+        raise HighFiveError(
+            f"{path} is not the recording of a session: no readable MCAP chunk with a /session message in it"
+        )
     about = channels["/session"][0].data
     kept = {topic: tuple(messages) for topic, messages in channels.items()}
     return SessionRecording(about["settings"], tuple(about["joints"]), kept, complete)
@@ -311,83 +289,3 @@ def _messages(reader: StreamReader) -> Iterator[tuple[str, Message]]:
             topics[record.id] = record.topic
         elif isinstance(record, Message) and record.channel_id in topics:
             yield topics[record.channel_id], record
-
-
-def _rounded(values: Array, digits: int = 5) -> list[Any]:
-    """As nested lists, to 10 µm or 10 µrad: a fifth of the size of full floats."""
-    return np.round(values, digits).tolist()
-
-
-def _known(value: float) -> float | None:
-    return round(value, 5) if np.isfinite(value) else None
-
-
-def _pose(pose: Pose) -> dict[str, Any]:
-    return {"root": _rounded(pose.root_in_world), "quaternions": _rounded(pose.quaternions)}
-
-
-def _person(arm: HumanArm) -> dict[str, Any]:
-    return {
-        "head": _rounded(arm.head_position),
-        "head_orientation": _rounded(arm.head_orientation),
-        "shoulder": _rounded(arm.shoulder),
-        "elbow": _rounded(arm.elbow),
-        "wrist": _rounded(arm.wrist),
-        "knuckles": _rounded(arm.knuckles),
-        "palm": _rounded(arm.palm.position),
-        "palm_normal": _rounded(arm.palm.normal),
-        "valid": bool(arm.valid),
-        "age_ns": int(arm.age_ns),
-    }
-
-
-def _trial(result: TrialResult) -> dict[str, Any]:
-    names = {"emotion": result.emotion, "cell": result.cell, "notes": list(result.notes)}
-    return {"trial": result.number, "title": result.title, "simulated": result.simulated, **names}
-
-
-def _contact(result: TrialResult) -> dict[str, Any]:
-    contact = result.contact
-    return {
-        "trial": result.number,
-        "met": contact.met,
-        "met_time": _known(result.contact_time),
-        "distance": _known(contact.distance),
-        "gap": _known(contact.gap),
-        "lateral": _known(contact.lateral),
-        "palm_angle": _known(contact.palm_angle),
-        "approach_speed": _known(contact.approach_speed),
-        "peak_force": _known(contact.peak_force),
-        "where": _rounded(contact.where),
-        "out_of_reach": bool(result.out_of_reach),
-        "uncorrected_error": _known(result.uncorrected_error),
-        "unwanted": [{"first": u.first, "second": u.second, "deepest": _known(u.deepest)} for u in contact.unwanted],
-    }
-
-
-def _skeleton_update(now: int, person: HumanArm, pose: Pose) -> dict[str, Any]:
-    """A ``foxglove.SceneUpdate``: the avatar's bones, and the person's head, arm and hand, as lines."""
-    skeleton = avatar_skeleton()
-    joints, _ = skeleton.forward_kinematics(pose.root_in_world, pose.quaternions)
-    bones = [joints[[parent, joint]] for joint, parent in enumerate(skeleton.parents) if parent >= 0]
-    arm = np.array([person.head_position, person.shoulder, person.elbow, person.wrist, person.knuckles])
-    lines = {"avatar": np.concatenate(bones), "person": np.repeat(arm, 2, axis=0)[1:-1]}
-    return {"deletions": [], "entities": [_entity(now, name, points) for name, points in lines.items()]}
-
-
-def _entity(now: int, name: str, points: Array) -> dict[str, Any]:
-    origin = {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
-    line = {
-        "type": 2,  # a list of segments
-        "pose": origin,
-        "thickness": 0.012,
-        "scale_invariant": False,
-        "points": [dict(zip("xyz", point, strict=True)) for point in _rounded(points, 3)],
-        "color": dict(zip("rgba", _RGBA[name], strict=True)),
-        "colors": [],
-        "indices": [],
-    }
-    others = {kind: [] for kind in ("metadata", "arrows", "cubes", "spheres", "cylinders", "triangles", "texts", "models")}
-    stamp = {"sec": now // 1_000_000_000, "nsec": now % 1_000_000_000}
-    return {"timestamp": stamp, "frame_id": "world", "id": name, "lifetime": {"sec": 0, "nsec": 0},
-            "frame_locked": False, "lines": [line], **others}  # fmt: skip

@@ -81,7 +81,9 @@ _SPREADS = (
 )
 
 
-def summarise(results: Sequence[TrialResult], settings: SessionSettings, *, interrupted: bool = False) -> dict[str, Any]:
+def summarise(
+    results: Sequence[TrialResult], settings: SessionSettings, *, interrupted: bool = False
+) -> dict[str, Any]:
     """The JSON object of a session: numbers, strings, lists and objects of them; what is not known is None.
 
     Spreads have ``median``, ``max`` (of what is furthest from 0, sign kept) and ``by_emotion``. Errors are palm centre to
@@ -136,7 +138,9 @@ def targets(summary: dict[str, Any]) -> list[Target]:
         _target("palm to palm at contact, median", error["median"], 1.0, "mm", applies and summary["simulated"]),
         _target("palm to palm at contact, largest", worst, 5.0, "mm", applies),
         _target("angle between the palms, largest", angle["max"], 5.0, "°", applies),
-        _target("change of joint speed at fade-in", summary["speed_change_ratio"]["max"], 1.0, "× uncorrected", applies),
+        _target(
+            "change of joint speed at fade-in", summary["speed_change_ratio"]["max"], 1.0, "× uncorrected", applies
+        ),
         _target("one tick, half of all", tick["p50"], 1.0, "ms", True),
         _target("one tick, 99 of 100", tick["p99"], 3.0, "ms", True),
     ]
@@ -211,9 +215,7 @@ def _spread(column: _Column, results: Sequence[TrialResult]) -> dict[str, Any]:
 
 def _by_cell(results: Sequence[TrialResult]) -> dict[str, dict[str, Any]]:
     cells = sorted({result.cell for result in results if result.cell})
-    return {
-        cell: {c.name: _extent(c.of(r for r in results if r.cell == cell)) for c in _SPREADS[:2]} for cell in cells
-    }
+    return {cell: {c.name: _extent(c.of(r for r in results if r.cell == cell)) for c in _SPREADS[:2]} for cell in cells}
 
 
 def _unwanted(result: TrialResult) -> list[dict[str, Any]]:

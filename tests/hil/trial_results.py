@@ -14,7 +14,9 @@ from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import load_marker_set
 
 
-def simulated_result(scene: Scene, number: int, emotion: str, cell: str, *, away: float = 0.0, seed: int = 5) -> TrialResult:
+def simulated_result(
+    scene: Scene, number: int, emotion: str, cell: str, *, away: float = 0.0, seed: int = 5
+) -> TrialResult:
     """A trial whose avatar plays the simulated actor's motion; ``away`` m puts it too far back to meet the person."""
     rng = np.random.default_rng([seed, number])
     trial = simulate_pair(emotion, cell, 0, rng)

@@ -1,0 +1,30 @@
+"""One colour and one mark an emotion, the same in every figure, film and table.
+
+Okabe & Ito's palette (2008), which people with any colour vision tell apart; the marks say it again without colour.
+"""
+
+_EMOTIONS = {
+    "neutral": ("#009E73", "o"),
+    "happy": ("#E69F00", "^"),
+    "angry": ("#D55E00", "s"),
+    "sad": ("#3A86C8", "v"),
+}
+_OTHERS = (("#CC79A7", "D"), ("#8C6BB1", "P"), ("#7F7F7F", "X"))
+
+PERSON = "#8C6BB1"
+PARTNER = "#CC79A7"
+
+
+def colour_of(emotion: str) -> str:
+    """Hex colour of an emotion."""
+    return _look(emotion)[0]
+
+
+def mark_of(emotion: str) -> str:
+    """Matplotlib marker of an emotion."""
+    return _look(emotion)[1]
+
+
+def _look(emotion: str) -> tuple[str, str]:
+    # Emotions of other labs' data: the same one always looks the same.
+    return _EMOTIONS.get(emotion) or _OTHERS[sum(emotion.encode()) % len(_OTHERS)]

@@ -4,8 +4,9 @@ A box-constrained Gauss–Newton solve of
 
     min over q   w_p² |p(q) - p*|² + w_n² |n(q) - n*|² + w_q² |S (q - q_generated)|²    with q inside the joint limits,
 
-with MuJoCo's site Jacobian and its box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic programming",
-sec. III). Clipping a free step to the limits instead is no bound: it stalled 30 mm off where the box QP is within 1.
+with MuJoCo's site Jacobian and its box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic
+programming", sec. III), damped as by Levenberg and Marquardt where a step makes things worse. Clipping a free step to
+the limits instead is no bound: it stalled 30 mm off where the box QP is within 1.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ POSITION_WEIGHT = 1.0  # a metre
 NORMAL_WEIGHT = 0.1  # a radian
 POSTURE_WEIGHT = 0.006  # a radian, times the joint's share below
 _JOINT_SHARE = {"thoracic_12": 4.0, "thoracic_8": 4.0, "right_clavicle": 2.5}
+_TRUST = 0.5  # rad a step
 OUT_OF_REACH_M = 0.004
 """A palm that stays further than this from its target is out of reach."""
 
@@ -49,7 +51,8 @@ class Correction:
 class ContactCorrection:
     """The solver; it starts each tick from the last tick's change."""
 
-    def __init__(self, scene: Scene, iterations: int = 4) -> None:
+    def __init__(self, scene: Scene, iterations: int = 6) -> None:
+        """Makes a state of its own in ``scene``; ``iterations`` bounds the cost of a tick."""
         self._scene, self._model, self._iterations = scene, scene.model, iterations
         self._data = mujoco.MjData(scene.model)
         self._dofs = scene.arm_dofs
@@ -57,7 +60,7 @@ class ContactCorrection:
         limits = scene.skeleton.hinge_limits[scene.arm_joints].reshape(-1, 2)
         self._low, self._high = limits[:, 0], limits[:, 1]
         share = np.repeat([_JOINT_SHARE.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
-        self._posture = (POSTURE_WEIGHT * share) ** 2
+        self.posture_cost = (POSTURE_WEIGHT * share) ** 2
         count = len(self._dofs)
         self._jacobians = np.zeros((2, 3, scene.model.nv))
         self._work = np.zeros((count, count + 7))
@@ -77,14 +80,19 @@ class ContactCorrection:
         """The pose next to ``pose`` whose palm is at ``position`` (3,) m and faces ``normal`` (3,)."""
         generated = self._set(pose)
         angles = np.clip(generated + self._change, self._low, self._high)
-        cost = np.inf
+        cost, residual, jacobian = self._linearise(angles, generated, position, normal)
+        damping = 1e-7
         for _ in range(self._iterations):
-            self._data.qpos[self._qpos] = angles
-            residual, jacobian = self._linearise(position, normal)
-            before, cost = cost, float(residual @ residual + self._posture @ (angles - generated) ** 2)
-            if before - cost < 1e-10:
+            candidate = self._step(angles, generated, residual, jacobian, damping)
+            trial = self._linearise(candidate, generated, position, normal)
+            gain = cost - trial[0]
+            if gain > 0.0:
+                angles, (cost, residual, jacobian) = candidate, trial
+                damping = max(0.1 * damping, 1e-7)
+            else:
+                damping = max(10.0 * damping, 1e-4)
+            if abs(gain) < 1e-10:
                 break
-            angles = self._step(angles, generated, residual, jacobian)
         self._change = angles - generated
         self._data.qpos[self._qpos] = angles
         mujoco.mj_kinematics(self._model, self._data)
@@ -109,27 +117,27 @@ class ContactCorrection:
         axes = data.site_xmat[site].reshape(3, 3)
         return PalmPose(data.site_xpos[site].copy(), axes[:, 2].copy(), axes[:, 0].copy(), np.zeros(3))
 
-    def _linearise(self, position: Array, normal: Array) -> tuple[Array, Array]:
-        """Residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
+    def _linearise(self, angles: Array, generated: Array, position: Array, normal: Array) -> tuple[float, Array, Array]:
+        """Cost, residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
         model, data, site = self._model, self._data, self._scene.palm_site
+        data.qpos[self._qpos] = angles
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, self._jacobians[0], self._jacobians[1], site)
         palm = self._palm_now()
         translation, rotation = self._jacobians[:, :, self._dofs]
-        residual = np.concatenate(
-            [POSITION_WEIGHT * (palm.position - position), NORMAL_WEIGHT * (palm.normal - normal)]
-        )
-        # d n = omega x n
-        turning = rotations.cross(rotation.T, palm.normal[None]).T
-        return residual, np.concatenate([POSITION_WEIGHT * translation, NORMAL_WEIGHT * turning])
+        place, facing = palm.position - position, palm.normal - normal
+        residual = np.concatenate([POSITION_WEIGHT * place, NORMAL_WEIGHT * facing])
+        turning = rotations.cross(rotation.T, palm.normal[None]).T  # dn = omega x n
+        cost = float(residual @ residual + self.posture_cost @ (angles - generated) ** 2)
+        return cost, residual, np.concatenate([POSITION_WEIGHT * translation, NORMAL_WEIGHT * turning])
 
-    def _step(self, angles: Array, generated: Array, residual: Array, jacobian: Array) -> Array:
+    def _step(self, angles: Array, generated: Array, residual: Array, jacobian: Array, damping: float) -> Array:
         hessian = jacobian.T @ jacobian
-        hessian[np.diag_indices_from(hessian)] += self._posture + 1e-7
-        gradient = jacobian.T @ residual + self._posture * (angles - generated)
+        hessian[np.diag_indices_from(hessian)] += self.posture_cost + damping
+        gradient = jacobian.T @ residual + self.posture_cost * (angles - generated)
         step = np.zeros_like(angles)
-        mujoco.mju_boxQP(
-            step, self._work, self._index, hessian, gradient, self._low - angles, self._high - angles
-        )  # fmt: skip
+        # The model is linear for some 30° at the most.
+        low, high = np.maximum(self._low - angles, -_TRUST), np.minimum(self._high - angles, _TRUST)
+        mujoco.mju_boxQP(step, self._work, self._index, hessian, gradient, low, high)
         return angles + step

@@ -1,12 +1,13 @@
 """When the palms will meet, and where the avatar's palm should be until then and after.
 
-The model says how long it is until contact and moves the hand there, a few centimetres off. The reach fades the miss in as
-contact comes near: the palm is led to ``generated + weight * miss``, with
+The model says how long it is until contact and moves the hand there, a few centimetres off. The reach fades the miss in
+as contact comes near: the palm is led to ``generated + weight * miss``, with
 
     miss = r + r' * remaining / 2,    r = person's palm - generated palm,
 
-which is ``r`` itself at contact. The second term leaves the closing movement to the model: without it the palm would run to
-the person's as soon as the weight is 1. A half, because a hand that comes in braking covers about half of what its speed says.
+which is ``r`` itself at contact. The second term leaves the closing movement to the model: without it the palm
+would run to the person's as soon as the weight is 1. A half, because a hand that comes in braking covers half of what its
+speed says.
 """
 
 from __future__ import annotations
@@ -50,8 +51,12 @@ class ReachSettings:
     slowest: float = 0.4
     fastest: float = 1.7
     """Bounds of the rate at which the remaining time runs out, against the clock."""
-    smoothing: float = 0.04
-    """Time constant of the relative velocity and of the miss."""
+    smoothing: float = 0.03
+    """Time constant of the relative velocity and of the rate."""
+    easing: float = 0.05
+    """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""
+    late: float = 0.3
+    """A clock that says contact was up to this long ago means now; beyond, it is past."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,7 @@ class Reach:
     """The course of one high five after another, tick by tick."""
 
     def __init__(self, settings: ReachSettings | None = None) -> None:
+        """Starts idle."""
         self.settings = settings or ReachSettings()
         self.reset()
 
@@ -86,12 +92,14 @@ class Reach:
         self._since = 0.0
         self._length = self._remaining = self._rate = 0.0
         self._weight_at_release = 0.0
-        self._gap_before: Array | None = None
+        self._gap: Array | None = None
+        self._generated_before: Array | None = None
         self._gap_velocity = np.zeros(3)
         self._miss = np.zeros(3)
         self._miss_velocity = np.zeros(3)
         self._turn = np.zeros(3)
-        self._touched = False
+        self._touched = self._lost = False
+        self._ease = np.zeros((2, 3))
 
     def step(self, generated: PalmPose, person: PalmPose | None, time_to_contact: float, dt: float) -> ReachTarget:
         """The target of this tick.
@@ -106,8 +114,11 @@ class Reach:
         if person is not None:
             self._observe(generated, person, dt)
         self._advance(person is not None, self._expected(time_to_contact), dt)
-        if self._phase in (Phase.APPROACH, Phase.TOUCH) and person is not None:
-            self._aim(generated, person, dt)
+        if self._phase in (Phase.APPROACH, Phase.TOUCH):
+            if person is None:
+                self._lost = True
+            else:
+                self._aim(generated, person, dt)
         elif self._phase is Phase.RELEASE:
             self._miss = self._miss + self._miss_velocity * dt
             self._miss_velocity = self._miss_velocity * np.exp(-dt / self.settings.landing)
@@ -117,17 +128,21 @@ class Reach:
         return ReachTarget(self._phase, weight, remaining, generated.position + weight * self._miss, turned)
 
     def _observe(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
-        gap = person.position - generated.position
-        if self._gap_before is not None:
+        if self._generated_before is not None:
+            # The tracker knows the person's velocity better than differences of positions do.
+            velocity = person.velocity - (generated.position - self._generated_before) / dt
             share = 1.0 - np.exp(-dt / self.settings.smoothing)
-            self._gap_velocity = self._gap_velocity + share * ((gap - self._gap_before) / dt - self._gap_velocity)
-        self._gap_before = gap
+            self._gap_velocity = self._gap_velocity + share * (velocity - self._gap_velocity)
+        self._generated_before = generated.position
+        self._gap = person.position - generated.position
 
     def _expected(self, time_to_contact: float) -> float:
         """Time to contact, s: the model's, or that of the nearest approach if the palms are close."""
-        gap = self._gap_before
+        gap = self._gap
         if gap is None:
             return np.inf
+        if time_to_contact < 0.0:
+            time_to_contact = 0.0 if time_to_contact > -self.settings.late else np.inf
         distance, speed = float(np.linalg.norm(gap)), float(np.linalg.norm(self._gap_velocity))
         closing = -float(gap @ self._gap_velocity) / max(speed, 1e-6) ** 2
         if distance < self.settings.horizon and closing > 0.0 and speed > 0.1:
@@ -141,6 +156,7 @@ class Reach:
         if self._phase is Phase.IDLE:
             if seen and not self._touched and expected < s.fade_in:
                 self._enter(Phase.APPROACH)
+                self._lost, self._ease = False, np.zeros((2, 3))
                 self._length = self._remaining = float(np.clip(expected, s.shortest_fade_in, s.fade_in))
                 self._rate = 1.0
             elif expected > 2.0 * s.fade_in or self._far():
@@ -149,7 +165,7 @@ class Reach:
             if expected > 2.0 * s.fade_in:  # the person thought better of it
                 self._release()
                 return
-            wanted = np.clip(1.0 + (self._remaining - max(expected, 0.0)) / 0.08, s.slowest, s.fastest)
+            wanted = np.clip(1.0 + (self._remaining - expected) / 0.08, s.slowest, s.fastest)
             self._rate += (1.0 - np.exp(-dt / s.smoothing)) * (wanted - self._rate)
             self._remaining -= self._rate * dt
             if self._remaining <= 1e-9:
@@ -161,7 +177,7 @@ class Reach:
             self._enter(Phase.IDLE)
 
     def _far(self) -> bool:
-        return self._gap_before is not None and float(np.linalg.norm(self._gap_before)) > 0.6
+        return self._gap is not None and float(np.linalg.norm(self._gap)) > 0.6
 
     def _enter(self, phase: Phase) -> None:
         self._phase, self._since = phase, 0.0
@@ -181,9 +197,13 @@ class Reach:
         """The miss (m) and the turn (rotation vector, rad) that would bring palm to palm at contact."""
         gap = person.position - generated.position
         miss = gap + 0.5 * self._gap_velocity * self._landing(self._remaining)
+        turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
+        if self._lost:  # a hand that comes back is not where it was left: the difference runs out
+            self._ease, self._lost = np.array([self._miss - miss, self._turn - turn]), False
+        self._ease *= np.exp(-dt / self.settings.easing)
+        miss, turn = miss + self._ease[0], turn + self._ease[1]
         self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
-        self._miss = miss
-        self._turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
+        self._miss, self._turn = miss, turn
 
     def _landing(self, remaining: float) -> float:
         """The remaining time, bent so that it comes to 0 without a corner: x² (2 - x) over the last stretch."""

@@ -1,0 +1,129 @@
+"""The reach: it comes to contact from whatever it is told, smoothly, and lets go again."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hil.profiles import minimum_jerk
+from hil.reach import Phase, Reach, ReachSettings, ReachTarget
+from mocap_bridge.frames import PalmPose
+
+DT = 1.0 / 120.0
+OUT = np.array([1.0, 0.0, 0.0])
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def palm(position: np.ndarray, normal: np.ndarray, velocity: np.ndarray = np.zeros(3)) -> PalmPose:  # noqa: B008
+    return PalmPose(position, normal, UP, velocity)
+
+
+def run(
+    clock_error: float = 0.0,
+    clock_gain: float = 1.0,
+    miss: float = 0.04,
+    hidden: slice = slice(0, 0),
+    noise: float = 0.0,
+) -> tuple[list[ReachTarget], np.ndarray, np.ndarray, int]:
+    """Two hands that meet at 1.5 s but for a miss; the clock is off by an error and a factor."""
+    rng = np.random.default_rng(0)
+    times = np.arange(0.0, 3.0, DT)
+    contact = 1.5
+    progress = minimum_jerk((times - 0.5) / 1.05) - minimum_jerk((times - 1.6) / 1.0)
+    generated = np.array([0.1, -0.2, 0.9]) + progress[:, None] * np.array([0.4, 0.2 + miss, 0.5])
+    person = np.array([1.0, 0.2, 0.9]) + progress[:, None] * np.array([-0.5, -0.2, 0.5])
+    velocity = np.gradient(person, DT, axis=0)
+    person = person + noise * rng.normal(size=person.shape)
+    reach, targets = Reach(), []
+    for i, t in enumerate(times):
+        seen = not hidden.start <= i < hidden.stop if hidden.stop else True
+        clock = clock_gain * (contact - t) + clock_error
+        targets.append(
+            reach.step(palm(generated[i], OUT), palm(person[i], -OUT, velocity[i]) if seen else None, clock, DT)
+        )
+    return targets, generated, person, round(contact / DT)
+
+
+def touches(targets: list[ReachTarget]) -> list[int]:
+    return [i for i, target in enumerate(targets) if target.phase is Phase.TOUCH]
+
+
+@pytest.mark.parametrize("error", [-0.15, -0.05, 0.0, 0.05, 0.15])
+def test_palms_meet_once_near_the_time_whatever_the_clock_says(error: float) -> None:
+    targets, _, person, contact = run(clock_error=error)
+    frames = touches(targets)
+    assert frames
+    assert frames[-1] - frames[0] + 1 == len(frames)
+    assert abs(frames[0] - contact) < 0.2 / DT
+    for i in frames:
+        np.testing.assert_allclose(targets[i].position, person[i], atol=1e-9)
+
+
+@pytest.mark.parametrize("gain", [0.5, 2.0])
+def test_a_clock_that_runs_wrong_is_survived(gain: float) -> None:
+    targets, _, _, contact = run(clock_gain=gain)
+    assert touches(targets)
+    assert abs(touches(targets)[0] - contact) < 0.25 / DT
+
+
+def test_a_clock_that_never_tells_is_survived() -> None:
+    times = touches(run(clock_gain=0.0, clock_error=5.0)[0])
+    assert times  # the palms come close enough for the nearest approach to count
+
+
+def test_weight_rises_and_falls_smoothly_and_the_rest_is_untouched() -> None:
+    targets, generated, _, _ = run()
+    weight = np.array([t.weight for t in targets])
+    assert weight[0] == weight[-1] == 0.0
+    assert weight.max() == 1.0
+    peak = int(np.argmax(weight))
+    assert np.all(np.diff(weight[: peak + 1]) >= -1e-12)
+    assert np.abs(np.diff(weight)).max() < 0.08
+    idle = weight == 0.0
+    np.testing.assert_array_equal(np.array([t.position for t in targets])[idle], generated[idle])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.0001])
+def test_target_never_jumps(noise: float) -> None:
+    targets, generated, _, _ = run(noise=noise)
+    position = np.array([t.position for t in targets])
+    correction = position - generated
+    assert np.abs(np.diff(correction, axis=0)).max() < 0.012
+    landed = touches(targets)[0]
+    closing = np.linalg.norm(np.diff(correction[: landed + 1], n=2, axis=0), axis=1).max() / DT
+    assert closing < 0.35  # m/s from tick to tick
+
+
+def test_normal_turns_to_face_the_person() -> None:
+    reach = Reach(ReachSettings())
+    tilted = np.array([np.cos(0.3), np.sin(0.3), 0.0])
+    person = palm(np.array([0.5, 0.0, 1.4]), -OUT)
+    for i in range(120):
+        target = reach.step(palm(np.array([0.48, 0.0, 1.4]), tilted), person, 0.4 - i * DT, DT)
+        if target.phase is Phase.TOUCH:
+            break
+    np.testing.assert_allclose(target.normal, OUT, atol=1e-9)
+
+
+def test_a_person_who_vanishes_in_the_reach_is_met_where_the_miss_was_last_seen() -> None:
+    targets, generated, _, _ = run(hidden=slice(150, 175))
+    assert touches(targets)
+    correction = np.array([t.position for t in targets]) - generated
+    assert np.abs(np.diff(correction, axis=0)).max() < 0.03
+
+
+def test_nobody_there_nothing_happens() -> None:
+    reach = Reach()
+    for _ in range(200):
+        target = reach.step(palm(np.zeros(3), OUT), None, 0.1, DT)
+        assert target.phase is Phase.IDLE
+        assert target.weight == 0.0
+
+
+def test_hands_that_stay_together_do_not_touch_again_and_again() -> None:
+    reach, phases = Reach(), []
+    for i in range(600):
+        target = reach.step(palm(np.array([0.5, 0, 1.4]), OUT), palm(np.array([0.52, 0, 1.4]), -OUT), 0.5 - i * DT, DT)
+        phases.append(target.phase)
+    starts = sum(a is not Phase.TOUCH and b is Phase.TOUCH for a, b in pairwise(phases))
+    assert starts == 1

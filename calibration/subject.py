@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.body_solver import ANGLE_SIGMA, body_part, solve_body, solve_part_alone
+from mocap_bridge.body_solver import body_part, solve_body, solve_part_alone
 from mocap_bridge.kinematic_part import Part, forward, jacobian
 from mocap_bridge.marker_sets import MarkerSet, segment_lengths
+from mocap_bridge.pose_fit import ANGLE_SIGMA, MARKER_SIGMA
 from model.errors import HighFiveError
 from model.rotations import Array
 from model.skeleton import Skeleton
@@ -28,8 +29,6 @@ SCALE_SIGMA = 0.10
 
 PLACE_SIGMA = 0.010
 """Standard deviation of a marker's place on its segment about the set's, m."""
-
-_MARKER_SIGMA = 0.003
 
 # Joints whose offsets from their parents share one scale; left and right always do. Any other joint has its own.
 _MEASURES = {
@@ -82,9 +81,10 @@ def fit_subject(
     body, markers = skeleton, marker_set
     scales, moved = np.ones(len(measure_names)), np.zeros((len(marker_set), 3))
     poses = None
-    for _ in range(ROUNDS):
+    for attempt in range(ROUNDS):
         part = body_part(body, markers)
-        poses = solve_part_alone(part, points, valid, poses)
+        # Half way the poses are found anew: what was a poor minimum on the unfitted body need not be one any more.
+        poses = solve_part_alone(part, points, valid, None if attempt == ROUNDS // 2 else poses)
         step = _improve(skeleton, marker_set, measure_of, part, poses, points, valid, scales, moved)
         scales, moved = scales + step[: len(scales)], moved + step[len(scales) :].reshape(-1, 3)
         body = replace(skeleton, offsets=skeleton.offsets * scales[measure_of][:, None])
@@ -130,7 +130,10 @@ def _improve(
     error = kinematics.markers - points[:, part.markers]
     unknowns = by_body.shape[-1]
     normal, right = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    weak = np.eye(part.parameters) * (_MARKER_SIGMA / ANGLE_SIGMA) ** 2
+    weak = np.eye(part.parameters) * (MARKER_SIGMA / ANGLE_SIGMA) ** 2
+    # A hinge at its limit does not give way.
+    hinges = poses[:, :-3]
+    by_pose[..., :-3] *= ((hinges > part.limits[:, 0]) & (hinges < part.limits[:, 1]))[:, None, None, :]
     for t in range(len(poses)):
         seen = valid[t, part.markers]
         c = by_body[t, seen].reshape(-1, unknowns)
@@ -139,7 +142,7 @@ def _improve(
         left = c - j @ np.linalg.solve(j.T @ j + weak, j.T @ c)
         normal += left.T @ c
         right += left.T @ error[t, seen].reshape(-1)
-    normal, right = normal / _MARKER_SIGMA**2, right / _MARKER_SIGMA**2
+    normal, right = normal / MARKER_SIGMA**2, right / MARKER_SIGMA**2
     # Scales lie about their own mean, which is free; the places lie about the set's. The residuals are misfit of the
     # model, alike in neighbouring frames: all frames together count as a few.
     weight = len(poses) / 4.0

@@ -1,9 +1,8 @@
 """From a person's markers to the joint angles of the skeleton.
 
-Every frame is a regularised non-linear least-squares problem in the hinge angles and the pelvis' position, solved by
-Levenberg–Marquardt with the analytic Jacobian, all frames of a recording at once. Body and fingers are solved one after
-the other: given the hands, each finger is a problem of nine unknowns of its own. Levenberg 1944, Marquardt 1963; box
-limits by projection with an active set (Bertsekas 1982, SIAM J. Control Optim. 20(2)).
+Every frame is a regularised non-linear least-squares problem in the hinge angles and the pelvis' position, all frames of
+a recording at once. Body and fingers are solved one after the other: given the hands, each finger is a problem of nine
+unknowns of its own. Key frames are solved from scratch, the frames between from the interpolated key frames.
 """
 
 from __future__ import annotations
@@ -13,26 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.kinematic_part import Kinematics, Part, forward, jacobian, make_part
+from mocap_bridge.kinematic_part import Part, forward, make_part
 from mocap_bridge.marker_sets import MarkerSet
+from mocap_bridge.pose_fit import ANGLE_SIGMA, Problem, better, cost_of, kinematics_of, minimise
 from model import rotations
 from model.errors import HighFiveError
 from model.rotations import Array
 from model.skeleton import Skeleton
 
-MARKER_SIGMA = 0.003
-"""Standard deviation of a marker about the model, m: noise, skin movement and misfit of the segments."""
-
-ANGLE_SIGMA = 1.0
-"""Standard deviation of a hinge about the rest pose, rad: decides only where the markers say nothing."""
-
-NEIGHBOUR_SIGMA = 0.3
-"""Standard deviation of a hinge about what the frames before and after say, rad."""
-
-_OUTLIER = 0.05  # m; residuals beyond it count linearly (Huber): a swapped label must not bend the body
 _MISLABELLED = 0.15  # m; a marker so far off does not belong where its label says
 _KEY_STEP = 12  # every so many frames is solved from scratch, the frames between from the interpolated result
-_CHUNK = 256  # frames solved at once; bounds the memory of the Jacobian
 
 
 @dataclass(frozen=True)
@@ -50,36 +39,6 @@ class BodySolution:
     quaternions: Array
     residuals: Array
     rms: Array
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """What is known of one part in T frames.
-
-    Markers (T, N, 3), seen (T, N), the base's position (T, 3) and rotation (T, 3, 3), and the prior: hinges (T, H) with
-    one standard deviation, rad.
-    """
-
-    measured: Array
-    seen: NDArray[np.bool_]
-    base: Array
-    rotation: Array
-    prior: Array
-    prior_sigma: float
-
-    def take(self, frames: NDArray[np.intp]) -> _Problem:
-        return _Problem(
-            self.measured[frames],
-            self.seen[frames],
-            self.base[frames],
-            self.rotation[frames],
-            self.prior[frames],
-            self.prior_sigma,
-        )
-
-    def near(self, parameters: Array) -> _Problem:
-        """The same with a prior at other hinge angles, tighter than the one about the rest pose."""
-        return replace(self, prior=parameters[:, : self.prior.shape[1]], prior_sigma=NEIGHBOUR_SIGMA)
 
 
 def solve_body(
@@ -144,16 +103,16 @@ def solve_part_alone(part: Part, points: Array, valid: NDArray[np.bool_], start:
         start: (T, P) parameters near the solution; None solves from scratch.
     """
     if start is not None:
-        return _minimise(part, _body_problem(part, points, valid), start, 10)
+        return minimise(part, _body_problem(part, points, valid), start, 10)
     return _solve_body_part(part, points, valid, 1)
 
 
-def _pose_problem(part: Part, points: Array, valid: NDArray[np.bool_], base: Array, rotation: Array) -> _Problem:
+def _pose_problem(part: Part, points: Array, valid: NDArray[np.bool_], base: Array, rotation: Array) -> Problem:
     rest = np.tile(part.rest, (len(points), 1))
-    return _Problem(points[:, part.markers], valid[:, part.markers], base, rotation, rest, ANGLE_SIGMA)
+    return Problem(points[:, part.markers], valid[:, part.markers], base, rotation, rest, ANGLE_SIGMA)
 
 
-def _body_problem(part: Part, points: Array, valid: NDArray[np.bool_]) -> _Problem:
+def _body_problem(part: Part, points: Array, valid: NDArray[np.bool_]) -> Problem:
     frames = len(points)
     return _pose_problem(part, points, valid, np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
 
@@ -171,7 +130,7 @@ def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], key_st
     return _solve_part(part, problem, usable, [start], key_step)
 
 
-def _solve_digit(part: Part, problem: _Problem, angles: Array, key_step: int) -> None:
+def _solve_digit(part: Part, problem: Problem, angles: Array, key_step: int) -> None:
     """Solves one digit on a hand whose pose is known; writes its ``angles`` (T, J, 3) in place."""
     whole = problem.seen.all(axis=1)
     usable = np.flatnonzero(whole if whole.any() else problem.seen.any(axis=1))
@@ -183,37 +142,37 @@ def _solve_digit(part: Part, problem: _Problem, angles: Array, key_step: int) ->
     angles[:, part.joints] = _solve_part(part, problem, usable, starts, key_step).reshape(len(angles), -1, 3)
 
 
-def _solve_part(part: Part, problem: _Problem, usable: NDArray[np.intp], starts: list[Array], key_step: int) -> Array:
+def _solve_part(part: Part, problem: Problem, usable: NDArray[np.intp], starts: list[Array], key_step: int) -> Array:
     """Parameters (T, P) of a part: key frames from all ``starts``, then every frame from the interpolated ones."""
     frames = len(problem.measured)
     keys = np.unique(np.append(usable[::key_step], usable[-1]))
     at_keys = problem.take(keys)
-    found = _minimise(part, at_keys, starts[0][keys], 40)
+    found = minimise(part, at_keys, starts[0][keys], 40)
     for start in starts[1:]:
-        found = _better(part, at_keys, found, _minimise(part, at_keys, start[keys], 40))
+        found = better(part, at_keys, found, minimise(part, at_keys, start[keys], 40))
     found = _retry_bad(part, at_keys, found)
     if key_step == 1:
         return _over_time(part, keys, found, frames)
     for _ in range(3):  # what the markers leave open shall not change from one key frame to the next
         found = _over_time(part, keys, found, frames)[keys]
-        found = _minimise(part, at_keys.near(_smoothed(found)), found, 15)
+        found = minimise(part, at_keys.near(_smoothed(found)), found, 15)
     found = _over_time(part, keys, found, frames)
-    solved = _minimise(part, problem.take(usable).near(found[usable]), found[usable], 15)
+    solved = minimise(part, problem.take(usable).near(found[usable]), found[usable], 15)
     solved = _over_time(part, usable, solved, frames)
     blind = np.setdiff1d(np.flatnonzero(problem.seen.any(axis=1)), usable)
     if len(blind):
-        solved[blind] = _minimise(part, problem.take(blind).near(solved[blind]), solved[blind], 15)
+        solved[blind] = minimise(part, problem.take(blind).near(solved[blind]), solved[blind], 15)
     return _without_mislabelled(part, problem, solved)
 
 
-def _without_mislabelled(part: Part, problem: _Problem, solved: Array) -> Array:
+def _without_mislabelled(part: Part, problem: Problem, solved: Array) -> Array:
     """Solves frames with a marker far from where the body has it once more without that marker."""
-    distance = np.linalg.norm(problem.measured - _kinematics(part, problem, solved).markers, axis=-1)
+    distance = np.linalg.norm(problem.measured - kinematics_of(part, problem, solved).markers, axis=-1)
     far = problem.seen & (distance > _MISLABELLED)
     frames = np.flatnonzero(far.any(axis=1))
     if len(frames):
         trusted = replace(problem, seen=problem.seen & ~far)
-        solved[frames] = _minimise(part, trusted.take(frames).near(solved[frames]), solved[frames], 15)
+        solved[frames] = minimise(part, trusted.take(frames).near(solved[frames]), solved[frames], 15)
     return solved
 
 
@@ -255,14 +214,9 @@ def _place_root(part: Part, measured: Array, seen: NDArray[np.bool_]) -> tuple[A
     return hinges, centre - np.einsum("tij,tj->ti", rotation, rest_centre)
 
 
-def _better(part: Part, problem: _Problem, first: Array, second: Array) -> Array:
-    """Frame by frame the parameters (T, P) of lower cost."""
-    return np.where((_cost(part, problem, second) < _cost(part, problem, first))[:, None], second, first)
-
-
-def _retry_bad(part: Part, problem: _Problem, found: Array) -> Array:
+def _retry_bad(part: Part, problem: Problem, found: Array) -> Array:
     """Solves frames that ended in a poor minimum again, from the good frames next to them; keeps the best."""
-    cost = _cost(part, problem, found)
+    cost = cost_of(part, problem, found)
     poor = np.flatnonzero(cost > 4.0 * np.median(cost) + 1e-9)
     good = np.setdiff1d(np.arange(len(found)), poor)
     if not len(poor) or not len(good):
@@ -270,101 +224,6 @@ def _retry_bad(part: Part, problem: _Problem, found: Array) -> Array:
     found, again = found.copy(), problem.take(poor)
     place = np.searchsorted(good, poor)
     for neighbour in (good[np.maximum(place - 1, 0)], good[np.minimum(place, len(good) - 1)]):
-        solved = _minimise(part, again, found[neighbour], 40)
-        found[poor] = _better(part, again, found[poor], solved)
+        solved = minimise(part, again, found[neighbour], 40)
+        found[poor] = better(part, again, found[poor], solved)
     return found
-
-
-def _minimise(part: Part, problem: _Problem, start: Array, iterations: int) -> Array:
-    """Parameters (T, P) that explain the markers best, from ``start``, chunk by chunk."""
-    out = np.empty_like(start)
-    for first in range(0, len(start), _CHUNK):
-        c = np.arange(first, min(first + _CHUNK, len(start)))
-        out[c] = _levenberg_marquardt(part, problem.take(c), start[c], iterations)
-    return out
-
-
-def _levenberg_marquardt(part: Part, problem: _Problem, start: Array, iterations: int) -> Array:
-    size, hinges = part.parameters, 3 * len(part.joints)
-    low, high = np.full(size, -np.inf), np.full(size, np.inf)
-    low[:hinges], high[:hinges] = part.limits.T
-    x = np.clip(start, low, high)
-    damping = np.full(len(x), 1e-3)
-    cost = _cost(part, problem, x)
-    active = np.arange(len(x))  # frames that still move
-    for _ in range(iterations):
-        moving = problem.take(active)
-        gradient, hessian = _normal_equations(part, moving, x[active])
-        diagonal = np.einsum("tpp->tp", hessian)
-        diagonal += damping[active, None] * diagonal + 1e-9
-        trial = x[active] + _box_step(hessian, gradient, low - x[active], high - x[active])
-        trial_cost = _cost(part, moving, trial)
-        better = trial_cost < cost[active]
-        done = (better & (cost[active] - trial_cost < 1e-5 * cost[active])) | (damping[active] > 1e6)
-        x[active[better]], cost[active[better]] = trial[better], trial_cost[better]
-        damping[active] *= np.where(better, 0.2, 5.0)
-        active = active[~done]
-        if not len(active):
-            break
-    return x
-
-
-def _box_step(hessian: Array, gradient: Array, low: Array, high: Array) -> Array:
-    """Step (T, P) to the minimum of a quadratic, inside limits (T, P), nearly: what would leave them is held at them.
-
-    Two rounds of holding; a third changes nothing that the next iteration does not.
-    """
-    # Where a parameter is at its limit and the slope leads outward it is held from the start.
-    held = ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
-    step = np.zeros_like(gradient)
-    for _ in range(3):
-        bent = gradient + (hessian @ np.where(held, step, 0.0)[..., None])[..., 0]
-        system = hessian * ~(held[:, :, None] | held[:, None, :])
-        np.einsum("tpp->tp", system)[held] = 1.0
-        free_step = -np.linalg.solve(system, np.where(held, 0.0, bent)[..., None])[..., 0]
-        step = np.where(held, step, free_step)
-        outside = (step < low) | (step > high)
-        if not outside.any():
-            break
-        step = np.clip(step, low, high)
-        held |= outside
-    return step
-
-
-def _kinematics(part: Part, problem: _Problem, x: Array) -> Kinematics:
-    if part.free:
-        return forward(part, x[:, :-3], x[:, -3:], problem.rotation)
-    return forward(part, x, problem.base, problem.rotation)
-
-
-def _prior_residual(part: Part, problem: _Problem, x: Array) -> Array:
-    """Hinges' distance (T, H) from the prior, in its standard deviations; the turn of a free base has no prior."""
-    hinges = 3 * len(part.joints)
-    residual = (x[:, :hinges] - problem.prior) / problem.prior_sigma
-    if part.free:
-        residual[:, :3] = 0.0
-    return residual
-
-
-def _cost(part: Part, problem: _Problem, x: Array) -> Array:
-    """Huber cost (T,)."""
-    distance = np.linalg.norm(problem.measured - _kinematics(part, problem, x).markers, axis=-1)
-    huber = np.where(distance < _OUTLIER, distance**2, 2 * _OUTLIER * distance - _OUTLIER**2)
-    return (huber * problem.seen).sum(axis=1) / MARKER_SIGMA**2 + (_prior_residual(part, problem, x) ** 2).sum(axis=1)
-
-
-def _normal_equations(part: Part, problem: _Problem, x: Array) -> tuple[Array, Array]:
-    """Half the gradient (T, P) and the Gauss–Newton matrix (T, P, P) of the cost."""
-    kinematics = _kinematics(part, problem, x)
-    error = kinematics.markers - problem.measured
-    distance = np.linalg.norm(error, axis=-1)
-    weight = np.sqrt(problem.seen * np.minimum(1.0, _OUTLIER / np.maximum(distance, 1e-9))) / MARKER_SIGMA
-    slopes = (jacobian(part, kinematics) * weight[:, None, :, None]).reshape(len(x), -1, part.parameters)
-    weighted = (error * weight[..., None]).transpose(0, 2, 1).reshape(len(x), -1, 1)
-    transposed = slopes.transpose(0, 2, 1)
-    hessian, gradient = transposed @ slopes, (transposed @ weighted)[..., 0]
-    hinges = 3 * len(part.joints)
-    gradient[:, :hinges] += _prior_residual(part, problem, x) / problem.prior_sigma
-    index = np.arange(3 if part.free else 0, hinges)
-    hessian[:, index, index] += problem.prior_sigma**-2
-    return gradient, hessian

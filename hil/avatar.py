@@ -23,25 +23,25 @@ def avatar_skeleton() -> Skeleton:
 
 @dataclass(frozen=True)
 class Pose:
-    """A pose of the avatar.
+    """A pose of the avatar, as hinge angles: what the joint limits, the actuators and the correction are about.
 
     Attributes:
         root_in_world: (3,) m, centre of the pelvis.
-        quaternions: (53, 4), rotation of each joint relative to its parent; the pelvis relative to the world.
+        hinges: (53, 3) rad, angles of each joint's hinges in their order; the pelvis' are relative to the world.
     """
 
     root_in_world: Array
-    quaternions: Array
+    hinges: Array
 
     @classmethod
     def from_quaternions(cls, root_in_world: Array, quaternions: Array) -> Pose:
-        """The pose with these joint rotations."""
-        return cls(root_in_world, quaternions)
+        """The pose with joint rotations (53, 4), each relative to its parent, the pelvis relative to the world."""
+        return cls(root_in_world, avatar_skeleton().to_hinges(quaternions))
 
     @cached_property
-    def hinges(self) -> Array:
-        """Hinge angles (53, 3), rad."""
-        return avatar_skeleton().to_hinges(self.quaternions)
+    def quaternions(self) -> Array:
+        """(53, 4), rotation of each joint relative to its parent; the pelvis relative to the world."""
+        return avatar_skeleton().from_hinges(self.hinges)
 
 
 PALM_IN_RIGHT_WRIST = np.array([0.0, 0.5 * anthropometry.PALM_THICKNESS, -anthropometry.PALM_CENTRE])

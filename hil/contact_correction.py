@@ -72,9 +72,10 @@ class ContactCorrection:
         self._change = np.zeros(len(self._dofs))
 
     def palm_of(self, pose: Pose) -> PalmPose:
-        """The palm of a pose, joint limits applied."""
+        """The palm of a pose."""
         self._set(pose)
-        return self._palm()
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._palm_now()
 
     def solve(self, pose: Pose, position: Array, normal: Array) -> Correction:
         """The pose next to ``pose`` whose palm is at ``position`` (3,) m and faces ``normal`` (3,)."""
@@ -101,16 +102,9 @@ class ContactCorrection:
         return Correction(self._scene.get_pose(self._data), palm, miss, miss > OUT_OF_REACH_M)
 
     def _set(self, pose: Pose) -> Array:
-        """Puts a pose into the solver's data, inside the limits; returns the arm's angles (18,)."""
-        skeleton, data = self._scene.skeleton, self._data
-        hinges = skeleton.clamp(skeleton.to_hinges(pose.quaternions))
-        data.qpos[self._scene.root_qpos] = pose.root_in_world
-        data.qpos[self._scene.hinge_qpos] = hinges
-        return hinges[self._scene.arm_joints].ravel()
-
-    def _palm(self) -> PalmPose:
-        mujoco.mj_kinematics(self._model, self._data)
-        return self._palm_now()
+        """Puts a pose into the solver's data; returns the arm's angles (18,)."""
+        self._scene.set_pose(self._data, pose)
+        return pose.hinges[self._scene.arm_joints].ravel()
 
     def _palm_now(self) -> PalmPose:
         site, data = self._scene.palm_site, self._data

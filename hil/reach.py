@@ -6,8 +6,8 @@ as contact comes near: the palm is led to ``generated + weight * miss``, with
     miss = r + r' * remaining / 2,    r = person's palm - generated palm,
 
 which is ``r`` itself at contact. The second term leaves the closing movement to the model: without it the palm
-would run to the person's as soon as the weight is 1. A half, because a hand that comes in braking covers half of what its
-speed says.
+would run to the person's as soon as the weight is 1. A half, because a hand that comes in braking covers half of what
+its speed says.
 """
 
 from __future__ import annotations

@@ -106,4 +106,5 @@ class Session:
     @staticmethod
     def _pose(joints: Array, root: Array) -> Pose:
         skeleton = avatar_skeleton()
-        return Pose.from_quaternions(root, skeleton.from_rotation_vectors(joints))
+        hinges = skeleton.to_hinges(skeleton.from_rotation_vectors(joints))
+        return Pose(root, skeleton.clamp(hinges))

@@ -89,11 +89,11 @@ class Scene:
     def set_pose(self, data: mujoco.MjData, pose: Pose) -> None:
         """Writes the avatar's pose into ``data.qpos``; follow with ``mujoco.mj_kinematics`` or a forward call."""
         data.qpos[self.root_qpos] = pose.root_in_world
-        data.qpos[self.hinge_qpos] = self.skeleton.to_hinges(pose.quaternions)
+        data.qpos[self.hinge_qpos] = pose.hinges
 
     def get_pose(self, data: mujoco.MjData) -> Pose:
         """The avatar's pose in ``data.qpos``."""
-        return Pose(data.qpos[self.root_qpos], self.skeleton.from_hinges(data.qpos[self.hinge_qpos]))
+        return Pose(data.qpos[self.root_qpos], data.qpos[self.hinge_qpos])
 
     def set_person(self, data: mujoco.MjData, arm: HumanArm, *, move_palm: bool = True) -> None:
         """Writes the person's bodies into ``data``.
@@ -153,7 +153,7 @@ class Scene:
 
 def rest_pose(skeleton: Skeleton) -> Pose:
     """The avatar standing, its right forearm half raised."""
-    return Pose(skeleton.offsets[0].copy(), skeleton.rest.copy())
+    return Pose.from_quaternions(skeleton.offsets[0].copy(), skeleton.rest)
 
 
 def build_scene(skeleton: Skeleton | None = None, *, visible: bool = False) -> Scene:

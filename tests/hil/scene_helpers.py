@@ -19,12 +19,12 @@ def pose_of(skeleton, degrees):
         joint, _, axis = name.rpartition("_")
         i = skeleton.index(joint)
         angles[i, skeleton.hinge_orders[i].index(axis)] = np.radians(angle)
-    return Pose(skeleton.offsets[0].copy(), skeleton.from_hinges(angles))
+    return Pose(skeleton.offsets[0].copy(), angles)
 
 
 def random_pose(skeleton, rng):
     angles = rng.uniform(skeleton.hinge_limits[..., 0], skeleton.hinge_limits[..., 1])
-    return Pose(rng.normal(size=3), skeleton.from_hinges(angles))
+    return Pose(rng.normal(size=3), angles)
 
 
 def person_with_palm(position, normal, fingers=UP, velocity=(0.0, 0.0, 0.0), head=(1.10, 0.0, 1.66)):

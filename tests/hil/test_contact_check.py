@@ -9,7 +9,7 @@ from mocap_bridge.frames import PalmPose
 from model import rotations
 from model.errors import HighFiveError
 
-NOWHERE = Pose(np.zeros(3), np.tile(rotations.IDENTITY, (53, 1)))
+NOWHERE = Pose(np.zeros(3), np.zeros((53, 3)))
 
 
 def palm(position, normal, velocity=(0.0, 0.0, 0.0)):

@@ -26,7 +26,7 @@ def reach(skeleton, ticks):
     start, end = pose_of(skeleton, {"right_elbow_y": -40.0}), pose_of(skeleton, RAISED)
     for s in np.linspace(0.0, 1.0, ticks):
         part = np.full(len(skeleton), s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
-        yield Pose(start.root_in_world, rotations.slerp(start.quaternions, end.quaternions, part))
+        yield Pose.from_quaternions(start.root_in_world, rotations.slerp(start.quaternions, end.quaternions, part))
 
 
 def palm_of(scene, pose):

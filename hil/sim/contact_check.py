@@ -14,6 +14,8 @@ from model.rotations import Array
 
 TOUCHING = 0.002
 """m of gap below which two palms count as touching: skin gives way by more than that."""
+APPROACH_NS = 100_000_000
+"""How long before the touch the approach speed counts, ns: hands brake in the last moment."""
 ON_THE_PALM = 0.040
 """m beside each other up to which palms meet on the palm (its half width is 0.042 m)."""
 PALMS = ("right_palm", "person_palm")
@@ -48,7 +50,7 @@ class ContactReport:
         lateral: m, its part along the palms.
         gap: m, its part along the palms' common normal: positive where they do not reach, negative where they overlap.
         palm_angle: rad, between the avatar's normal and the opposite of the person's.
-        approach_speed: m/s, at which the palms closed in along the normal just before they touched.
+        approach_speed: m/s, largest at which the palms closed in along the normal in the 0.1 s before they touched.
         peak_force: N, largest force between the hands; 0 in kinematic play-out.
         bodies: pairs of hand shapes that touched in the trial.
         unwanted: all other contacts.
@@ -105,8 +107,8 @@ def contact_report(states: Sequence[PlayState]) -> ContactReport:
     distances = [float(np.linalg.norm(s.person_palm.position - s.palm.position)) for s in states]
     nearest = int(np.argmin(distances))
     met = next((i for i, state in enumerate(states) if _touching(state)), None)
-    # The tick before the touch: in the tick itself physics has already braked the hands.
-    before = states[max((nearest if met is None else met) - 1, 0)]
+    end = nearest if met is None else met
+    approach = [s for s in states[:end] if states[end].time_ns - s.time_ns <= APPROACH_NS] or [states[end]]
     state = states[nearest]
     gap, lateral = palm_offset(state.palm, state.person_palm)
     cosine = float(np.clip(-state.palm.normal @ state.person_palm.normal, -1.0, 1.0))
@@ -120,7 +122,7 @@ def contact_report(states: Sequence[PlayState]) -> ContactReport:
         lateral=lateral,
         gap=gap,
         palm_angle=float(np.arccos(cosine)),
-        approach_speed=_closing_speed(before),
+        approach_speed=max(_closing_speed(s) for s in approach),
         peak_force=max(s.hand_force for s in states),
         bodies=tuple(dict.fromkeys((touch.first, touch.second) for touch in expected)),
         unwanted=_unwanted(states),

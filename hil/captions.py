@@ -68,15 +68,15 @@ class Captions:
 
     def _label(self, first: str, second: str, colour: str) -> NDArray[np.uint8]:
         """RGBA picture of a large and a small line on a dark plate, with a bar of ``colour`` on its left."""
-        big, small, s = self._font(34, bold=True), self._font(20), self._scale
+        big, small, s = self._font(34, bold=True), self._font(22), self._scale
         bar = 8 * s if colour else 0.0
         width = int(max(big.getlength(first), small.getlength(second)) + 36 * s + bar)
-        plate = Pictures.new("RGBA", (width, int((88 if second else 58) * s)), (20, 24, 28, 165))
+        plate = Pictures.new("RGBA", (width, int((92 if second else 58) * s)), (20, 24, 28, 165))
         draw = ImageDraw.Draw(plate)
         if colour:
             draw.rectangle((0, 0, bar, plate.height), ImageColor.getrgb(colour))
         draw.text((bar + 18 * s, 30 * s), first, _INK, big, anchor="lm")
-        draw.text((bar + 18 * s, 65 * s), second, _INK, small, anchor="lm")
+        draw.text((bar + 18 * s, 68 * s), second, _INK, small, anchor="lm")
         return np.array(plate)
 
     def _put(self, frame: Image, label: NDArray[np.uint8], *, left: bool) -> None:

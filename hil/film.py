@@ -145,7 +145,7 @@ def make_film(
     Raises:
         HighFiveError: the file cannot be written.
     """
-    shots = [shot for number, result in enumerate(showpieces(results)) for shot in _shots(result, number)]
+    shots = [shot for result in showpieces(results) for shot in _shots(result)]
     if not shots:
         return NoPictures("film left out: no trial was finished")
     count = _TITLE + sum(len(shot.ticks) for shot in shots)
@@ -166,14 +166,13 @@ def make_film(
     return path
 
 
-def _shots(result: TrialResult, number: int) -> tuple[Shot, Shot]:
+def _shots(result: TrialResult) -> tuple[Shot, Shot]:
     at = moments_of(result)
     start, end = max(at.start - _BEFORE, 0), min(at.release + _AFTER, at.end)
     slow = range(max(at.contact - _SLOW_BEFORE, 0), min(at.contact + _SLOW_AFTER, at.end) + 1)
-    camera = ("wide", "front")[number % 2]
     # Counted from contact, so that one frame shows the contact itself.
     real = range(at.contact - (at.contact - start) // TICKS_A_FRAME * TICKS_A_FRAME, end + 1, TICKS_A_FRAME)
-    return Shot(result, camera, real, at.contact, False), Shot(result, "close", slow, at.contact, True)
+    return Shot(result, "wide", real, at.contact, False), Shot(result, "close", slow, at.contact, True)
 
 
 def _open(scene: Scene, stage: _Stage, shot: Shot, count: int) -> Renderer | NoPictures:

@@ -25,7 +25,10 @@ _UNKNOWN: dict[str, Any] = {"type": ["number", "null"]}
 _POSE = {"root": _LIST, "quaternions": _ROWS}
 CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "/session": ("high_five.Session", {"settings": {"type": "object"}, "joints": _NAMES, "units": _TEXT}),
-    "/trial": ("high_five.Trial", {"trial": _NUMBER, "title": _TEXT, "emotion": _TEXT, "cell": _TEXT, "simulated": _YES}),
+    "/trial": (
+        "high_five.Trial",
+        {"trial": _NUMBER, "title": _TEXT, "emotion": _TEXT, "cell": _TEXT, "simulated": _YES, "notes": _NAMES},
+    ),
     "/markers": ("high_five.Markers", {"names": _NAMES, "positions": _ROWS, "seen": {"type": "array", "items": _YES}}),
     "/person": (
         "high_five.Person",

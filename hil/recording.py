@@ -1,6 +1,6 @@
 """The recording of a session: an MCAP file that stays readable whatever ends the session.
 
-Messages are JSON, times are ns. Data goes to the file in whole chunks of half a second, so that a crash loses no more than the
+Messages are JSON, times are ns. Data goes to the file in whole chunks of half a second: a crash loses no more than the
 last of them. ``/skeleton`` is a Foxglove SceneUpdate (30 Hz): Foxglove and other viewers draw it as it is.
 """
 
@@ -211,8 +211,8 @@ class SessionRecorder:
     def _fail(self, error: OSError) -> HighFiveError:
         self._sink.cut()
         self._failure = HighFiveError(
-            f"cannot write the recording {self.path}: {error.strerror or error}; what it holds up to {1e-9 * self._end:.1f} s "
-            "can be read, make room for the rest"
+            f"cannot write the recording {self.path}: {error.strerror or error}; "
+            f"what it holds up to {1e-9 * self._end:.1f} s can be read, make room for the rest"
         )
         return self._failure
 

@@ -86,10 +86,10 @@ def summarise(
 ) -> dict[str, Any]:
     """The JSON object of a session: numbers, strings, lists and objects of them; what is not known is None.
 
-    Spreads have ``median``, ``max`` (of what is furthest from 0, sign kept) and ``by_emotion``. Errors are palm centre to
+    Spreads have ``median``, ``max`` (what is furthest from 0, sign kept) and ``by_emotion``. Errors are palm centre to
     palm centre: ``contact_error_mm`` of what was played at its nearest, ``uncorrected_error_mm`` of what the model
-    generated, ``true_error_mm`` to the simulated person's true palm, ``other_error_mm`` of who met that hand originally.
-    Trials out of reach and without contact count in all of them.
+    generated, ``true_error_mm`` to the simulated person's true palm, ``other_error_mm`` of who met that hand
+    originally. Trials out of reach and without contact count in all of them.
     """
     unwanted = [entry for result in results for entry in _unwanted(result)]
     out_of_reach = [
@@ -185,8 +185,9 @@ def body_part(shape: str) -> str:
 
 
 def _target(what: str, value: float | None, limit: float, unit: str, applies: bool) -> Target:
-    measured = "–" if value is None else f"{value:.2f} {unit}"
-    return Target(what, f"≤ {limit:g} {unit}", measured, value <= limit if applies and value is not None else None)
+    unit = unit if unit == "°" else f" {unit}"
+    measured = "–" if value is None else f"{value:.2f}{unit}"
+    return Target(what, f"≤ {limit:g}{unit}", measured, value <= limit if applies and value is not None else None)
 
 
 def _ratio(change: float, largest: float) -> float:

@@ -14,6 +14,7 @@ from hil.reach import Phase
 from hil.session import RATE_HZ, Session, Tick
 from hil.sim.contact_check import ContactReport, contact_report
 from hil.sim.playout import PlayOut, PlayState
+from hil.synchroniser import Synchroniser
 from mocap_bridge.frames import HumanArm
 from mocap_bridge.sources import C3DSource
 from model.rotations import Array
@@ -82,6 +83,7 @@ class TrialResult:
 def run_trial(number: int, partner: Partner, session: Session, playout: PlayOut) -> TrialResult:
     """One trial, as fast as it goes; the figures are the same every time, timings apart."""
     session.reset()
+    synchroniser = Synchroniser()
     ticks: list[Tick] = []
     states: list[PlayState] = []
     tick_ms: list[float] = []
@@ -89,8 +91,11 @@ def run_trial(number: int, partner: Partner, session: Session, playout: PlayOut)
         start = time.perf_counter_ns()
         tick = session.step(frame)
         tick_ms.append(1e-6 * (time.perf_counter_ns() - start))
+        synchroniser.add(frame.source_time_ns, tick.pose)
+        synchroniser.add_person(tick.person)
+        moment = synchroniser.at(frame.source_time_ns)
         play = playout.step if states else playout.reset
-        states.append(play(tick.pose, tick.person, frame.source_time_ns))
+        states.append(play(moment.pose, moment.person, moment.time_ns))
         ticks.append(tick)
     return _judge(number, partner, ticks, states, np.array(tick_ms))
 

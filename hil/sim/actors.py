@@ -112,8 +112,8 @@ class _Role:
 def simulate_pair(emotion: str, cell: str, repetition: int, rng: np.random.Generator) -> PairTrial:
     """One high five in ``emotion`` at ``cell`` of the grid; every call differs as ``rng`` says.
 
-    Differences: the person's body size and distance, tempo, start pose, sway, path, jitter of the cell, palm direction. A draw
-    in which a joint limit keeps the palms apart is drawn again.
+    Differences: the person's body size and distance, tempo, start pose, sway, path, jitter of the cell, palm direction.
+    A draw in which a joint limit keeps the palms apart is drawn again.
     """
     for _ in range(20):
         trial = _draw_pair(emotion, cell, repetition, rng)
@@ -145,7 +145,7 @@ def _draw_pair(emotion: str, cell: str, repetition: int, rng: np.random.Generato
     row, column = divmod(CELLS.index(cell), 3)
     nominal = np.array([0.5 * distance, GRID_Y[column], GRID_Z[row]])
     point = nominal + np.clip(rng.normal(0.0, [0.015, 0.02, 0.02]), -0.05, 0.05)
-    # Palms that meet turned a little to each one's left, as forearms can; straight on, the forearms run into their limits.
+    # Palms turned a little to each one's left, as forearms can; straight on, the forearms run into their limits.
     facing = rotations.about_axis("z", np.radians(40.0))
     normal = rotations.rotate(rotations.multiply(_jitter(rng, 5.0), facing), [1.0, 0.0, 0.0])
 
@@ -205,7 +205,7 @@ def _face_the_avatar(motion: ActorMotion, distance: float) -> ActorMotion:
 def _comfortable(
     skeleton: Skeleton, style: EmotionStyle, individual: _Individual, point: Array, normal: Array
 ) -> _PalmTarget:
-    """Finger direction, elbow swivel and lean that put the palm at ``point`` facing ``normal`` inside the joint limits."""
+    """Finger direction, elbow swivel and lean that put the palm at ``point`` facing ``normal`` inside the limits."""
     up = np.array([0.0, 0.0, 1.0]) - normal * normal[2]
     up = up / np.linalg.norm(up)
     wanted = np.radians(style.elbow_out) + individual.elbow_out
@@ -285,7 +285,7 @@ def _standing_ankle(skeleton: Skeleton, side: str) -> Array:
 
 
 class _Body:
-    """Everything but the right arm as functions of time: posture, the trunk's part in the reach, gaze, fingers and sway."""
+    """All but the right arm as functions of time: posture, the trunk's part in the reach, gaze, fingers and sway."""
 
     def __init__(self, role: _Role) -> None:
         self.role, self.skeleton = role, role.skeleton
@@ -306,7 +306,7 @@ class _Body:
         return self._base + self.progress(times)[:, None, None] * self._reach + self._sway(times)
 
     def root(self, times: Array) -> Array:
-        """Pelvis (T, 3) m: shifts towards the partner in the reach, lower for a low cell, and bounces if the emotion does."""
+        """Pelvis (T, 3) m: shifts to the partner in the reach, lower for a low cell, and bounces if the emotion does."""
         p, style = self.progress(times), self.role.style
         sway = 0.10 * self._sway(times)[:, 0]
         crouch = 0.012 + 0.06 * np.clip((1.45 - self.role.palm.position[2]) / 0.3, 0.0, 1.0)

@@ -30,7 +30,7 @@ def _two_link(start: Array, end: Array, first: float, second: float, pole: Array
 
 
 def _limb_frame(upper: Array, middle: Array, lower: Array, flexion_sign: float) -> Array:
-    """Orientation (..., 4) of the upper segment: -z along it, y the flexion axis that bends the lower segment its way."""
+    """Orientation (..., 4) of the upper segment: -z along it, y the axis about which the lower segment bends."""
     z = _unit(upper - middle)
     x = _unit(_across(flexion_sign * (lower - middle), z))
     return rotations.from_matrix(np.stack([x, rotations.cross(z, x), z], axis=-1))
@@ -90,7 +90,7 @@ def solve_arm(
 
 
 def solve_leg(skeleton: Skeleton, side: str, pelvis: tuple[Array, Array], ankle: Array) -> Array:
-    """Hinge angles (..., 3, 3), rad, of hip, knee and ankle of ``side`` that keep the foot flat with its ankle at ``ankle``.
+    """Hinge angles (..., 3, 3), rad, of hip, knee and ankle of ``side`` with the foot flat and its ankle at ``ankle``.
 
     ``pelvis`` is its position (..., 3) m and orientation (..., 4) in the world; the foot points along +x.
     """

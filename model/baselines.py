@@ -20,7 +20,7 @@ Predictor = Callable[[Array, Array], Array]
 
 NEIGHBOURS = 10
 RIDGE_PENALTY = 1.0  # relative to features of unit variance, summed over training points
-GP_ITERATIONS = 100
+GP_ITERATIONS = 200
 GP_NOISE = (5e-3, 1.0)  # bounds, as for the avatar layer
 
 
@@ -87,7 +87,7 @@ def sparse_gp(
         noise = sparse.noise_variance(layer.raw_noise, GP_NOISE)
         return sparse.negative_log_likelihood(layer, features, targets, noise, styles, variational=True) / len(features)
 
-    layer, _ = minimise(value, start, GP_ITERATIONS, "sparse GP baseline", progress)
+    layer, _ = minimise(value, start, GP_ITERATIONS, GP_ITERATIONS // 2, stage="sparse GP baseline", progress=progress)
     scaled = jnp.asarray((task.data.outputs - task.avatar_offset) / task.avatar_scale)
     noise = sparse.noise_variance(layer.raw_noise, GP_NOISE)
     offset, scale = jnp.asarray(task.avatar_offset), jnp.asarray(task.avatar_scale)

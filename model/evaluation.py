@@ -15,7 +15,7 @@ from model.hgpdm import HGPDM
 from model.hierarchy import Problem, problem
 from model.optimise import ProgressCallback
 from model.presets import DEFAULT
-from model.responder import Response, Responder
+from model.responder import Responder, Response
 from model.rotations import Array
 from model.skeleton import Skeleton
 from model.trials import Trial
@@ -29,7 +29,7 @@ class Scores:
 
     Attributes:
         joint_angle: rad, angle between generated and recorded joint rotation, mean over joints and frames.
-        palm: m, distance of the right palm, by forward kinematics of generated and of recorded joints, mean over frames.
+        palm: m, distance of the right palm, by forward kinematics of generated and recorded joints, mean over frames.
         palm_at_contact: m, the same at the frame of contact, mean over trials.
         palm_at_contact_median: m, median over trials.
         contact_point: m, error of the generated contact point in the last 0.3 s before contact, mean over frames.
@@ -89,7 +89,7 @@ def to_channels(response: Response) -> Array:
 
 
 def respond(model: HGPDM, trials: Sequence[Trial], frames: Sequence[NDArray[np.int64]]) -> Array:
-    """Avatar channels (T, channels) that the model answers online to recorded hands, at the given frames of each trial."""
+    """Avatar channels (T, channels) that the model answers online to recorded hands, at given frames of the trials."""
     responders: dict[float, Responder] = {}
     answers = []
     for trial, chosen in zip(trials, frames, strict=True):

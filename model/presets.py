@@ -31,7 +31,8 @@ class Preset:
     clock_weight: float  # scale of the contact clock beside the joint angles (rad)
     points: int  # training points in all; the common sample rate follows from the length of the recordings
     channel_tolerance: float  # share of Y1's variance left to the noise when its channels are compressed
-    iterations: int  # steps of L-BFGS in joint training
+    adam_steps: int  # steps of Adam at the beginning of joint training
+    iterations: int  # steps of joint training in all; those after Adam's are of L-BFGS
 
 
 PAPER = Preset(
@@ -53,6 +54,7 @@ PAPER = Preset(
     clock_weight=1.0,
     points=5600,
     channel_tolerance=1e-3,
+    adam_steps=200,
     iterations=250,
 )
 """The sizes and the recipe of Taubert et al. 2013."""
@@ -62,7 +64,7 @@ DEFAULT = Preset(
     avatar_dims=6,
     human_dims=3,
     interaction_dims=6,
-    history=(0.06, 0.12, 0.24),
+    history=(0.1, 0.2, 0.4),
     lag=1 / 30,
     back_constrained=True,
     variational=True,
@@ -76,6 +78,7 @@ DEFAULT = Preset(
     clock_weight=1.0,
     points=5600,
     channel_tolerance=1e-3,
+    adam_steps=200,
     iterations=250,
 )
 """Larger latents, a jointly learned back constraint on the hand and its short history, bounded upper-layer noise."""

@@ -75,6 +75,7 @@ def train(
         lambda p: objective(p, task),
         start,
         chosen.iterations,
+        chosen.adam_steps,
         progress=progress,
         checkpoint=None if checkpoint is None else Path(checkpoint),
         key=key,
@@ -203,5 +204,5 @@ def _regression(
             points
         )
 
-    layer, _ = minimise(value, layer, BACK_ITERATIONS, stage, progress)
+    layer, _ = minimise(value, layer, BACK_ITERATIONS, stage=stage, progress=progress)
     return sparse.fit(layer, jnp.asarray(points), values, sparse.noise_variance(layer.raw_noise, BACK_BOUNDS))

@@ -12,7 +12,7 @@ from model.trials import Trial
 
 JOINTS = 9
 EMOTIONS = ("neutral", "angry")
-SMALL = replace(DEFAULT, avatar_dims=3, human_dims=2, interaction_dims=3, iterations=60, points=700)
+SMALL = replace(DEFAULT, avatar_dims=3, human_dims=2, interaction_dims=3, adam_steps=60, iterations=70, points=700)
 
 
 def reach(progress: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ NOISE = 0.01
 
 
 def linear_layer(matrix: np.ndarray) -> Posterior:
-    """A layer whose mean is ``input @ matrix``, with no uncertainty but its noise: a linear kernel on the unit vectors."""
+    """A layer whose mean is ``input @ matrix`` and whose only doubt is its noise: a linear kernel on unit vectors."""
     inputs, outputs = matrix.shape
     kernel = MotionKernel(jnp.zeros(inputs), jnp.asarray(-1e4), jnp.zeros(inputs), jnp.asarray(-1e4))
     identity = jnp.eye(inputs)

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from model import baselines
+from model.dataset import training_set
+from model.evaluation import held_out, respond
+from model.hgpdm import HGPDM
+from model.hierarchy import problem
+from model.trials import Trial
+
+
+@pytest.fixture(scope="module")
+def errors(trials: list[Trial], model: HGPDM) -> dict[str, float]:
+    """Mean joint error, rad, of each method on the held-out trials."""
+    task = problem(training_set(trials, model.preset), model.preset)
+    test = [trial for trial in trials if trial.test]
+    held = held_out(test, model.emotions, model.preset.history)
+    features = task.feature_map(held.history)
+    predictors = {
+        "mean": baselines.constant_mean(task),
+        "ridge": baselines.ridge(task),
+        "knn": baselines.nearest_neighbours(task),
+        "sparse_gp": baselines.sparse_gp(task, 40, np.random.default_rng(0)),
+    }
+    answers = {name: predictor(features, held.styles) for name, predictor in predictors.items()}
+    answers["hgpdm"] = respond(model, test, held.frames)
+    joints = slice(0, model.joints)
+    return {name: float(np.abs(a[:, joints] - held.outputs[:, joints]).mean()) for name, a in answers.items()}
+
+
+def test_every_method_beats_the_mean(errors: dict[str, float]):
+    for name in ("ridge", "knn", "sparse_gp", "hgpdm"):
+        assert errors[name] < 0.6 * errors["mean"], errors
+
+
+def test_the_hierarchy_is_level_with_direct_regression(errors: dict[str, float]):
+    assert errors["hgpdm"] < 1.5 * errors["sparse_gp"], errors
+
+
+def test_nearest_neighbours_of_one_style_stay_in_it(trials: list[Trial], model: HGPDM):
+    task = problem(training_set(trials, model.preset), model.preset)
+    first = task.data.styles[:, 0] > 0.5
+    answer = baselines.nearest_neighbours(task)(task.features[0][first], task.data.styles[first])
+    assert np.abs(answer - task.data.outputs[first]).mean() < 0.1

@@ -1,0 +1,48 @@
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+from model.dataset import training_set
+from model.hierarchy import latents, objective, problem
+from model.initial import initial_parameters, principal_components
+from model.presets import DEFAULT, PAPER
+from model.trials import Trial
+
+
+@pytest.mark.parametrize("preset", [DEFAULT, PAPER], ids=lambda preset: preset.name)
+def test_gradient_of_the_joint_objective_equals_finite_differences(trials: list[Trial], preset):
+    task = problem(training_set(trials, replace(preset, points=150)), preset)
+    start = initial_parameters(task, 15, np.random.default_rng(0))
+    flat, unravel = ravel_pytree(start)
+    both = jax.jit(jax.value_and_grad(lambda vector: objective(unravel(vector), task)))
+    for seed in range(3):
+        direction = np.random.default_rng(seed).normal(size=flat.shape)
+        direction = jnp.asarray(direction / np.linalg.norm(direction))
+        slope = (both(flat + 1e-5 * direction)[0] - both(flat - 1e-5 * direction)[0]) / 2e-5
+        np.testing.assert_allclose(both(flat)[1] @ direction, slope, rtol=1e-5, atol=1e-6)
+
+
+def test_scale_of_free_latents_is_a_gauge(trials: list[Trial]):
+    task = problem(training_set(trials, replace(PAPER, points=150)), PAPER)
+    start = initial_parameters(task, 15, np.random.default_rng(0))
+    larger = start._replace(avatar_latent=7.0 * start.avatar_latent + 3.0)
+    np.testing.assert_allclose(objective(larger, task), objective(start, task), rtol=1e-9)
+
+
+def test_back_constrained_latents_have_unit_variance_and_agree_along_the_lags(trials: list[Trial]):
+    task = problem(training_set(trials, replace(DEFAULT, points=150)), DEFAULT)
+    found = latents(initial_parameters(task, 15, np.random.default_rng(0)), task)
+    for latent in (found.avatar, found.human, found.interaction):
+        np.testing.assert_allclose(np.std(latent, axis=0), 1.0, rtol=1e-6)
+    np.testing.assert_array_equal(found.steps[0], found.interaction)
+    assert np.abs(found.steps[0] - found.steps[1]).mean() < 0.5
+
+
+def test_principal_components_never_start_constant():
+    line = np.outer(np.linspace(-1.0, 1.0, 50), np.ones(4))
+    scores = principal_components(line, 3)
+    np.testing.assert_allclose(scores.std(axis=0), 1.0)

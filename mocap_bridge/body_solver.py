@@ -1,8 +1,8 @@
 """From a person's markers to the joint angles of the skeleton.
 
-Every frame is a regularised non-linear least-squares problem in the hinge angles and the pelvis' position, all frames of
-a recording at once. Body and fingers are solved one after the other: given the hands, each finger is a problem of nine
-unknowns of its own. Key frames are solved from scratch, the frames between from the interpolated key frames.
+Every frame is a regularised non-linear least-squares problem in the hinge angles and the pelvis' position; all frames
+of a recording are solved at once. Body and fingers are solved one after the other: given the hands, each finger is a
+problem of nine unknowns of its own. Key frames are solved from scratch, the others from the interpolated key frames.
 """
 
 from __future__ import annotations

@@ -173,18 +173,18 @@ class Tracker:
         """Keeps hidden markers at the learned distances from their neighbours, one marker at a time."""
         for marker in hidden:
             near, distance, sigma = self._distances.of(int(marker))
-            known = self._known[near]
-            near, distance, sigma = near[known], distance[known], sigma[known]
-            if not len(near):
+            points = self._distances.weights[near]
+            known = points[:, ~self._known].sum(axis=1) == 0.0
+            points, distance, sigma = points[known], distance[known], sigma[known]
+            if not len(points):
                 continue
-            positions = self._position.reshape(-1, 3)
-            gap = positions[marker] - positions[near]
+            between = -points
+            between[:, marker] += 1.0
+            gap = between @ self._position.reshape(-1, 3)
             length = np.linalg.norm(gap, axis=1)
             direction = gap / np.maximum(length, 1e-6)[:, None]
-            slopes = np.zeros((len(near), len(self._set), 3))
-            slopes[:, marker] = direction
-            slopes[np.arange(len(near)), near] = -direction
-            slopes = slopes.reshape(len(near), -1)
+            slopes = between[:, :, None] * direction[:, None, :]
+            slopes = slopes.reshape(len(points), -1)
             place = slopes @ self._place
             noise = place @ slopes.T + np.diag(sigma**2)
             # A distance that is far off says that the pose is not what was learned, not that the marker jumped.

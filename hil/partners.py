@@ -18,7 +18,6 @@ from mocap_bridge.c3d import read_c3d
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording, resample
 from mocap_bridge.sources import RATE_HZ
-from model.errors import HighFiveError
 from model.rotations import Array
 
 _SESSION_DRAWS = 1_000_000

@@ -306,7 +306,7 @@ class _Body:
         return self._base + self.progress(times)[:, None, None] * self._reach + self._sway(times)
 
     def root(self, times: Array) -> Array:
-        """Pelvis (T, 3) m: shifts to the partner in the reach, lower for a low cell, and bounces if the emotion does."""
+        """Pelvis (T, 3) m: shifts forward in the reach, lower for a low cell, and bounces if the emotion does."""
         p, style = self.progress(times), self.role.style
         sway = 0.10 * self._sway(times)[:, 0]
         crouch = 0.012 + 0.06 * np.clip((1.45 - self.role.palm.position[2]) / 0.3, 0.0, 1.0)

@@ -33,7 +33,7 @@ DRIFT = 0.15
 COASTING_S = 0.2
 """Time in which the speed of a hidden marker falls to a third, s."""
 
-USABLE_SIGMA = 0.03
+USABLE_SIGMA = 0.06
 """An estimate is valid up to this standard deviation a coordinate, m."""
 
 _RESET_S = 0.25  # a marker that was not believed for so long is believed: the tracker, not the system, must be wrong

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from model import rotations
 from model.rotations import Array
@@ -30,8 +31,8 @@ class Pose:
         hinges: (53, 3) rad, angles of each joint's hinges in their order; the pelvis' are relative to the world.
     """
 
-    root_in_world: Array
-    hinges: Array
+    root_in_world: Float[np.ndarray, "3"]
+    hinges: Float[np.ndarray, "53 3"]
 
     @classmethod
     def from_quaternions(cls, root_in_world: Array, quaternions: Array) -> Pose:

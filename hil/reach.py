@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from jaxtyping import Float
 
 from hil.profiles import minimum_jerk
 from mocap_bridge.frames import PalmPose
@@ -74,8 +75,8 @@ class ReachTarget:
     phase: Phase
     weight: float
     remaining: float
-    position: Array
-    normal: Array
+    position: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
 
 
 class Reach:

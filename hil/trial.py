@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from hil.avatar import Pose
@@ -66,18 +67,18 @@ class TrialResult:
     other_error: float
     speed_change: float
     uncorrected_speed_change: float
-    times: Array
+    times: Float[np.ndarray, " T"]
     people: tuple[HumanArm, ...]
     poses: tuple[Pose, ...]
     generated: tuple[Pose, ...]
-    person_palm: Array
-    palm: Array
-    generated_palm: Array
-    other_palm: Array | None
-    weight: Array
-    expected: Array
-    seen: NDArray[np.bool_]
-    tick_ms: Array
+    person_palm: Float[np.ndarray, "T 3"]
+    palm: Float[np.ndarray, "T 3"]
+    generated_palm: Float[np.ndarray, "T 3"]
+    other_palm: Float[np.ndarray, "N 3"] | None
+    weight: Float[np.ndarray, " T"]
+    expected: Float[np.ndarray, " T"]
+    seen: Bool[np.ndarray, "T M"]
+    tick_ms: Float[np.ndarray, " T"]
 
 
 def run_trial(number: int, partner: Partner, session: Session, playout: PlayOut) -> TrialResult:

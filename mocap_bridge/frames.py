@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-
-from model.rotations import Array
+from jaxtyping import Bool, Float, Integer
 
 
 @dataclass(frozen=True)
@@ -25,12 +23,12 @@ class MarkerFrame:
     """
 
     names: tuple[str, ...]
-    positions: Array
-    valid: NDArray[np.bool_]
+    positions: Float[np.ndarray, "M 3"]
+    valid: Bool[np.ndarray, " M"]
     number: int
     source_time_ns: int
     arrival_time_ns: int
-    unlabelled: Array
+    unlabelled: Float[np.ndarray, "U 3"]
 
 
 @dataclass(frozen=True)
@@ -50,12 +48,12 @@ class TrackedMarkers:
     """
 
     names: tuple[str, ...]
-    positions: Array
-    velocities: Array
-    covariances: Array
-    seen: NDArray[np.bool_]
-    age_ns: NDArray[np.int64]
-    valid: NDArray[np.bool_]
+    positions: Float[np.ndarray, "M 3"]
+    velocities: Float[np.ndarray, "M 3"]
+    covariances: Float[np.ndarray, "M 3 3"]
+    seen: Bool[np.ndarray, " M"]
+    age_ns: Integer[np.ndarray, " M"]
+    valid: Bool[np.ndarray, " M"]
     rejected: int
     time_ns: int
 
@@ -71,10 +69,10 @@ class PalmPose:
         velocity: (3,) m/s, velocity of ``position``.
     """
 
-    position: Array
-    normal: Array
-    fingers: Array
-    velocity: Array
+    position: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+    fingers: Float[np.ndarray, "3"]
+    velocity: Float[np.ndarray, "3"]
 
 
 @dataclass(frozen=True)
@@ -93,14 +91,14 @@ class HumanArm:
         time_ns: source time, ns.
     """
 
-    head_position: Array
-    head_orientation: Array
-    shoulder: Array
-    elbow: Array
-    wrist: Array
-    knuckles: Array
+    head_position: Float[np.ndarray, "3"]
+    head_orientation: Float[np.ndarray, "4"]
+    shoulder: Float[np.ndarray, "3"]
+    elbow: Float[np.ndarray, "3"]
+    wrist: Float[np.ndarray, "3"]
+    knuckles: Float[np.ndarray, "3"]
     palm: PalmPose
-    hand_points: Array
+    hand_points: Float[np.ndarray, "2 3"]
     valid: bool
     age_ns: int
     time_ns: int

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from model.rotations import Array
+import numpy as np
+from jaxtyping import Float
 
 
 @dataclass(frozen=True)
@@ -14,8 +15,8 @@ class Trial:
     Attributes:
         rate_hz: frames a second.
         hand_points: (T, 2, 3) m, the person's wrist and knuckle centre (the paper's Y²).
-        joints: (T, D) rad, the avatar actor's joint rotations as rotation vectors relative to the rest pose (the paper's
-            Y¹, D = 159).
+        joints: (T, D) rad, the avatar actor's joint rotations as rotation vectors relative to the rest pose (the
+            paper's Y¹, D = 159).
         root: (T, 3) m, the avatar actor's pelvis.
         palm: (T, 3) m, the avatar actor's palm centre.
         person_palm: (T, 3) m, the person's palm centre.
@@ -27,11 +28,11 @@ class Trial:
     """
 
     rate_hz: float
-    hand_points: Array
-    joints: Array
-    root: Array
-    palm: Array
-    person_palm: Array
+    hand_points: Float[np.ndarray, "T 2 3"]
+    joints: Float[np.ndarray, "T D"]
+    root: Float[np.ndarray, "T 3"]
+    palm: Float[np.ndarray, "T 3"]
+    person_palm: Float[np.ndarray, "T 3"]
     contact_frame: int
     emotion: str
     cell: str

@@ -3,8 +3,14 @@
 from pathlib import Path
 
 import pytest
+from jaxtyping import install_import_hook
 
-from hil.threads import use_one_blas_thread
+# The shapes that the values at the seams declare are checked while the tests run.
+CHECKED = ["mocap_bridge.frames", "model.trials", "hil.avatar", "hil.reach", "hil.trial"]
+with install_import_hook(CHECKED, "beartype.beartype"):
+    import hil.trial  # noqa: F401
+
+from hil.threads import use_one_blas_thread  # noqa: E402
 
 use_one_blas_thread()  # as every session does
 

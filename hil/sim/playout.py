@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -45,6 +45,7 @@ class PlayState:
     hand_force: float
 
 
+@runtime_checkable
 class PlayOut(Protocol):
     """Plays poses, one a tick; ``data`` is the MuJoCo state to draw from."""
 

@@ -1,0 +1,126 @@
+"""The command line: bad input gives one line and exit code 2; --json gives one object."""
+
+import json
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+
+from hil import cli
+from hil.sim.capture import write_table
+
+
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    monkeypatch.setattr("sys.argv", ["highfive", *map(str, words)])
+    with pytest.raises(SystemExit) as exit_info:
+        cli.main()
+    out, err = capsys.readouterr()
+    code = exit_info.value.code
+    return 0 if code is None else int(code), out, err
+
+
+@pytest.fixture
+def highfive(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: run(monkeypatch, capsys, *words)
+
+
+def errors(err: str) -> list[str]:
+    return [line for line in err.splitlines() if line.startswith("error:")]
+
+
+def assert_one_line(result: tuple[int, str, str], *parts: str) -> None:
+    code, out, err = result
+    assert code == 2
+    assert out == ""
+    assert "Traceback" not in err
+    assert len(errors(err)) == 1
+    assert len([line for line in err.splitlines() if line.strip()]) == 1
+    for part in parts:
+        assert part in err
+
+
+def c3d(path: Path, labels: list[str], unit: str = "mm", rate: float = 120.0, scale: float = 1.0) -> Path:
+    """A C3D file by the independent library, of points that a body could have."""
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["UNITS"]["value"] = [unit]
+    file["parameters"]["POINT"]["RATE"]["value"] = [rate]
+    file["parameters"]["POINT"]["LABELS"]["value"] = labels
+    points = np.ones((4, len(labels), 30))
+    rng = np.random.default_rng(0)
+    points[:3] = scale * (np.array([0.0, 0.0, 1000.0])[:, None, None] + 400.0 * rng.uniform(size=(3, len(labels), 1)))
+    file["data"]["points"] = points
+    file.write(str(path))
+    return path
+
+
+def test_unknown_emotion_lists_the_known(highfive) -> None:
+    assert_one_line(highfive("simulate", "--emotion", "bored"), "bored", "happy", "sad")
+    assert_one_line(highfive("capture", "--emotion", "bored", "--out", "x"), "bored", "happy")
+
+
+@pytest.mark.parametrize("style", ["angry=0.5,neutral=0.4", "angry=-0.5,neutral=1.5", "angry=x", "bored=1"])
+def test_style_weights_that_are_none(highfive, style: str) -> None:
+    assert_one_line(highfive("simulate", "--style", style, "--trials", "1"))
+
+
+def test_unknown_cell_option_and_command(highfive) -> None:
+    assert_one_line(highfive("simulate", "--cell", "D4"), "D4", "A1")
+    assert_one_line(highfive("simulate", "--trials", "none"), "--trials")
+    assert_one_line(highfive("simulate", "--nonsense"), "--nonsense")
+    assert_one_line(highfive("wave"), "wave")
+
+
+def test_model_files_that_are_none(highfive, tmp_path: Path) -> None:
+    assert_one_line(highfive("simulate", "--model", "absent.safetensors"), "absent.safetensors")
+    for name, content in (("empty.safetensors", b""), ("text.safetensors", b"not a model")):
+        (tmp_path / name).write_bytes(content)
+        assert_one_line(highfive("simulate", "--model", name), name)
+
+
+def test_sources_that_are_none(highfive, tmp_path: Path) -> None:
+    arm = ["human:RSHO", "human:RELB"]
+    whole = c3d(tmp_path / "whole.c3d", arm).read_bytes()
+    (tmp_path / "empty.c3d").write_bytes(b"")
+    (tmp_path / "cut.c3d").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text.c3d").write_text("this is no C3D file\n" * 100)
+    c3d(tmp_path / "unit.c3d", arm, unit="furlong")
+    c3d(tmp_path / "large.c3d", arm, scale=1000.0)
+    for name in ("absent", "empty", "cut", "text", "unit", "large"):
+        assert_one_line(highfive("simulate", "--source", f"{name}.c3d", "--human", "human"), name)
+    assert_one_line(highfive("simulate", "--source", "whole.c3d", "--human", "human"), "RSHO")
+    assert_one_line(highfive("simulate", "--source", "whole.c3d", "--human", "Eve"), "Eve", "human")
+    assert_one_line(highfive("simulate", "--source", "whole.c3d", "--human", "human", "--marker-set", "none"), "none")
+    assert not list(tmp_path.glob("out*/session*"))
+
+
+def test_data_folders_that_are_none(highfive, tmp_path: Path) -> None:
+    assert_one_line(highfive("train", "absent"), "absent", "trials.csv")
+    folder = tmp_path / "data"
+    folder.mkdir()
+    (folder / "trials.csv").write_text("file,mood\na.c3d,happy\n")
+    assert_one_line(highfive("train", folder), "emotion")
+    write_table(folder, [])
+    assert_one_line(highfive("train", folder), "no trial")
+    write_table(folder, [("a.c3d", "happy", "A1", "1", "training")])
+    assert_one_line(highfive("train", folder), "training")
+    write_table(folder, [("a.c3d", "happy", "A1", "1", "train")])
+    assert_one_line(highfive("train", folder), "a.c3d")
+    (tmp_path / "there.safetensors").write_bytes(b"kept")
+    assert_one_line(highfive("train", folder, "--out", "there.safetensors"), "there.safetensors")
+    assert (tmp_path / "there.safetensors").read_bytes() == b"kept"
+
+
+def test_a_recording_is_never_overwritten(highfive, tmp_path: Path) -> None:
+    (tmp_path / "done").mkdir()
+    (tmp_path / "done" / "session.mcap").write_bytes(b"kept")
+    assert_one_line(highfive("simulate", "--out", "done", "--trials", "1"), "done", "--out")
+    assert (tmp_path / "done" / "session.mcap").read_bytes() == b"kept"
+
+
+def test_capture_says_what_it_made(highfive, tmp_path: Path) -> None:
+    code, out, _ = highfive("capture", "--emotion", "angry", "--repetitions", 1, "--out", "set", "--json")
+    assert code == 0
+    assert json.loads(out)["trials"] == 9
+    assert len((tmp_path / "set" / "trials.csv").read_text().splitlines()) == 10

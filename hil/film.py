@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -157,12 +158,14 @@ def make_film(
         frames = _counted(_frames(renderer, stage, shots), progress(count))
         partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             write_video(partial, frames, FPS)
             os.replace(partial, path)
         except OSError as error:
             raise HighFiveError(f"cannot write the film {path}: {error.strerror or error}") from None
         finally:
-            partial.unlink(missing_ok=True)
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
     return path
 
 

@@ -33,6 +33,12 @@ _SIMULATED = (
     "figure here is a finding about people."
 )
 
+_COLUMNS = (
+    "Error: palm to palm at contact, or at the nearest approach, as played. True: to the person's true palm. Later: "
+    "than the palms met originally. Speed step: largest change of a joint's speed from tick to tick while the correction "
+    "fades in, as a share of the largest in the motion as generated."
+)
+
 
 def write_report(
     folder: Path,
@@ -262,13 +268,12 @@ def _trials(summary: dict[str, Any]) -> str:
         return ""
     forced = summary["physics"]
     heads = ["", "emotion", "cell", "met", "error, mm", "as generated, mm", "true, mm", "angle, °", "contact, s",
-             "later by, ms", "closing, m/s", *(["force, N"] if forced else []), "fade-in, × largest change",
+             "later, ms", "closing, m/s", *(["force, N"] if forced else []), "speed step, ×",
              "markers seen, %", "unwanted", "notes"]  # fmt: skip
     rows = []
     for r in summary["rows"]:
-        met = "yes" if r["met"] else '<span class="unmet">no</span>'
-        if r["out_of_reach"]:
-            met += ' <span class="unmet">out of reach</span>'
+        missed = "out of reach" if r["out_of_reach"] else "no"
+        met = "yes" if r["met"] and not r["out_of_reach"] else f'<span class="unmet">{missed}</span>'
         force = [_show(r["peak_force_n"], 0)] if forced else []
         seen = None if r["markers_seen"] is None else 100.0 * r["markers_seen"]
         title = [] if r["simulated"] else [r["title"]]
@@ -282,7 +287,7 @@ def _trials(summary: dict[str, Any]) -> str:
     last = len(heads) - 1
     if not any(row[-1] for row in rows):
         heads, rows = heads[:-1], [row[:-1] for row in rows]
-    return _table(heads, rows, words={1, 2, 3, last}, escaped=True)
+    return _table(heads, rows, words={1, 2, 3, last}, escaped=True) + f'<p class="soft">{_COLUMNS}</p>'
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], words: set[int], *, escaped: bool = False) -> str:

@@ -1,4 +1,6 @@
-"""Trial results for the tests of what a session writes: simulated pairs, with a slightly wrong answer as 'generated'."""
+"""Trial results for the tests of what a session writes: simulated pairs, with a slightly wrong 'generated' answer."""
+
+from functools import cache
 
 import numpy as np
 
@@ -6,8 +8,9 @@ from hil.avatar import Pose, avatar_skeleton, right_palm
 from hil.sim.actors import RATE_HZ, PairTrial, simulate_pair
 from hil.sim.capture import PERSON_SET, markers_of
 from hil.sim.contact_check import contact_report
+from hil.sim.emotions import EMOTIONS
 from hil.sim.playout import KinematicPlayOut
-from hil.sim.scene import Scene
+from hil.sim.scene import Scene, build_scene
 from hil.trial import TrialResult
 from mocap_bridge.frames import HumanArm, TrackedMarkers
 from mocap_bridge.human_arm import HumanArmEstimator
@@ -90,3 +93,11 @@ def _perturbed(trial: PairTrial, rng: np.random.Generator) -> np.ndarray:
     for name in ("right_shoulder", "right_elbow", "right_wrist"):
         hinges[:, skeleton.index(name)] += near[:, None] * rng.normal(0.0, 0.06, 3)
     return skeleton.from_hinges(skeleton.clamp(hinges))
+
+
+@cache
+def some_results() -> tuple[TrialResult, ...]:
+    """One trial an emotion in the middle of the grid, and a happy one out of reach."""
+    scene = build_scene()
+    trials = [simulated_result(scene, number, emotion, "B2") for number, emotion in enumerate(EMOTIONS)]
+    return (*trials, simulated_result(scene, len(trials), "happy", "C3", away=0.15))

@@ -1,0 +1,183 @@
+import resource
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from trial_results import some_results
+
+from hil.recording import CHUNK_NS, SessionRecorder, read_recording
+from hil.summary import SessionSettings
+from model.errors import HighFiveError
+
+SETTINGS = SessionSettings(seed=3, model="default", trials=2, command="highfive simulate")
+
+
+def shortened(result, count):
+    arrays = ("times", "people", "poses", "generated", "weight", "expected", "tick_ms")
+    return replace(result, **{name: getattr(result, name)[:count] for name in arrays})
+
+
+@pytest.fixture(scope="module")
+def result():
+    return shortened(some_results()[1], 240)
+
+
+@pytest.fixture(scope="module")
+def recorded(result, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "session.mcap"
+    with SessionRecorder(path, SETTINGS) as recorder:
+        recorder.record_trial(result)
+        recorder.record_trial(replace(shortened(result, 60), number=1))
+    return path
+
+
+@contextmanager
+def files_no_larger_than(size):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def one_line(error):
+    return "\n" not in str(error.value)
+
+
+def test_reads_what_was_written(recorded, result):
+    recording = read_recording(recorded)
+    assert recording.complete
+    assert recording.settings["seed"] == 3 and recording.settings["command"] == "highfive simulate"
+    assert [m.data["trial"] for m in recording.channels["/trial"]] == [0 + result.number, 1]
+    for topic, written in (("/avatar", result.poses), ("/generated", result.generated)):
+        times, poses = recording.poses(topic)
+        assert len(poses) == 300
+        np.testing.assert_allclose(times[:240], result.times, atol=1e-9)
+        for pose, original in zip(poses, written, strict=False):
+            np.testing.assert_allclose(pose.root_in_world, original.root_in_world, atol=1e-5)
+            same = np.abs(np.sum(pose.quaternions * original.quaternions, axis=-1))
+            np.testing.assert_allclose(same, 1.0, atol=1e-8)
+    (contact, _) = recording.channels["/contact"]
+    assert contact.data["met"] and contact.data["distance"] == pytest.approx(result.error, abs=1e-5)
+
+
+def test_time_never_goes_back(recorded):
+    for messages in read_recording(recorded).channels.values():
+        assert np.all(np.diff([m.time_ns for m in messages]) >= 0)
+
+
+def test_other_readers_read_it_and_find_schemas(recorded):
+    with recorded.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        seen = {channel.topic: schema for schema, channel, _ in reader.iter_messages() if schema}
+    assert summary is not None and summary.statistics is not None
+    assert seen["/skeleton"].name == "foxglove.SceneUpdate" and seen["/avatar"].encoding == "jsonschema"
+    # A crash loses the chunk being filled: none may be much longer than half a second.
+    longest = max(chunk.message_end_time - chunk.message_start_time for chunk in summary.chunk_indexes)
+    assert longest <= CHUNK_NS + 1e8
+
+
+def test_a_file_cut_anywhere_reads_up_to_there(recorded, tmp_path):
+    whole = recorded.read_bytes()
+    expected = [m.data for m in read_recording(recorded).channels["/avatar"]]
+    counts, path = [], tmp_path / "cut.mcap"
+    first = next(size for size in range(2000, len(whole), 500) if _readable(path, whole[:size]))
+    for size in np.linspace(first, len(whole) - 1, 9).astype(int):
+        path.write_bytes(whole[:size])
+        recording = read_recording(path)
+        found = [m.data for m in recording.channels["/avatar"]]
+        assert found == expected[: len(found)]
+        assert not recording.complete
+        counts.append(len(found))
+    assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == len(expected)
+
+
+def _readable(path: Path, content: bytes) -> bool:
+    path.write_bytes(content)
+    try:
+        read_recording(path)
+    except HighFiveError as error:
+        assert "\n" not in str(error)
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89MCAP0\r\n", b"not a recording", b"\0" * 10_000, b"\x89MCAP0\r\n" + b"\xff" * 99]
+)
+def test_what_is_no_recording_says_so(content, tmp_path):
+    path = tmp_path / "other.mcap"
+    path.write_bytes(content)
+    with pytest.raises(HighFiveError, match=r"other\.mcap") as error:
+        read_recording(path)
+    assert one_line(error)
+
+
+def test_missing_file_says_so(tmp_path):
+    with pytest.raises(HighFiveError, match="No such file"):
+        read_recording(tmp_path / "none.mcap")
+
+
+def test_a_full_disk_is_one_line_and_loses_nothing_before_it(result, tmp_path):
+    path = tmp_path / "full.mcap"
+    recorder = SessionRecorder(path, SETTINGS)
+    with files_no_larger_than(60_000), pytest.raises(HighFiveError, match=r"full\.mcap.*make room") as error:
+        recorder.record_trial(result)
+    assert one_line(error)
+    with pytest.raises(HighFiveError):
+        recorder.record_trial(result)
+    recorder.close()
+    recording = read_recording(path)
+    assert 0 < len(recording.channels["/avatar"]) < len(result.times)
+    assert not recording.complete
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_disk_full_from_the_start_is_one_line():
+    with pytest.raises(HighFiveError, match="No space left") as error:
+        SessionRecorder(Path("/dev/full"), SETTINGS)
+    assert one_line(error)
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(HighFiveError, match="cannot write") as error:
+        SessionRecorder(tmp_path / "file" / "session.mcap", SETTINGS)
+    assert one_line(error)
+
+
+WRITES_FOR_EVER = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from trial_results import simulated_result
+from hil.recording import SessionRecorder
+from hil.sim.scene import build_scene
+from hil.summary import SessionSettings
+result = simulated_result(build_scene(), 0, "angry", "B2")
+recorder = SessionRecorder(Path(sys.argv[2]), SessionSettings(seed=0, model="m", trials=1))
+while True:
+    recorder.record_trial(result)
+    print("trial", flush=True)
+"""
+
+
+def test_a_killed_process_leaves_a_readable_file(tmp_path):
+    path = tmp_path / "killed.mcap"
+    arguments = [sys.executable, "-c", WRITES_FOR_EVER, str(Path(__file__).parent), str(path)]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for _ in range(3):
+            assert process.stdout.readline() == "trial\n"
+        process.send_signal(signal.SIGKILL)
+    recording = read_recording(path)
+    assert not recording.complete
+    assert len(recording.channels["/contact"]) >= 3

@@ -1,0 +1,154 @@
+import json
+import re
+import resource
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from trial_results import some_results
+
+from hil.colours import colour_of, mark_of
+from hil.film import Strip
+from hil.report import render_page, write_file, write_report
+from hil.sim.emotions import EMOTIONS
+from hil.sim.rendering import NoPictures
+from hil.summary import SessionSettings, summarise
+from model.errors import HighFiveError
+
+SETTINGS = SessionSettings(seed=3, model="default", trials=5, command="highfive simulate --seed 3 && echo <b>")
+VOID = {"meta", "img", "br", "link", "path", "use", "rect", "circle", "line"}
+
+
+class Page(HTMLParser):
+    """Checks that tags close in order and collects what a browser would fetch, and the text."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.fetched, self.text = [], [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.fetched += [v for n, v in attrs if n in ("src", "href", "xlink:href", "srcset", "data", "action") and v]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.fetched += [v for n, v in attrs if n in ("src", "href", "xlink:href") and v]
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def written(folder, results, settings=SETTINGS, pictures=(), **options):
+    summary = summarise(results, settings, **options)
+    path = write_report(folder, summary, results, settings, pictures)
+    assert json.loads((folder / "report.json").read_text()) == json.loads(json.dumps(summary))
+    return path
+
+
+@pytest.fixture(scope="module")
+def results():
+    return some_results()
+
+
+@pytest.fixture(scope="module")
+def strips(results):
+    grey = np.full((40, 48, 3), 128, np.uint8)
+    return [Strip(result, (("start", grey), ("palms meet", grey))) for result in results[:4]]
+
+
+@pytest.fixture(scope="module")
+def page(results, strips, tmp_path_factory):
+    return written(tmp_path_factory.mktemp("report"), results, pictures=strips)
+
+
+def test_page_needs_nothing_but_itself(page):
+    text = page.read_text()
+    parsed = Page(text)
+    assert not {"script", "iframe", "link", "object"} & set(parsed.tags)
+    assert all(address.startswith(("data:image/", "#")) for address in parsed.fetched)
+    assert not re.search(r"https?://|@import|url\((?!#)", text)
+    assert page.stat().st_size < 6e6
+
+
+def test_page_says_what_was_measured_and_that_it_is_simulated(page, results):
+    text = " ".join(Page(page.read_text()).text)
+    assert "The people in this report are simulated" in text
+    for result in results:
+        assert f"{1e3 * result.uncorrected_error:.{2 if result.uncorrected_error < 0.1 else 1}f}" in text
+    assert "out of reach" in text and "No contact: trial 4" in text
+    assert "highfive simulate --seed 3 && echo <b>" in text
+
+
+def test_references_inside_pictures_lead_somewhere(page):
+    text = page.read_text()
+    targets = set(re.findall(r'id="([^"]+)"', text))
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
+    assert used and used <= targets
+
+
+def test_figures_are_saved_as_pictures(page):
+    names = {path.name for path in (page.parent / "figures").iterdir()}
+    assert {"contact_error.png", "joint_angles.png", "palm_paths.png", "latency.png"} <= names
+    assert not list(page.parent.rglob("*.partial"))
+
+
+@pytest.mark.parametrize("chosen", [slice(0, 1), slice(4, 5), slice(0, 0)], ids=["one", "no contact", "none"])
+def test_any_number_of_trials_has_a_page(chosen, results, tmp_path):
+    path = written(tmp_path, results[chosen], interrupted=True)
+    text = " ".join(Page(path.read_text()).text)
+    count = len(results[chosen])
+    assert f"interrupted after {count} of 5 trials" in text
+    assert "Pictures left out" in text
+
+
+def test_missing_pictures_are_explained(results):
+    reason = NoPictures("pictures left out: MUJOCO_GL=off switches OpenGL off")
+    text = render_page(summarise(results, SETTINGS), SETTINGS, [], reason)
+    assert "Pictures left out: MUJOCO_GL=off switches OpenGL off." in text
+
+
+def test_recorded_people_are_compared_with_who_met_them(results, tmp_path):
+    recorded = replace(
+        results[0], simulated=False, cell="", emotion="", title="pair <1>.c3d, A", other_error=0.0123, true_error=np.nan,
+        notes=("floor found at z = 3 mm", "turned by 90°"),
+    )  # fmt: skip
+    path = written(tmp_path, [recorded], replace(SETTINGS, source="pair <1>.c3d"))
+    text = " ".join(Page(path.read_text()).text)
+    assert "simulated" not in text
+    assert "pair <1>.c3d" in text and "turned by 90°" in text
+    assert "within 12.30 mm" in text
+
+
+def test_a_full_disk_keeps_the_old_report(page, tmp_path):
+    path = tmp_path / "report.html"
+    write_file(path, b"old")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(HighFiveError, match="cannot write") as error:
+            write_file(path, page.read_bytes())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "\n" not in str(error.value)
+    assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(results, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(HighFiveError, match="cannot write") as error:
+        write_report(tmp_path / "file", summarise([], SETTINGS), [], SETTINGS)
+    assert "\n" not in str(error.value)
+
+
+def test_emotions_look_different_in_colour_and_in_shape():
+    assert len({colour_of(e) for e in EMOTIONS}) == len({mark_of(e) for e in EMOTIONS}) == len(EMOTIONS)
+    assert colour_of("afraid") == colour_of("afraid")

@@ -22,8 +22,10 @@ def test_gradient_of_the_joint_objective_equals_finite_differences(trials: list[
     for seed in range(3):
         direction = np.random.default_rng(seed).normal(size=flat.shape)
         direction = jnp.asarray(direction / np.linalg.norm(direction))
-        slope = (both(flat + 1e-5 * direction)[0] - both(flat - 1e-5 * direction)[0]) / 2e-5
-        np.testing.assert_allclose(both(flat)[1] @ direction, slope, rtol=1e-5, atol=1e-6)
+        # A wide, fourth-order stencil: rounding is magnified by nearly singular inducing covariances.
+        ahead = [both(flat + n * 3e-4 * direction)[0] for n in (-2, -1, 1, 2)]
+        slope = (ahead[0] - 8.0 * ahead[1] + 8.0 * ahead[2] - ahead[3]) / (12.0 * 3e-4)
+        np.testing.assert_allclose(both(flat)[1] @ direction, slope, rtol=1e-3)
 
 
 def test_scale_of_free_latents_is_a_gauge(trials: list[Trial]):

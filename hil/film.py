@@ -35,7 +35,7 @@ class _Quality:
 FPS = 30
 TICKS_A_FRAME = 4
 """Of 120 Hz; a quarter of the speed shows every tick."""
-BUDGET_S = 50.0
+BUDGET_S = 35.0
 """Rendering may take so long; what the machine cannot draw in it is drawn smaller and plainer."""
 _QUALITIES = (
     _Quality((1280, 720), shadows=True, smooth=True),
@@ -52,8 +52,8 @@ _FADE, _TITLE, _DARK = 8, 40, 14
 _RING = 20
 """Ticks that the ring around the contact lasts."""
 
-Progress = Callable[[int], Callable[[], None]]
-"""Told the number of steps, gives a function to call after each."""
+Progress = Callable[[str, int], Callable[[], None]]
+"""Told a label and the number of steps, gives a function to call after each."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _drawn(renderer: Renderer, stage: _Stage, result: TrialResult, tick: int) ->
 
 
 def make_film(
-    scene: Scene, results: Sequence[TrialResult], path: Path, progress: Progress = lambda total: lambda: None
+    scene: Scene, results: Sequence[TrialResult], path: Path, progress: Progress = lambda label, total: lambda: None
 ) -> Path | NoPictures:
     """Writes an MP4 of one high five an emotion, each in real time and then close by at a quarter of the speed.
 
@@ -155,7 +155,7 @@ def make_film(
     if isinstance(opened, NoPictures):
         return opened
     with opened as renderer:
-        frames = _counted(_frames(renderer, stage, shots), progress(count))
+        frames = _counted(_frames(renderer, stage, shots), progress("film", count))
         partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

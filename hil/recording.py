@@ -200,6 +200,9 @@ class SessionRecorder:
             self._writer.add_message(self._channels[topic], time_ns, data, time_ns, self._count)
         except OSError as error:
             raise self._fail(error) from None
+        except KeyboardInterrupt:
+            self._abandon()
+            raise
 
     def _flush(self) -> None:
         self._chunk_start = None
@@ -207,6 +210,14 @@ class SessionRecorder:
             self._writer.flush()
         except OSError as error:
             raise self._fail(error) from None
+        except KeyboardInterrupt:
+            self._abandon()
+            raise
+
+    def _abandon(self) -> None:
+        # Inside the writer, half a record may be in the chunk: the file ends before it.
+        self._sink.cut()
+        self._failure = HighFiveError(f"the recording {self.path} was interrupted")
 
     def _fail(self, error: OSError) -> HighFiveError:
         self._sink.cut()

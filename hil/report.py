@@ -35,8 +35,8 @@ _SIMULATED = (
 
 _COLUMNS = (
     "Error: palm to palm at contact, or at the nearest approach, as played. True: to the person's true palm. Later: "
-    "than the palms met originally. Speed step: largest change of a joint's speed from tick to tick while the correction "
-    "fades in, as a share of the largest in the motion as generated."
+    "than the palms met originally. Speed step: largest change of a joint's speed from tick to tick while the "
+    "correction fades in, as a share of the largest in the motion as generated."
 )
 
 
@@ -46,6 +46,7 @@ def write_report(
     results: Sequence[TrialResult],
     settings: SessionSettings,
     pictures: Sequence[Strip] | NoPictures = (),
+    film: Path | NoPictures | None = None,
 ) -> Path:
     """Writes the report of a session, finished or not, into ``folder``; returns the page.
 
@@ -55,6 +56,7 @@ def write_report(
         results: the trials, possibly none.
         settings: what the session was asked to do.
         pictures: from :func:`hil.film.picture_strips`, or why there are none.
+        film: from :func:`hil.film.make_film`; None where none was asked for.
 
     Raises:
         HighFiveError: a file cannot be written.
@@ -63,7 +65,7 @@ def write_report(
     write_file(folder / DATA, json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False).encode())
     for drawing in drawings:
         write_file(folder / FIGURES / f"{drawing.name}.png", to_png(drawing.figure))
-    write_file(folder / PAGE, render_page(summary, settings, drawings, pictures).encode())
+    write_file(folder / PAGE, render_page(summary, settings, drawings, pictures, film).encode())
     return folder / PAGE
 
 
@@ -91,13 +93,14 @@ def render_page(
     settings: SessionSettings,
     drawings: Sequence[Drawing],
     pictures: Sequence[Strip] | NoPictures = (),
+    film: Path | NoPictures | None = None,
 ) -> str:
     """The page as text."""
     drawn = {drawing.name: drawing for drawing in drawings}
     sections = [
         _headline(targets(summary)),
         _section("Findings", _findings(summary)),
-        _section("Moments", _strips(pictures)),
+        _section("Moments", _strips(pictures) + _film(film, pictures)),
         _section("Contact error", _figures(drawn, "contact_error", "error_by_cell") + _by_emotion(summary)),
         _section("Movement", _figures(drawn, "palm_distance", "palm_paths", "joint_angles")),
         _section("Latency", _figures(drawn, "latency")),
@@ -116,8 +119,10 @@ def _subtitle(summary: dict[str, Any]) -> str:
     style = summary["style"]
     if style:
         mood = "answered as " + ", ".join(f"{escape(e)} {w:g}" for e, w in style.items())
-    else:
+    elif summary["simulated"]:
         mood = "each answered in the emotion of the person"
+    else:
+        mood = "answered as " + ", ".join(escape(e) for e in summary["contact_error_mm"]["by_emotion"])
     source = f", {escape(summary['source'])}" if summary["source"] else ""
     return f"{trials}{source}, {mood}. Model {escape(str(summary['model']))}, seed {summary['seed']}."
 
@@ -218,6 +223,15 @@ def _strips(pictures: Sequence[Strip] | NoPictures) -> str:
     if not pictures:
         return "<p>Pictures left out: none were asked for, or no trial was finished.</p>"
     return "".join(_strip(strip) for strip in pictures)
+
+
+def _film(film: Path | NoPictures | None, pictures: Sequence[Strip] | NoPictures) -> str:
+    if film is None or film == pictures:
+        return ""
+    if isinstance(film, NoPictures):
+        return f"<p>{escape(film.reason[:1].upper() + film.reason[1:])}.</p>"
+    name = escape(film.name, quote=True)
+    return f'<p>The film is beside this page: <a href="{name}">{name}</a>.</p>'
 
 
 def _strip(strip: Strip) -> str:

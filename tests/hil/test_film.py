@@ -90,7 +90,7 @@ def test_strips_show_the_moments(visible, results):
 @pytest.mark.slow
 def test_film_is_as_long_as_its_shots(visible, results, tmp_path):
     counted, path = [], tmp_path / "film.mp4"
-    made = make_film(visible, results[2:3], path, lambda total: lambda: counted.append(total))
+    made = make_film(visible, results[2:3], path, lambda label, total: lambda: counted.append(total))
     if isinstance(made, NoPictures):
         pytest.skip(made.reason)
     frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))

@@ -19,7 +19,8 @@ SETTINGS = SessionSettings(seed=3, model="default", trials=2, command="highfive 
 
 
 def shortened(result, count):
-    arrays = ("times", "people", "poses", "generated", "weight", "expected", "tick_ms")
+    arrays = ["times", "people", "poses", "generated", "person_palm", "palm", "generated_palm"]
+    arrays += ["weight", "expected", "seen", "tick_ms"]
     return replace(result, **{name: getattr(result, name)[:count] for name in arrays})
 
 
@@ -145,6 +146,20 @@ def test_a_disk_full_from_the_start_is_one_line():
     with pytest.raises(HighFiveError, match="No space left") as error:
         SessionRecorder(Path("/dev/full"), SETTINGS)
     assert one_line(error)
+
+
+def test_an_interrupted_write_keeps_what_was_whole(result, tmp_path):
+    path = tmp_path / "interrupted.mcap"
+    before = signal.signal(signal.SIGVTALRM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), SessionRecorder(path, SETTINGS) as recorder:
+            recorder.record_trial(result)
+            signal.setitimer(signal.ITIMER_VIRTUAL, 0.05)
+            while True:
+                recorder.record_trial(result)
+    finally:
+        signal.signal(signal.SIGVTALRM, before)
+    assert len(read_recording(path).channels["/contact"]) >= 1
 
 
 def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):

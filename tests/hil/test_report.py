@@ -3,6 +3,7 @@ import re
 import resource
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -101,7 +102,7 @@ def test_figures_are_saved_as_pictures(page):
     assert not list(page.parent.rglob("*.partial"))
 
 
-@pytest.mark.parametrize("chosen", [slice(0, 1), slice(4, 5), slice(0, 0)], ids=["one", "no contact", "none"])
+@pytest.mark.parametrize("chosen", [slice(1), slice(4, 5), slice(0)], ids=["one", "no contact", "none"])
 def test_any_number_of_trials_has_a_page(chosen, results, tmp_path):
     path = written(tmp_path, results[chosen], interrupted=True)
     text = " ".join(Page(path.read_text()).text)
@@ -114,13 +115,17 @@ def test_missing_pictures_are_explained(results):
     reason = NoPictures("pictures left out: MUJOCO_GL=off switches OpenGL off")
     text = render_page(summarise(results, SETTINGS), SETTINGS, [], reason)
     assert "Pictures left out: MUJOCO_GL=off switches OpenGL off." in text
+    assert render_page(summarise(results, SETTINGS), SETTINGS, [], reason, reason) == text
+
+
+def test_the_film_is_beside_the_page(results):
+    text = render_page(summarise(results, SETTINGS), SETTINGS, [], film=Path("/somewhere/high five.mp4"))
+    assert Page(text).fetched == ["high five.mp4"]
 
 
 def test_recorded_people_are_compared_with_who_met_them(results, tmp_path):
-    recorded = replace(
-        results[0], simulated=False, cell="", emotion="", title="pair <1>.c3d, A", other_error=0.0123, true_error=np.nan,
-        notes=("floor found at z = 3 mm", "turned by 90°"),
-    )  # fmt: skip
+    facts = {"title": "pair <1>.c3d, A", "cell": "", "emotion": "", "notes": ("floor at z = 3 mm", "turned by 90°")}
+    recorded = replace(results[0], simulated=False, other_error=0.0123, true_error=np.nan, **facts)
     path = written(tmp_path, [recorded], replace(SETTINGS, source="pair <1>.c3d"))
     text = " ".join(Page(path.read_text()).text)
     assert "simulated" not in text

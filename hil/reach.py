@@ -45,17 +45,21 @@ class ReachSettings:
     fade_out: float = 0.5
     landing: float = 0.06
     """Over this last stretch the closing speed runs out, as flesh would take it up."""
-    near: float = 0.10
-    """Palms this close meet whatever the model says of the time."""
+    sure: float = 0.25
+    """A clock with a larger standard deviation than this, s, is not read."""
+    near: float = 0.08
+    """Palms this close meet, where the clock cannot be read."""
     horizon: float = 0.35
-    """Closer than this, the time to the nearest approach at constant speed counts too."""
-    slowest: float = 0.4
+    """Closer than this, where the clock cannot be read, the time to the nearest approach at constant speed counts."""
+    slowest: float = 0.1
     fastest: float = 1.7
     """Bounds of the rate at which the remaining time runs out, against the clock."""
     smoothing: float = 0.03
     """Time constant of the relative velocity and of the rate."""
     easing: float = 0.05
     """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""
+    bend: float = 0.12
+    """A larger miss than this is not believed in full before the palms are about to meet."""
     late: float = 0.3
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
 
@@ -102,19 +106,22 @@ class Reach:
         self._touched = self._lost = False
         self._ease = np.zeros((2, 3))
 
-    def step(self, generated: PalmPose, person: PalmPose | None, time_to_contact: float, dt: float) -> ReachTarget:
+    def step(
+        self, generated: PalmPose, person: PalmPose | None, time_to_contact: float, deviation: float, dt: float
+    ) -> ReachTarget:
         """The target of this tick.
 
         Args:
             generated: the palm of the uncorrected pose.
             person: the person's palm; None when nobody knows where it is.
             time_to_contact: s, what the model says.
+            deviation: s, its standard deviation.
             dt: s since the last tick.
         """
         self._since += dt
         if person is not None:
             self._observe(generated, person, dt)
-        self._advance(person is not None, self._expected(time_to_contact), dt)
+        self._advance(person is not None, self._expected(time_to_contact, deviation), dt)
         if self._phase in (Phase.APPROACH, Phase.TOUCH):
             if person is None:
                 self._lost = True
@@ -137,20 +144,18 @@ class Reach:
         self._generated_before = generated.position
         self._gap = person.position - generated.position
 
-    def _expected(self, time_to_contact: float) -> float:
-        """Time to contact, s: the model's, or that of the nearest approach if the palms are close."""
-        gap = self._gap
+    def _expected(self, time_to_contact: float, deviation: float) -> float:
+        """Time to contact, s: the model's, or where it does not know, that of the nearest approach of near palms."""
+        gap, settings = self._gap, self.settings
         if gap is None:
             return np.inf
-        if time_to_contact < 0.0:
-            time_to_contact = 0.0 if time_to_contact > -self.settings.late else np.inf
+        if deviation < settings.sure:
+            return max(time_to_contact, 0.0) if time_to_contact > -settings.late else np.inf
         distance, speed = float(np.linalg.norm(gap)), float(np.linalg.norm(self._gap_velocity))
+        if distance < settings.near:
+            return 0.0
         closing = -float(gap @ self._gap_velocity) / max(speed, 1e-6) ** 2
-        if distance < self.settings.horizon and closing > 0.0 and speed > 0.1:
-            time_to_contact = min(time_to_contact, closing)
-        if distance < self.settings.near:
-            time_to_contact = min(time_to_contact, self.settings.shortest_fade_in)
-        return time_to_contact
+        return closing if distance < settings.horizon and closing > 0.0 and speed > 0.1 else np.inf
 
     def _advance(self, seen: bool, expected: float, dt: float) -> None:
         s = self.settings
@@ -160,13 +165,14 @@ class Reach:
                 self._lost, self._ease = False, np.zeros((2, 3))
                 self._length = self._remaining = float(np.clip(expected, s.shortest_fade_in, s.fade_in))
                 self._rate = 1.0
-            elif expected > 2.0 * s.fade_in or self._far():
+            elif self._far():
                 self._touched = False  # hands are apart again: ready for the next one
         elif self._phase is Phase.APPROACH:
-            if expected > 2.0 * s.fade_in:  # the person thought better of it
+            if self._far() and not np.isfinite(expected):  # the person thought better of it
                 self._release()
                 return
-            wanted = np.clip(1.0 + (self._remaining - expected) / 0.08, s.slowest, s.fastest)
+            late = 0.0 if not np.isfinite(expected) else self._remaining - expected
+            wanted = np.clip(1.0 + late / 0.08, s.slowest, s.fastest)
             self._rate += (1.0 - np.exp(-dt / s.smoothing)) * (wanted - self._rate)
             self._remaining -= self._rate * dt
             if self._remaining <= 1e-9:
@@ -197,7 +203,7 @@ class Reach:
     def _aim(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
         """The miss (m) and the turn (rotation vector, rad) that would bring palm to palm at contact."""
         gap = person.position - generated.position
-        miss = gap + 0.5 * self._gap_velocity * self._landing(self._remaining)
+        miss = self._bent(gap + 0.5 * self._gap_velocity * self._landing(self._remaining))
         turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
         if self._lost:  # a hand that comes back is not where it was left: the difference runs out
             self._ease, self._lost = np.array([self._miss - miss, self._turn - turn]), False
@@ -205,6 +211,13 @@ class Reach:
         miss, turn = miss + self._ease[0], turn + self._ease[1]
         self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
         self._miss, self._turn = miss, turn
+
+    def _bent(self, miss: Array) -> Array:
+        """The miss, shortened where it is so long that it must be the extrapolation's; in full as the palms meet."""
+        length, free = float(np.linalg.norm(miss)), self.settings.bend + 0.6 * self._weight() ** 2
+        if length <= free:
+            return miss
+        return miss / length * (free + self.settings.bend * np.tanh((length - free) / self.settings.bend))
 
     def _landing(self, remaining: float) -> float:
         """The remaining time, bent so that it comes to 0 without a corner: x² (2 - x) over the last stretch."""

@@ -94,7 +94,8 @@ class Session:
         generated = self._pose(response.joints, response.root)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None
-        target = self._reach.step(palm, seen, response.time_to_contact, 1.0 / RATE_HZ)
+        clock = response.time_to_contact, response.time_to_contact_std
+        target = self._reach.step(palm, seen, *clock, 1.0 / RATE_HZ)
         if not self._correct or target.phase is Phase.IDLE:
             return Tick(markers, person, response, generated, palm, target, generated, palm, 0.0, False)
         corrected = self._correction.solve(generated, target.position, target.normal)

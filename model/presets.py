@@ -83,8 +83,8 @@ DEFAULT = Preset(
 )
 """Larger latents, a jointly learned back constraint on the hand and its short history, bounded upper-layer noise.
 
-No Adam here: it reaches a better objective (−394 a point after 100 steps, −326 after 250 of L-BFGS), but with it the free
-X¹ explains what the hand cannot tell, and held-out simulated trials get worse (joints 3.1° against 2.8°).
+No Adam here: it reaches a better objective (−394 a point after 100 steps, −326 after 250 of L-BFGS), but then the
+free X¹ explains what the hand cannot tell, and held-out simulated trials get worse (joints 3.1° against 2.8°).
 """
 
 PRESETS = {preset.name: preset for preset in (DEFAULT, PAPER)}

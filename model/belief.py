@@ -199,18 +199,22 @@ def step(
     split = model.preset.avatar_dims
     below, below_spread = descend(model, predicted[:dims], spread[:dims, :dims])
     generated, generated_variance = emit(model.human, below[split:], below_spread[split:, split:])
-    newest = jnp.where(seen, hand, belief.hand[0] + generated - belief.generated_hand)
-    newest_variance = jnp.where(seen, hand_variance, generated_variance)
+    moved = belief.hand[0] + generated - belief.generated_hand
+    first = seen & ~belief.started
+    change = seconds / TRUST_TIME
+    trust = jnp.clip(belief.trust + jnp.where(seen, change, -change), 0.0, 1.0)
+    trust = jnp.where(first, 1.0, trust)
+    # A hand that comes back is blended in, value and doubt: otherwise each of the features' earlier times would meet
+    # the edge of the gap in one tick, and the pose would jump each time.
+    weight = jnp.where(seen, trust**2 * (3.0 - 2.0 * trust), 0.0)
+    newest = weight * hand + (1.0 - weight) * moved
+    newest_variance = weight * hand_variance + (1.0 - weight) * generated_variance
     hands = jnp.concatenate([newest[None], belief.hand[:-1]])
     variances = jnp.concatenate([newest_variance[None], belief.hand_variance[:-1]])
-    first = seen & ~belief.started
     hands = jnp.where(first, hand, hands)
     variances = jnp.where(first, hand_variance, variances)
 
     value, noise = measure(model, hands, variances, rate_hz)
-    change = seconds / TRUST_TIME
-    trust = jnp.clip(belief.trust + jnp.where(seen, change, -change), 0.0, 1.0)
-    trust = jnp.where(first, 1.0, trust)
     updated, covariance = update(predicted, spread, value, noise, trust**2)
     latent = jnp.where(seen, updated, predicted)
     covariance = jnp.where(seen, covariance, spread)

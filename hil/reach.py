@@ -51,6 +51,8 @@ class ReachSettings:
     """Palms this close meet, where the clock cannot be read."""
     horizon: float = 0.35
     """Closer than this, where the clock cannot be read, the time to the nearest approach at constant speed counts."""
+    soon: float = 1.5
+    """Palms that would take longer than this to meet at their present speed, s, are not on their way."""
     slowest: float = 0.1
     fastest: float = 1.7
     """Bounds of the rate at which the remaining time runs out, against the clock."""
@@ -157,10 +159,19 @@ class Reach:
         closing = -float(gap @ self._gap_velocity) / max(speed, 1e-6) ** 2
         return closing if distance < settings.horizon and closing > 0.0 and speed > 0.1 else np.inf
 
+    def _closing(self) -> bool:
+        """The palms are near, or come nearer at a speed that will bring them together soon."""
+        gap = self._gap
+        if gap is None:
+            return False
+        distance = float(np.linalg.norm(gap))
+        speed = -float(gap @ self._gap_velocity) / max(distance, 1e-9)
+        return distance < self.settings.horizon or distance < self.settings.soon * speed
+
     def _advance(self, seen: bool, expected: float, dt: float) -> None:
         s = self.settings
         if self._phase is Phase.IDLE:
-            if seen and not self._touched and expected < s.fade_in:
+            if seen and not self._touched and expected < s.fade_in and self._closing():
                 self._enter(Phase.APPROACH)
                 self._lost, self._ease = False, np.zeros((2, 3))
                 self._length = self._remaining = float(np.clip(expected, s.shortest_fade_in, s.fade_in))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hil.avatar import Pose, avatar_skeleton
 from hil.contact_correction import ContactCorrection
@@ -12,6 +12,7 @@ from hil.threads import use_one_blas_thread
 from mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import MarkerSet
+from mocap_bridge.palm_filter import PalmFilter
 from mocap_bridge.tracker import Tracker
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
@@ -70,6 +71,7 @@ class Session:
         use_one_blas_thread()
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
+        self._palm = PalmFilter()
         self._responder = Responder(model, style, RATE_HZ)
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
@@ -82,6 +84,7 @@ class Session:
     def reset(self) -> None:
         """A new trial: nobody is there yet."""
         self._tracker.reset()
+        self._palm.reset()
         self._responder.reset()
         self._reach.reset()
         self._correction.reset()
@@ -89,7 +92,7 @@ class Session:
     def step(self, frame: MarkerFrame) -> Tick:
         """One tick."""
         markers = self._tracker.update(frame)
-        person = self._arm(markers)
+        person = self._steady(self._arm(markers))
         response = self._responder.step(person.hand_points if person.valid else None)
         generated = self._pose(response.joints, response.root)
         palm = self._correction.palm_of(generated)
@@ -103,6 +106,13 @@ class Session:
             markers, person, response, generated, palm, target,
             corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,
         )  # fmt: skip
+
+    def _steady(self, person: HumanArm) -> HumanArm:
+        """The person with a palm that does not shake."""
+        if not person.valid:
+            self._palm.reset()
+            return person
+        return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
 
     @staticmethod
     def _pose(joints: Array, root: Array) -> Pose:

@@ -9,15 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
+import mujoco
 import numpy as np
 from scipy.interpolate import BPoly, make_interp_spline
 from scipy.optimize import minimize
 
-from hil.avatar import avatar_skeleton, right_palm
+from hil.avatar import Pose, avatar_skeleton, right_palm
 from hil.profiles import minimum_jerk
 from hil.sim.emotions import EmotionStyle, emotion_style
 from hil.sim.limb_ik import solve_arm, solve_leg
+from hil.sim.scene import Scene, build_scene
+from hil.sim.touch import TouchReader
 from model import rotations
 from model.errors import HighFiveError
 from model.rotations import Array
@@ -32,6 +36,7 @@ CELLS = tuple(f"{row}{column}" for row in "ABC" for column in "123")
 _ARM = ("right_shoulder", "right_elbow", "right_wrist")
 _TRUNK = ("lumbar_5", "lumbar_3", "thoracic_12", "thoracic_8")
 _MARGIN = np.radians(3.0)
+_GRAZE = 0.004  # m of overlap that skin takes
 _FINGER_JOINTS = tuple(f"{f}_{n}" for f in ("index", "middle", "ring", "little") for n in (1, 2, 3))
 
 
@@ -113,13 +118,13 @@ def simulate_pair(emotion: str, cell: str, repetition: int, rng: np.random.Gener
     """One high five in ``emotion`` at ``cell`` of the grid; every call differs as ``rng`` says.
 
     Differences: the person's body size and distance, tempo, start pose, sway, path, jitter of the cell, palm direction.
-    A draw in which a joint limit keeps the palms apart is drawn again.
+    A draw in which a joint limit keeps the palms apart, or an arm runs through a body, is drawn again.
     """
-    for _ in range(20):
+    for _ in range(40):
         trial = _draw_pair(emotion, cell, repetition, rng)
-        if _palms_meet(trial):
+        if _palms_meet(trial) and _bodies_clear(trial):
             return trial
-    raise HighFiveError(f"the simulated actors cannot meet at cell {cell} in {emotion}: 20 draws ran into joint limits")
+    raise HighFiveError(f"the simulated actors cannot meet at cell {cell} in {emotion}: 40 draws ran into limits")
 
 
 def _palms_meet(trial: PairTrial) -> bool:
@@ -135,6 +140,35 @@ def _palms_meet(trial: PairTrial) -> bool:
             return False
     (ours, normal, _), (theirs, facing, _) = ends
     return bool(np.linalg.norm(ours - theirs) < 1e-3 and (normal * -facing).sum() > np.cos(np.radians(1.0)))
+
+
+def _bodies_clear(trial: PairTrial) -> bool:
+    """The avatar's arm stays out of its own body (by the scene's contact shapes) and the hands out of both faces."""
+    scene = _bare_scene()
+    data, reader = scene.make_data(), TouchReader(scene)
+    motion, person = trial.avatar, trial.person
+    frames = slice(0, None, 4)
+    hinges = motion.skeleton.to_hinges(motion.quaternions[frames])
+    for root, angles in zip(motion.root_in_world[frames], hinges, strict=True):
+        scene.set_pose(data, Pose(root, angles))
+        mujoco.mj_kinematics(scene.model, data)
+        mujoco.mj_collision(scene.model, data)
+        touches = reader.read(data, forces=False)
+        if any(t.distance < -_GRAZE for t in touches if not (t.expected or t.second.startswith("person"))):
+            return False
+    hands, faces = [], []
+    for actor in (motion, person):
+        positions, orientations = actor.skeleton.forward_kinematics(actor.root_in_world, actor.quaternions)
+        head = actor.skeleton.index("head")
+        faces.append(positions[:, head] + rotations.rotate(orientations[:, head], [0.02, 0.0, 0.08]))
+        hands.append(positions[:, [actor.skeleton.index(f"right_{f}_3") for f in ("index", "middle", "ring")]])
+    gaps = [np.linalg.norm(hand - face[:, None], axis=-1).min() for hand in hands for face in faces]
+    return min(gaps) > 0.17
+
+
+@cache
+def _bare_scene() -> Scene:
+    return build_scene()
 
 
 def _draw_pair(emotion: str, cell: str, repetition: int, rng: np.random.Generator) -> PairTrial:
@@ -179,7 +213,7 @@ def _draw_individual(rng: np.random.Generator) -> _Individual:
         sway_frequency=rng.uniform(0.15, 0.6, (2, joints, 3)),
         sway_phase=rng.uniform(0, 2 * np.pi, (2, joints, 3)),
         trunk_lead=rng.uniform(0.03, 0.09),
-        rest_arm=np.radians(rng.normal(0.0, [4, 3, 6, 6, 0, 8, 4, 3, 0], (2, 9))),
+        rest_arm=np.radians(rng.normal(0.0, [4, 2, 6, 6, 0, 8, 4, 3, 0], (2, 9))),
         elbow_out=np.radians(rng.normal(0.0, 5.0)),
         wobble=rng.normal(0.0, 0.02, 3),
     )
@@ -384,7 +418,10 @@ def _arm_motion(role: _Role, body: _Body) -> Callable[[Array], Array]:
         step = 1e-3
         return (solve(time + step, speed * step) - solve(time - step, -speed * step)) / (2.0 * step)
 
-    hanging = np.radians([5.0, -4.0 - 0.4 * style.left_arm_out, 0, -style.rest_elbow, 0, 15, 0, 0, 0])
+    # The arm hangs straight down whatever the trunk does, and clear of the thigh.
+    hanging = np.radians(
+        [2.0 - style.trunk_lean, -9.0 - 0.3 * style.left_arm_out, 0, -style.rest_elbow, 0, 15, 0, 0, 0]
+    )
     first, last = hanging + role.individual.rest_arm
     start, contact, bounce = role.onset_s, role.contact_s, 0.05
     strike = style.contact_speed * palm.normal

@@ -19,13 +19,13 @@ import numpy as np
 from hil.avatar import Pose
 from hil.sim.scene import CORRECTED_JOINTS, Scene
 from mocap_bridge.frames import PalmPose
-from model import rotations
 from model.rotations import Array
 
 POSITION_WEIGHT = 1.0  # a metre
 NORMAL_WEIGHT = 0.1  # a radian
 POSTURE_WEIGHT = 0.006  # a radian, times the joint's share below
 _JOINT_SHARE = {"thoracic_12": 4.0, "thoracic_8": 4.0, "right_clavicle": 2.5}
+CONVERGED = 1e-9  # m²: 0.03 mm
 _TRUST = 0.5  # rad a step
 OUT_OF_REACH_M = 0.004
 """A palm that stays further than this from its target is out of reach."""
@@ -62,7 +62,10 @@ class ContactCorrection:
         share = np.repeat([_JOINT_SHARE.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
         self.posture_cost = (POSTURE_WEIGHT * share) ** 2
         count = len(self._dofs)
-        self._jacobians = np.zeros((2, 3, scene.model.nv))
+        self._translation, self._rotation = np.zeros((3, scene.model.nv)), np.zeros((3, scene.model.nv))
+        # Views: they show the palm of whatever was computed last.
+        self._place = self._data.site_xpos[scene.palm_site]
+        self._axes = self._data.site_xmat[scene.palm_site].reshape(3, 3)
         self._work = np.zeros((count, count + 7))
         self._index = np.zeros(count, dtype=np.int32)
         self.reset()
@@ -92,7 +95,7 @@ class ContactCorrection:
                 damping = max(0.1 * damping, 1e-7)
             else:
                 damping = max(10.0 * damping, 1e-4)
-            if abs(gain) < 1e-10:
+            if abs(gain) < CONVERGED:
                 break
         self._change = angles - generated
         self._data.qpos[self._qpos] = angles
@@ -107,28 +110,30 @@ class ContactCorrection:
         return pose.hinges[self._scene.arm_joints].ravel()
 
     def _palm_now(self) -> PalmPose:
-        site, data = self._scene.palm_site, self._data
-        axes = data.site_xmat[site].reshape(3, 3)
-        return PalmPose(data.site_xpos[site].copy(), axes[:, 2].copy(), axes[:, 0].copy(), np.zeros(3))
+        axes = self._axes
+        return PalmPose(self._place.copy(), axes[:, 2].copy(), axes[:, 0].copy(), np.zeros(3))
 
     def _linearise(self, angles: Array, generated: Array, position: Array, normal: Array) -> tuple[float, Array, Array]:
         """Cost, residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
-        model, data, site = self._model, self._data, self._scene.palm_site
+        model, data = self._model, self._data
         data.qpos[self._qpos] = angles
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        mujoco.mj_jacSite(model, data, self._jacobians[0], self._jacobians[1], site)
-        palm = self._palm_now()
-        translation, rotation = self._jacobians[:, :, self._dofs]
-        place, facing = palm.position - position, palm.normal - normal
-        residual = np.concatenate([POSITION_WEIGHT * place, NORMAL_WEIGHT * facing])
-        turning = rotations.cross(rotation.T, palm.normal[None]).T  # dn = omega x n
-        cost = float(residual @ residual + self.posture_cost @ (angles - generated) ** 2)
-        return cost, residual, np.concatenate([POSITION_WEIGHT * translation, NORMAL_WEIGHT * turning])
+        mujoco.mj_jacSite(model, data, self._translation, self._rotation, self._scene.palm_site)
+        facing = self._axes[:, 2]
+        residual, jacobian = np.empty(6), np.empty((6, len(self._dofs)))
+        residual[:3] = POSITION_WEIGHT * (self._place - position)
+        residual[3:] = NORMAL_WEIGHT * (facing - normal)
+        np.multiply(self._translation[:, self._dofs], POSITION_WEIGHT, out=jacobian[:3])
+        x, y, z = NORMAL_WEIGHT * facing
+        turning = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # dn = omega x n
+        np.matmul(turning, self._rotation[:, self._dofs], out=jacobian[3:])
+        moved = angles - generated
+        return float(residual @ residual + self.posture_cost @ (moved * moved)), residual, jacobian
 
     def _step(self, angles: Array, generated: Array, residual: Array, jacobian: Array, damping: float) -> Array:
         hessian = jacobian.T @ jacobian
-        hessian[np.diag_indices_from(hessian)] += self.posture_cost + damping
+        hessian.flat[:: len(angles) + 1] += self.posture_cost + damping
         gradient = jacobian.T @ residual + self.posture_cost * (angles - generated)
         step = np.zeros_like(angles)
         # The model is linear for some 30° at the most.

@@ -133,8 +133,11 @@ class Reach:
             self._miss = self._miss + self._miss_velocity * dt
             self._miss_velocity = self._miss_velocity * np.exp(-dt / self.settings.landing)
         weight = self._weight()
+        if weight == 0.0:
+            remaining = self._remaining if self._phase is Phase.APPROACH else np.inf
+            return ReachTarget(self._phase, 0.0, remaining, generated.position, generated.normal)
         turned = rotations.rotate(rotations.from_rotation_vector(weight * self._turn), generated.normal)
-        remaining = {Phase.IDLE: np.inf, Phase.RELEASE: np.inf}.get(self._phase, self._remaining)
+        remaining = np.inf if self._phase is Phase.RELEASE else self._remaining
         return ReachTarget(self._phase, weight, remaining, generated.position + weight * self._miss, turned)
 
     def _observe(self, generated: PalmPose, person: PalmPose, dt: float) -> None:

@@ -150,10 +150,11 @@ def between(a: ArrayLike, b: ArrayLike) -> Array:
     """Smallest rotation (..., 4) that turns unit vectors ``a`` (..., 3) into unit vectors ``b`` (..., 3)."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     cosine = np.sum(a * b, axis=-1, keepdims=True)
-    # Opposite vectors have no unique rotation: turn about any axis across ``a``.
-    across = np.cross(a, np.where(np.abs(a[..., :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    q = np.concatenate([1.0 + cosine, np.cross(a, b)], axis=-1)
-    q = np.where(cosine < -1.0 + 1e-9, np.concatenate([np.zeros_like(cosine), across], axis=-1), q)
+    q = np.concatenate([1.0 + cosine, cross(a, b)], axis=-1)
+    opposite = cosine < -1.0 + 1e-9
+    if opposite.any():  # no unique rotation: half a turn about any axis across ``a``
+        across = cross(a, np.where(np.abs(a[..., :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+        q = np.where(opposite, np.concatenate([np.zeros_like(cosine), across], axis=-1), q)
     return normalize(q)
 
 
@@ -161,6 +162,6 @@ def frame_from(forward: ArrayLike, up: ArrayLike) -> Array:
     """Quaternion (..., 4) of the frame whose x axis is ``forward`` and whose z axis is as near ``up`` as can be."""
     x = np.asarray(forward, dtype=float)
     x = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    y = np.cross(np.asarray(up, dtype=float), x)
+    y = cross(np.asarray(up, dtype=float), x)
     y = y / np.linalg.norm(y, axis=-1, keepdims=True)
-    return from_matrix(np.stack([x, y, np.cross(x, y)], axis=-1))
+    return from_matrix(np.stack([x, y, cross(x, y)], axis=-1))

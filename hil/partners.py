@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from hil.avatar import right_palm
 from hil.sim.actors import CELLS, simulate_pair
 from hil.sim.capture import PERSON_SET, Defects, markers_of, record
 from hil.sim.emotions import EMOTIONS
+from hil.threads import parallel_map
 from hil.training_data import track_hand
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
@@ -56,16 +57,25 @@ class Partner:
         return replace(self, emotion=emotion)
 
 
-def simulated_partners(count: int, emotions: Sequence[str], cells: Sequence[str], seed: int) -> Iterator[Partner]:
+def simulated_partners(
+    count: int,
+    emotions: Sequence[str],
+    cells: Sequence[str],
+    seed: int,
+    progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
+) -> list[Partner]:
     """``count`` simulated people, cell by cell in a shuffled order, each cell in every emotion."""
     order = np.random.default_rng([seed, len(cells)]).permutation(len(cells))
+    draws = []
     for number in range(count):
         repetition, place_in_round = divmod(number, len(cells) * len(emotions))
         cell = cells[order[place_in_round // len(emotions)]]
-        yield _simulated(emotions[place_in_round % len(emotions)], cell, repetition, seed)
+        draws.append((emotions[place_in_round % len(emotions)], cell, repetition, seed))
+    return list(parallel_map(_simulated, draws, progress))
 
 
-def _simulated(emotion: str, cell: str, repetition: int, seed: int) -> Partner:
+def _simulated(chosen: tuple[str, str, int, int]) -> Partner:
+    emotion, cell, repetition, seed = chosen
     draw = [seed, list(EMOTIONS).index(emotion), CELLS.index(cell), _SESSION_DRAWS + repetition]
     rng = np.random.default_rng(draw)
     trial = simulate_pair(emotion, cell, repetition, rng)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterable, Mapping
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-from hil.film import make_film, make_picture_strip
+from hil.film import Strip, make_film, picture_strips
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
 from hil.report import write_report
@@ -17,8 +19,9 @@ from hil.session import Session
 from hil.sim.actors import CELLS
 from hil.sim.emotions import EMOTIONS
 from hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
+from hil.sim.rendering import NoPictures
 from hil.sim.scene import Scene, build_scene
-from hil.summary import summarise
+from hil.summary import SessionSettings, summarise
 from hil.trial import TrialResult, run_trial
 from mocap_bridge.marker_sets import load_marker_set
 from model.errors import HighFiveError
@@ -72,33 +75,48 @@ def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[s
             cannot be written.
     """
     model = load_model(options.model)
-    partners = list(_partners(options, model))
+    _check_free(folder)
+    partners = _partners(options, model, bar)
     scene = build_scene()
-    _claim(folder)
-    results, interrupted = _run(options, model, scene, partners, folder, bar)
-    settings = {
-        "seed": options.seed,
-        "model": options.model.name,
-        "physics": options.physics,
-        "corrected": options.correct,
-        "source": None if options.source is None else options.source.name,
-        "style": None if options.style is None else dict(options.style),
-        "interrupted": interrupted,
-    }
-    summary = summarise(results, settings)
-    strip, film = None, "pictures left out: --no-pictures was given"
-    if options.pictures and results:
-        try:
-            visible = build_scene(visible=True)
-            strip = make_picture_strip(visible, results)
-            film = make_film(visible, results, folder / "highfive.mp4", bar)
-        except KeyboardInterrupt:
-            film = "pictures left out: interrupted"
-    write_report(folder, summary, results, strip, film)
+    _make(folder)
+    settings = _settings(options, len(partners))
+    results, interrupted = _run(
+        options, model, scene, partners, SessionRecorder(folder / "session.mcap", settings), bar
+    )
+    summary = summarise(results, settings, interrupted=interrupted)
+    strips, film = _pictures(options, results, folder, bar)
+    write_report(folder, summary, results, settings, strips, film)
     return summary
 
 
-def _partners(options: SimulateOptions, model: HGPDM) -> Iterable[Partner]:
+def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
+    return SessionSettings(
+        seed=options.seed,
+        model=options.model.name,
+        trials=trials,
+        style=None if options.style is None else dict(options.style),
+        corrected=options.correct,
+        physics=options.physics,
+        source="" if options.source is None else options.source.name,
+        command=shlex.join(["highfive", *sys.argv[1:]]),
+    )
+
+
+def _pictures(
+    options: SimulateOptions, results: Sequence[TrialResult], folder: Path, bar: ProgressBar
+) -> tuple[Sequence[Strip] | NoPictures, Path | NoPictures]:
+    if not options.pictures or not results:
+        none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
+        return none, none
+    try:
+        visible = build_scene(visible=True)
+        return picture_strips(visible, results), make_film(visible, results, folder / "highfive.mp4", bar)
+    except KeyboardInterrupt:
+        none = NoPictures("pictures left out: interrupted")
+        return none, none
+
+
+def _partners(options: SimulateOptions, model: HGPDM, bar: ProgressBar) -> list[Partner]:
     emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:
@@ -110,7 +128,11 @@ def _partners(options: SimulateOptions, model: HGPDM) -> Iterable[Partner]:
         if absent:
             raise HighFiveError(f"the simulated person does not know {absent[0]!r}; she knows {', '.join(EMOTIONS)}")
         cells = options.cells or CELLS
-        return simulated_partners(options.trials or len(cells) * len(emotions), emotions, cells, options.seed)
+        strange = [cell for cell in cells if cell not in CELLS]
+        if strange:
+            raise HighFiveError(f"unknown cell {strange[0]!r}; the grid has {', '.join(CELLS)}")
+        count = options.trials or len(cells) * len(emotions)
+        return simulated_partners(count, emotions, cells, options.seed, lambda total: bar("people", total))
     if options.cells:
         raise HighFiveError("--cell goes with the simulated person; a recorded one raises the hand where she did")
     marker_set = load_marker_set(options.marker_set) if options.marker_set else None
@@ -122,10 +144,13 @@ def _leading(style: Mapping[str, float]) -> str:
     return max(style, key=lambda emotion: style[emotion])
 
 
-def _claim(folder: Path) -> None:
-    """Makes the folder; what an earlier session recorded in it is never overwritten."""
+def _check_free(folder: Path) -> None:
+    """What an earlier session recorded is never overwritten."""
     if (folder / "session.mcap").exists():
         raise HighFiveError(f"{folder} holds the recording of an earlier session; give another --out")
+
+
+def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -138,13 +163,18 @@ def next_folder(base: Path = Path("out")) -> Path:
 
 
 def _run(
-    options: SimulateOptions, model: HGPDM, scene: Scene, partners: list[Partner], folder: Path, bar: ProgressBar
+    options: SimulateOptions,
+    model: HGPDM,
+    scene: Scene,
+    partners: list[Partner],
+    recorder: SessionRecorder,
+    bar: ProgressBar,
 ) -> tuple[list[TrialResult], bool]:
     playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
     results: list[TrialResult] = []
     session = _session(options, model, scene, partners[0])
     advance = bar("high fives", len(partners))
-    with SessionRecorder(folder / "session.mcap", {"seed": options.seed, "model": options.model.name}) as recorder:
+    with recorder:
         try:
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()

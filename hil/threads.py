@@ -39,8 +39,13 @@ def parallel_map(
         progress: called with the number of jobs; what comes back is called after each.
     """
     advance = progress(len(jobs))
-    # Spawned, not forked: JAX may run threads in this process.
     workers = min(os.cpu_count() or 1, 8, len(jobs))
+    if len(jobs) < 4:  # not worth the start of a process
+        for job in jobs:
+            yield function(job)
+            advance()
+        return
+    # Spawned, not forked: JAX may run threads in this process.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=use_one_blas_thread) as pool:
         for result in pool.map(function, jobs):
             yield result

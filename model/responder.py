@@ -1,58 +1,86 @@
-"""The online response: one hand measurement in, one avatar pose out, in one compiled call."""
+"""The online response: one hand measurement in, one avatar pose out."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model import belief
-from model.dataset import CLOCK_SCALE, HAND_DIMS
+from model.belief import Filter, Generated
+from model.dataset import CLOCK_SCALE, HAND_DIMS, Channels
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.rotations import Array
 from model.style import style_weights
 
-HAND_DEVIATION = 2e-3  # m, of a measured hand point where the caller gives no covariance
+HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
 CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
 MAXIMUM_FORECAST = 5.0  # s
 
 
 @dataclass(frozen=True)
 class Response:
-    """What the model answers at one time; each ``_std`` is a predictive standard deviation in the same unit.
+    """What the model answers at one time.
+
+    The predictive standard deviations ``joints_std``, ``root_std``, ``palm_std``, ``contact_point_std`` and
+    ``hand_std`` have the shape and the unit of what they belong to; they are worked out when first read.
 
     Attributes:
-        joints, joints_std: (D,) rad, rotation vectors relative to the rest pose.
-        root, root_std: (3,) m, pelvis in the world.
-        palm, palm_std: (3,) m, the avatar's palm as generated directly (beside what the joints give).
-        contact_point, contact_point_std: (3,) m, where the palms will meet, or met last.
+        joints: (D,) rad, rotation vectors relative to the rest pose.
+        root: (3,) m, pelvis in the world.
+        palm: (3,) m, the avatar's palm as generated directly (beside what the joints give).
+        contact_point: (3,) m, where the palms will meet, or met last.
         time_to_contact, time_to_contact_std: s, negative after contact; informative within about ±0.9 s.
-        hand, hand_std: (2, 3) m, the person's hand as the human layer generates it.
+        hand: (2, 3) m, the person's hand as the human layer generates it.
         latent, latent_covariance: (q,) and (q, q) of the interaction latent I.
         ahead: s, how far after the last tick this holds; 0 for the answer of a tick.
+        generated: what the deviations are worked out from.
     """
 
     joints: Array
-    joints_std: Array
     root: Array
-    root_std: Array
     palm: Array
-    palm_std: Array
     contact_point: Array
-    contact_point_std: Array
     time_to_contact: float
     time_to_contact_std: float
     hand: Array
-    hand_std: Array
     latent: Array
     latent_covariance: Array
     ahead: float
+    generated: Generated = field(repr=False, compare=False)
+
+    @property
+    def joints_std(self) -> Array:
+        """(D,) rad."""
+        return self._deviations[: len(self.joints)]
+
+    @property
+    def root_std(self) -> Array:
+        """(3,) m."""
+        return self._deviations[Channels(len(self.joints)).root]
+
+    @property
+    def palm_std(self) -> Array:
+        """(3,) m."""
+        return self._deviations[Channels(len(self.joints)).palm]
+
+    @property
+    def contact_point_std(self) -> Array:
+        """(3,) m."""
+        return self._deviations[Channels(len(self.joints)).contact]
+
+    @cached_property
+    def hand_std(self) -> Array:
+        """(2, 3) m."""
+        return self.generated.hand_deviations().reshape(2, 3)
+
+    @cached_property
+    def _deviations(self) -> Array:
+        return self.generated.channel_deviations()
 
 
 class Responder:
@@ -64,7 +92,7 @@ class Responder:
     def __init__(
         self, model: HGPDM, style_weights: str | Mapping[str, float] | ArrayLike, rate_hz: float = 120.0
     ) -> None:
-        """Compiles the tick, so that the first one is as fast as the others.
+        """Works out what does not change from tick to tick.
 
         Args:
             model: the trained model.
@@ -73,13 +101,9 @@ class Responder:
         """
         if not (math.isfinite(rate_hz) and rate_hz > 0.0):
             raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks a second")
-        self._model, self._rate_hz = model, float(rate_hz)
+        self._model = model
         self._style = _checked(style_weights, model)
-        self._step = jax.jit(self._pack_step)
-        self._ahead: dict[int, jax.stages.Wrapped] = {}
-        self.reset()
-        self.step(np.zeros((2, 3)))
-        self.step(None)
+        self._filter = Filter(model, rate_hz)
         self.reset()
 
     @property
@@ -89,7 +113,7 @@ class Responder:
 
     def reset(self) -> None:
         """Forgets the person: the next hand seen begins a new interaction."""
-        self._belief = belief.initial_belief(self._model, self._style, self._rate_hz)
+        self._belief = self._filter.initial(self._style)
 
     def set_style(self, weights: str | Mapping[str, float] | ArrayLike) -> None:
         """Changes the style; the answer moves there smoothly within a few tenths of a second."""
@@ -105,77 +129,49 @@ class Responder:
         Raises:
             HighFiveError: the points have another shape or are not finite.
         """
-        seen = hand_points is not None
-        hand = np.zeros(HAND_DIMS) if hand_points is None else np.asarray(hand_points, dtype=float)
-        variance = np.full(HAND_DIMS, HAND_DEVIATION**2)
+        hand = None if hand_points is None else np.asarray(hand_points, dtype=float)
+        variance = HAND_VARIANCE
         if covariance is not None:
-            variance = np.diagonal(np.asarray(covariance, dtype=float), axis1=-2, axis2=-1)
-        if hand.size != HAND_DIMS or variance.size != HAND_DIMS:
-            raise HighFiveError(
-                f"hand points of shape {hand.shape}; expected (2, 3): wrist and knuckles, and (2, 3, 3)"
-            )
-        if not math.isfinite(hand.sum() + variance.sum()):
-            raise HighFiveError("the hand points hold NaN or infinity; pass None while the hand is hidden")
-        self._belief, packed = self._step(
-            self._belief, hand.reshape(HAND_DIMS), variance.reshape(HAND_DIMS), seen, self._style
-        )
-        return self._unpack(np.asarray(packed), 0.0)
+            variance = np.diagonal(np.asarray(covariance, dtype=float), axis1=-2, axis2=-1).reshape(-1)
+        if hand is not None:
+            if hand.size != HAND_DIMS or variance.size != HAND_DIMS:
+                raise HighFiveError(
+                    f"hand points of shape {hand.shape}; expected (2, 3): wrist and knuckles, and (2, 3, 3)"
+                )
+            if not math.isfinite(hand.sum() + variance.sum()):
+                raise HighFiveError("the hand points hold NaN or infinity; pass None while the hand is hidden")
+            hand = hand.reshape(HAND_DIMS)
+        self._belief, generated = self._filter.step(self._belief, hand, variance, self._style)
+        return self._response(self._belief.latent, self._belief.covariance, generated, 0.0)
 
     def forecast(self, horizon_s: float) -> list[Response]:
         """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
         if not 0.0 < horizon_s <= MAXIMUM_FORECAST:
             raise HighFiveError(f"a forecast of {horizon_s} s; expected more than 0 and at most {MAXIMUM_FORECAST:g} s")
-        count = math.ceil(horizon_s / self._model.lag - 1e-9)
-        if count not in self._ahead:
-            self._ahead[count] = jax.jit(lambda state: self._pack_forecast(state, count))
-        packed = np.asarray(self._ahead[count](self._belief))
-        return [self._unpack(row, (number + 1) * self._model.lag) for number, row in enumerate(packed)]
+        dims, lag = self._filter.dims, self._model.lag
+        latent, covariance, responses = self._belief.latent, self._belief.covariance, []
+        for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
+            latent, covariance = self._filter.predict(latent, covariance, lag)
+            generated = self._filter.generate(latent[:dims], covariance[:dims, :dims], self._belief.style[1])
+            responses.append(self._response(latent, covariance, generated, number * lag))
+        return responses
 
-    def _pack(self, latent: jax.Array, covariance: jax.Array, generated: belief.Generated) -> jax.Array:
-        """One vector, because one transfer out of the compiled call is cheaper than ten."""
-        dims = self._model.preset.interaction_dims
-        deviations = jnp.sqrt(generated.channel_variance), jnp.sqrt(generated.hand_variance)
-        latents = latent[:dims], covariance[:dims, :dims].reshape(-1)
-        return jnp.concatenate([generated.channels, deviations[0], generated.hand, deviations[1], *latents])
-
-    def _pack_step(
-        self, state: belief.Belief, hand: jax.Array, variance: jax.Array, seen: jax.Array, style: jax.Array
-    ) -> tuple[belief.Belief, jax.Array]:
-        following, generated = belief.step(self._model, self._rate_hz, state, hand, variance, seen, style)
-        return following, self._pack(following.latent, following.covariance, generated)
-
-    def _pack_forecast(self, state: belief.Belief, count: int) -> jax.Array:
-        dims = self._model.preset.interaction_dims
-
-        def advance(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
-            latent, covariance = belief.predict(self._model, *carry, self._model.lag)
-            generated = belief.generate(self._model, latent[:dims], covariance[:dims, :dims], state.style[1])
-            return (latent, covariance), self._pack(latent, covariance, generated)
-
-        return jax.lax.scan(advance, (state.latent, state.covariance), None, length=count)[1]
-
-    def _unpack(self, packed: Array, ahead: float) -> Response:
-        where, dims = self._model.channels, self._model.preset.interaction_dims
-        size = where.size
-        mean, deviation = packed[:size], packed[size : 2 * size]
-        hand = packed[2 * size : 2 * size + 2 * HAND_DIMS].reshape(2, 2, 3)
+    def _response(self, latent: Array, covariance: Array, generated: Generated, ahead: float) -> Response:
+        where, dims, mean = self._model.channels, self._filter.dims, generated.avatar.mean
         clock = min(max(float(mean[where.clock]), -CLOCK_LIMIT), CLOCK_LIMIT)
+        deviation = float(generated.channel_deviations(slice(where.clock, where.clock + 1))[0])
         return Response(
             joints=mean[: where.joints],
-            joints_std=deviation[: where.joints],
             root=mean[where.root],
-            root_std=deviation[where.root],
             palm=mean[where.palm],
-            palm_std=deviation[where.palm],
             contact_point=mean[where.contact],
-            contact_point_std=deviation[where.contact],
             time_to_contact=CLOCK_SCALE * math.atanh(clock),
-            time_to_contact_std=CLOCK_SCALE * float(deviation[where.clock]) / (1.0 - clock**2),
-            hand=hand[0],
-            hand_std=hand[1],
-            latent=packed[-dims * (dims + 1) : -dims * dims],
-            latent_covariance=packed[-dims * dims :].reshape(dims, dims),
+            time_to_contact_std=CLOCK_SCALE * deviation / (1.0 - clock**2),
+            hand=generated.human.mean.reshape(2, 3),
+            latent=latent[:dims],
+            latent_covariance=covariance[:dims, :dims],
             ahead=ahead,
+            generated=generated,
         )
 
 

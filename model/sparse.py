@@ -173,37 +173,6 @@ def fit(
     return Posterior(layer.kernel, layer.inducing, style, between, weights, offset, reduction, noise, scale)
 
 
-def covariance_vector(posterior: Posterior, point: jax.Array, style: jax.Array | None = None) -> jax.Array:
-    """Covariance (M,) of one input (q,) and style (K,) with the inducing inputs."""
-    kernel = posterior.kernel
-    half = 0.5 * jnp.sum(((posterior.inducing - point) * jnp.exp(-kernel.log_lengthscale)) ** 2, axis=1)
-    linear = posterior.inducing @ (jnp.exp(kernel.log_linear) * point)
-    vector = jnp.exp(kernel.log_rbf - half) + linear + jnp.exp(kernel.log_bias)
-    if posterior.style is None:
-        return vector
-    assert style is not None
-    return vector * (posterior.style @ style)
-
-
-def mean(posterior: Posterior, point: jax.Array, style: jax.Array | None = None) -> jax.Array:
-    """Predictive mean (D,) at one input (q,) and style (K,)."""
-    return covariance_vector(posterior, point, style) @ posterior.weights + posterior.offset
-
-
-def predict(
-    posterior: Posterior, point: jax.Array, style: jax.Array | None = None
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Mean (D,), its derivative (D, q) and the function's variance () in the layer's own units, at one input (q,)."""
-    vector = covariance_vector(posterior, point, style)
-    slope = jax.jacfwd(lambda p: covariance_vector(posterior, p, style))(point)
-    own = kernels.diagonal(posterior.kernel, point[None])[0]
-    if posterior.style_covariance is not None:
-        assert style is not None
-        own = own * (style @ posterior.style_covariance @ style)
-    variance = jnp.maximum(own - vector @ posterior.reduction @ vector, 0.0)
-    return vector @ posterior.weights + posterior.offset, posterior.weights.T @ slope, variance
-
-
 def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:
     """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
     k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)

@@ -1,11 +1,11 @@
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from model import belief
+from model.belief import Filter
 from model.hgpdm import HGPDM
 from model.hierarchy import VELOCITY_UNIT, dynamics_mean
 from model.kernels import MotionKernel
@@ -50,10 +50,10 @@ def test_filter_equals_conditioning_the_joint_gaussian(linear: HGPDM):
     noises = [0.05 * np.eye(dims) * (n + 1) for n in range(steps)]
     values = rng.normal(size=(steps, dims))
 
-    filtered, spread = jnp.asarray(mean), jnp.asarray(covariance)
+    filtered, spread, moving = mean, covariance, Filter(linear, 60.0)
     for value, noise in zip(values, noises, strict=True):
-        filtered, spread = belief.predict(linear, filtered, spread, linear.lag)
-        filtered, spread = belief.update(filtered, spread, jnp.asarray(value), jnp.asarray(noise), jnp.asarray(1.0))
+        filtered, spread = moving.predict(filtered, spread, linear.lag)
+        filtered, spread = belief.update(filtered, spread, value, noise, 1.0)
 
     matrix = transition(linear)
     process = np.diag(np.concatenate([np.full(dims, NOISE), np.zeros(dims)]))
@@ -76,6 +76,25 @@ def test_filter_equals_conditioning_the_joint_gaussian(linear: HGPDM):
     np.testing.assert_allclose(spread, joint[np.ix_(last, last)] - gain @ joint[np.ix_(seen, last)], atol=1e-9)
 
 
+@pytest.mark.parametrize("trust", [0.0, 0.4, 1.0])
+def test_update_with_a_smaller_gain_is_josephs_form(trust: float):
+    rng = np.random.default_rng(2)
+    factor, half = rng.normal(size=(6, 6)), rng.normal(size=(3, 3))
+    covariance, noise = factor @ factor.T, half @ half.T + 0.1 * np.eye(3)
+    measured = np.eye(3, 6)
+    gain = trust * covariance @ measured.T @ np.linalg.inv(measured @ covariance @ measured.T + noise)
+    remaining = np.eye(6) - gain @ measured
+    _, got = belief.update(np.zeros(6), covariance, np.ones(3), noise, trust)
+    np.testing.assert_allclose(got, remaining @ covariance @ remaining.T + gain @ noise @ gain.T, atol=1e-9)
+
+
+def test_history_is_interpolated_between_ticks():
+    """A hand that moves evenly is where it was that long ago, whether or not a tick fell there."""
+    weights = belief.tick_weights((0.1, 0.25), 66.0)
+    ages = np.arange(weights.shape[1]) / 66.0
+    np.testing.assert_allclose(weights @ (2.0 - 3.0 * ages), [2.0, 1.7, 1.25])
+
+
 def test_parabola_through_three_latents_is_exact():
     for fraction in (-1.0, -0.3, 0.0, 0.25, 1.0):
         weights = belief.lagrange(fraction)
@@ -84,26 +103,23 @@ def test_parabola_through_three_latents_is_exact():
 
 
 def test_prediction_hardly_depends_on_the_tick_rate(model: HGPDM):
-    now = jnp.asarray(model.start_mean)
-    start = jnp.concatenate([now + 0.05, now])
-    spread = 1e-4 * jnp.eye(start.size)
-    step = jax.jit(lambda m, c, seconds: belief.predict(model, m, c, seconds), static_argnums=2)
-    ends = []
+    start = np.concatenate([model.start_mean + 0.05, model.start_mean])
+    moving, ends = Filter(model, 60.0), []
     for ticks in (1, 4):
-        latent, covariance = start, spread
+        latent, covariance = start, 1e-4 * np.eye(start.size)
         for _ in range(3 * ticks):
-            latent, covariance = step(latent, covariance, model.lag / ticks)
+            latent, covariance = moving.predict(latent, covariance, model.lag / ticks)
         ends.append((np.asarray(latent), np.sqrt(np.diag(covariance))))
     np.testing.assert_allclose(ends[0][0], ends[1][0], atol=0.05)
 
 
 def test_covariance_grows_without_measurement_and_stays_a_covariance(model: HGPDM):
-    step = jax.jit(lambda m, c: belief.predict(model, m, c, model.lag / 4))
-    latent, covariance = jnp.tile(jnp.asarray(model.start_mean), 2), 1e-4 * jnp.eye(2 * model.preset.interaction_dims)
+    moving = Filter(model, 60.0)
+    latent, covariance = np.tile(model.start_mean, 2), 1e-4 * np.eye(2 * model.preset.interaction_dims)
     traces = []
     for _ in range(40):
-        latent, covariance = step(latent, covariance)
-        traces.append(float(jnp.trace(covariance)))
+        latent, covariance = moving.predict(latent, covariance, model.lag / 4)
+        traces.append(float(np.trace(covariance)))
         assert np.linalg.eigvalsh(covariance).min() > -1e-9
     assert np.all(np.diff(traces[:10]) > 0.0)
     assert np.all(np.diag(covariance) <= belief.COVARIANCE_LIMIT * (1.0 + 1e-9))

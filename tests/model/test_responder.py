@@ -35,6 +35,19 @@ def test_follows_a_held_out_trial(responder: Responder, trials: list[Trial]):
     np.testing.assert_allclose(times, [20 / RATE, 10 / RATE], atol=0.1)
 
 
+def test_deviations_belong_to_the_answer_however_late_they_are_read(responder: Responder, trials: list[Trial]):
+    responder.reset()
+    first = responder.step(trials[0].hand_points[0])
+    play(responder, trials[0], range(10, len(trials[0].hand_points)))
+    responder.reset()
+    again = responder.step(trials[0].hand_points[0])
+    for name in ("joints", "root", "palm", "contact_point", "hand"):
+        late, soon = getattr(first, f"{name}_std"), getattr(again, f"{name}_std")
+        np.testing.assert_array_equal(late, soon)
+        assert late.shape == getattr(first, name).shape
+        assert np.all(late > 0.0)
+
+
 def test_hidden_hand_gives_growing_doubt_and_smooth_motion(responder: Responder, trials: list[Trial]):
     trial = next(t for t in trials if t.test and t.emotion == "neutral")
     begin, end = trial.contact_frame - 25, trial.contact_frame - 7

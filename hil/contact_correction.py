@@ -56,6 +56,7 @@ class ContactCorrection:
         self._scene, self._model, self._iterations = scene, scene.model, iterations
         self._data = mujoco.MjData(scene.model)
         self._dofs = scene.arm_dofs
+        self._shoulder = scene.model.body("right_shoulder").id
         self._qpos = scene.hinge_qpos[scene.arm_joints].ravel()
         limits = scene.skeleton.hinge_limits[scene.arm_joints].reshape(-1, 2)
         self._low, self._high = limits[:, 0], limits[:, 1]
@@ -79,6 +80,11 @@ class ContactCorrection:
         self._set(pose)
         mujoco.mj_kinematics(self._model, self._data)
         return self._palm_now()
+
+    @property
+    def shoulder(self) -> Array:
+        """The right shoulder (3,), m, of the pose that was looked at last."""
+        return self._data.xpos[self._shoulder].copy()
 
     def solve(self, pose: Pose, position: Array, normal: Array) -> Correction:
         """The pose next to ``pose`` whose palm is at ``position`` (3,) m and faces ``normal`` (3,)."""

@@ -54,7 +54,7 @@ class ReachSettings:
     soon: float = 1.5
     """Palms that would take longer than this to meet at their present speed, s, are not on their way."""
     slowest: float = 0.1
-    fastest: float = 1.7
+    fastest: float = 2.0
     """Bounds of the rate at which the remaining time runs out, against the clock."""
     smoothing: float = 0.03
     """Time constant of the relative velocity and of the rate."""
@@ -62,8 +62,27 @@ class ReachSettings:
     """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""
     bend: float = 0.12
     """A larger miss than this is not believed in full before the palms are about to meet."""
+    raised: float = 1.05
+    """An unfamiliar hand above this height, m, is held out to be met ..."""
+    arm: float = 1.0
+    """... if it comes this near the avatar's shoulder, m."""
     late: float = 0.3
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """When contact is expected, as the model says.
+
+    Attributes:
+        time: s until contact, negative after it.
+        deviation: s, its standard deviation.
+        familiar: the person's hand does what hands did in training; otherwise the model's word counts for nothing.
+    """
+
+    time: float
+    deviation: float
+    familiar: bool
 
 
 @dataclass(frozen=True)
@@ -106,24 +125,27 @@ class Reach:
         self._miss_velocity = np.zeros(3)
         self._turn = np.zeros(3)
         self._touched = self._lost = False
+        self._familiar = True
         self._ease = np.zeros((2, 3))
 
     def step(
-        self, generated: PalmPose, person: PalmPose | None, time_to_contact: float, deviation: float, dt: float
+        self, generated: PalmPose, person: PalmPose | None, expectation: Expectation, shoulder: Array, dt: float
     ) -> ReachTarget:
         """The target of this tick.
 
         Args:
             generated: the palm of the uncorrected pose.
             person: the person's palm; None when nobody knows where it is.
-            time_to_contact: s, what the model says.
-            deviation: s, its standard deviation.
+            expectation: what the model says of the time.
+            shoulder: (3,) m, the avatar's right shoulder: what can be reached is near it.
             dt: s since the last tick.
         """
         self._since += dt
         if person is not None:
             self._observe(generated, person, dt)
-        self._advance(person is not None, self._expected(time_to_contact, deviation), dt)
+        self._familiar = expectation.familiar
+        expected = self._expected(expectation) if expectation.familiar else _led(person, shoulder, self.settings)
+        self._advance(person is not None, expected, dt)
         if self._phase in (Phase.APPROACH, Phase.TOUCH):
             if person is None:
                 self._lost = True
@@ -149,13 +171,13 @@ class Reach:
         self._generated_before = generated.position
         self._gap = person.position - generated.position
 
-    def _expected(self, time_to_contact: float, deviation: float) -> float:
+    def _expected(self, expectation: Expectation) -> float:
         """Time to contact, s: the model's, or where it does not know, that of the nearest approach of near palms."""
         gap, settings = self._gap, self.settings
         if gap is None:
             return np.inf
-        if deviation < settings.sure:
-            return max(time_to_contact, 0.0) if time_to_contact > -settings.late else np.inf
+        if expectation.deviation < settings.sure:
+            return max(expectation.time, 0.0) if expectation.time > -settings.late else np.inf
         distance, speed = float(np.linalg.norm(gap)), float(np.linalg.norm(self._gap_velocity))
         if distance < settings.near:
             return 0.0
@@ -167,6 +189,8 @@ class Reach:
         gap = self._gap
         if gap is None:
             return False
+        if not self._familiar:
+            return True
         distance = float(np.linalg.norm(gap))
         speed = -float(gap @ self._gap_velocity) / max(distance, 1e-9)
         return distance < self.settings.horizon or distance < self.settings.soon * speed
@@ -182,13 +206,16 @@ class Reach:
             elif self._far():
                 self._touched = False  # hands are apart again: ready for the next one
         elif self._phase is Phase.APPROACH:
-            if self._far() and not np.isfinite(expected):  # the person thought better of it
-                self._release()
-                return
-            late = 0.0 if not np.isfinite(expected) else self._remaining - expected
-            wanted = np.clip(1.0 + late / 0.08, s.slowest, s.fastest)
+            known = np.isfinite(expected)
+            wanted = (
+                1.0 if not known else float(np.clip(1.0 + (self._remaining - expected) / 0.08, s.slowest, s.fastest))
+            )
+            if not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
+                wanted = -1.0 if self._weight() < 0.5 else s.fastest
             self._rate += (1.0 - np.exp(-dt / s.smoothing)) * (wanted - self._rate)
             self._remaining -= self._rate * dt
+            if self._remaining > self._length:
+                self._enter(Phase.IDLE)
             if self._remaining <= 1e-9:
                 self._remaining, self._touched = 0.0, True
                 self._enter(Phase.TOUCH)
@@ -229,7 +256,7 @@ class Reach:
     def _bent(self, miss: Array) -> Array:
         """The miss, shortened where it is so long that it must be the extrapolation's; in full as the palms meet."""
         length, free = float(np.linalg.norm(miss)), self.settings.bend + 0.6 * self._weight() ** 2
-        if length <= free:
+        if length <= free or not self._familiar:
             return miss
         return miss / length * (free + self.settings.bend * np.tanh((length - free) / self.settings.bend))
 
@@ -237,3 +264,15 @@ class Reach:
         """The remaining time, bent so that it comes to 0 without a corner: x² (2 - x) over the last stretch."""
         x = remaining / self.settings.landing
         return remaining if x >= 1.0 else self.settings.landing * x * x * (2.0 - x)
+
+
+def _led(person: PalmPose | None, shoulder: Array, settings: ReachSettings) -> float:
+    """Time, s, until an unfamiliar raised hand will be nearest the avatar's shoulder, if it can be met there."""
+    if person is None or person.position[2] < settings.raised:
+        return np.inf
+    offset, speed = person.position - shoulder, float(np.linalg.norm(person.velocity))
+    until = -float(offset @ person.velocity) / max(speed, 0.15) ** 2
+    if until < 0.0 and speed > 0.3:  # on its way out
+        return np.inf
+    until = max(until, 0.0)
+    return until if float(np.linalg.norm(offset + until * person.velocity)) < settings.arm else np.inf

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from hil.avatar import Pose, avatar_skeleton
 from hil.contact_correction import ContactCorrection
-from hil.reach import Phase, Reach, ReachTarget
+from hil.reach import Expectation, Phase, Reach, ReachTarget
 from hil.sim.scene import Scene
 from hil.threads import use_one_blas_thread
 from mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
@@ -17,9 +20,17 @@ from mocap_bridge.tracker import Tracker
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.responder import Responder, Response
-from model.rotations import Array
 
 RATE_HZ = 120.0
+
+UNFAMILIAR = 0.25
+"""Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
+
+0.10 to 0.15 with people like those it was trained on, 0.32 and more with a taller person who walks by.
+"""
+
+CALMING = 0.12
+"""Time constant with which the avatar goes from the model's pose to a calm one and back, s."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +87,7 @@ class Session:
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
+        self.reset()
 
     def set_style(self, style: dict[str, float]) -> None:
         """Changes the style weights, at any time."""
@@ -85,6 +97,9 @@ class Session:
         """A new trial: nobody is there yet."""
         self._tracker.reset()
         self._palm.reset()
+        self._trust = [0.0, 0.0]
+        self._responder.reset()
+        self._calm = self._generated(self._responder.step(None))
         self._responder.reset()
         self._reach.reset()
         self._correction.reset()
@@ -94,11 +109,12 @@ class Session:
         markers = self._tracker.update(frame)
         person = self._steady(self._arm(markers))
         response = self._responder.step(person.hand_points if person.valid else None)
-        generated = self._pose(response.joints, response.root)
+        familiar = float(np.trace(response.latent_covariance)) < UNFAMILIAR**2
+        generated = self._pose(response, familiar)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None
-        clock = response.time_to_contact, response.time_to_contact_std
-        target = self._reach.step(palm, seen, *clock, 1.0 / RATE_HZ)
+        expectation = Expectation(response.time_to_contact, response.time_to_contact_std, familiar)
+        target = self._reach.step(palm, seen, expectation, self._correction.shoulder, 1.0 / RATE_HZ)
         if not self._correct or target.phase is Phase.IDLE:
             return Tick(markers, person, response, generated, palm, target, generated, palm, 0.0, False)
         corrected = self._correction.solve(generated, target.position, target.normal)
@@ -114,8 +130,20 @@ class Session:
             return person
         return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
 
+    def _pose(self, response: Response, familiar: bool) -> Pose:
+        """The model's pose; where the person is a stranger to it, the pose in which it waits for one."""
+        pose, calm = self._generated(response), self._calm
+        share = 1.0 - math.exp(-1.0 / (RATE_HZ * CALMING))
+        # Two smoothings in a row: the pose sets off and arrives without a jerk.
+        self._trust[0] += share * (float(familiar) - self._trust[0])
+        self._trust[1] += share * (self._trust[0] - self._trust[1])
+        trust = self._trust[1]
+        root = calm.root_in_world + trust * (pose.root_in_world - calm.root_in_world)
+        return Pose(root, calm.hinges + trust * (pose.hinges - calm.hinges))
+
     @staticmethod
-    def _pose(joints: Array, root: Array) -> Pose:
+    def _generated(response: Response) -> Pose:
+        """The pose of a response, inside the joint limits."""
         skeleton = avatar_skeleton()
-        hinges = skeleton.to_hinges(skeleton.from_rotation_vectors(joints))
-        return Pose(root, skeleton.clamp(hinges))
+        hinges = skeleton.to_hinges(skeleton.from_rotation_vectors(response.joints))
+        return Pose(response.root, skeleton.clamp(hinges))

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from hil.profiles import minimum_jerk
-from hil.reach import Phase, Reach, ReachSettings, ReachTarget
+from hil.reach import Expectation, Phase, Reach, ReachSettings, ReachTarget
 from mocap_bridge.frames import PalmPose
 
 DT = 1.0 / 120.0
 OUT = np.array([1.0, 0.0, 0.0])
 UP = np.array([0.0, 0.0, 1.0])
+SHOULDER = np.array([0.0, -0.19, 1.43])
 
 
 def palm(position: np.ndarray, normal: np.ndarray, velocity: np.ndarray = np.zeros(3)) -> PalmPose:  # noqa: B008
@@ -41,7 +42,11 @@ def run(
         clock = clock_gain * (contact - t) + clock_error
         targets.append(
             reach.step(
-                palm(generated[i], OUT), palm(person[i], -OUT, velocity[i]) if seen else None, clock, deviation, DT
+                palm(generated[i], OUT),
+                palm(person[i], -OUT, velocity[i]) if seen else None,
+                Expectation(float(clock), deviation, True),
+                SHOULDER,
+                DT,
             )
         )
     return targets, generated, person, round(contact / DT)
@@ -102,7 +107,9 @@ def test_normal_turns_to_face_the_person() -> None:
     tilted = np.array([np.cos(0.3), np.sin(0.3), 0.0])
     person = palm(np.array([0.5, 0.0, 1.4]), -OUT)
     for i in range(120):
-        target = reach.step(palm(np.array([0.48, 0.0, 1.4]), tilted), person, 0.4 - i * DT, 0.05, DT)
+        target = reach.step(
+            palm(np.array([0.48, 0.0, 1.4]), tilted), person, Expectation(0.4 - i * DT, 0.05, True), SHOULDER, DT
+        )
         if target.phase is Phase.TOUCH:
             break
     np.testing.assert_allclose(target.normal, OUT, atol=1e-9)
@@ -118,7 +125,7 @@ def test_a_person_who_vanishes_in_the_reach_is_met_where_the_miss_was_last_seen(
 def test_nobody_there_nothing_happens() -> None:
     reach = Reach()
     for _ in range(200):
-        target = reach.step(palm(np.zeros(3), OUT), None, 0.1, 0.05, DT)
+        target = reach.step(palm(np.zeros(3), OUT), None, Expectation(0.1, 0.05, True), SHOULDER, DT)
         assert target.phase is Phase.IDLE
         assert target.weight == 0.0
 
@@ -127,8 +134,38 @@ def test_hands_that_stay_together_do_not_touch_again_and_again() -> None:
     reach, phases = Reach(), []
     for i in range(600):
         target = reach.step(
-            palm(np.array([0.5, 0, 1.4]), OUT), palm(np.array([0.52, 0, 1.4]), -OUT), 0.5 - i * DT, 0.05, DT
+            palm(np.array([0.5, 0, 1.4]), OUT),
+            palm(np.array([0.52, 0, 1.4]), -OUT),
+            Expectation(0.5 - i * DT, 0.05, True),
+            SHOULDER,
+            DT,
         )
         phases.append(target.phase)
     starts = sum(a is not Phase.TOUCH and b is Phase.TOUCH for a, b in pairwise(phases))
     assert starts == 1
+
+
+def test_an_unfamiliar_hand_is_met_where_it_can_be_reached() -> None:
+    """A person walks by with a raised hand while the model knows nothing."""
+    reach, touched = Reach(), []
+    hanging = palm(np.array([0.0, -0.25, 0.75]), OUT)
+    for i in range(240):
+        position = np.array([0.45, 1.2 - i * DT, 1.6])
+        target = reach.step(
+            hanging, palm(position, -OUT, np.array([0.0, -1.0, 0.0])), Expectation(0.0, 9.0, False), SHOULDER, DT
+        )
+        if target.phase is Phase.TOUCH:
+            np.testing.assert_allclose(target.position, position, atol=1e-9)
+            touched.append(np.linalg.norm(position - SHOULDER))
+    assert touched
+    assert max(touched) < 0.62
+
+
+@pytest.mark.parametrize("position", [np.array([0.45, 0.0, 0.8]), np.array([1.6, 0.0, 1.6])])
+def test_an_unfamiliar_hand_that_hangs_or_is_far_is_left_alone(position: np.ndarray) -> None:
+    reach = Reach()
+    for _ in range(100):
+        target = reach.step(
+            palm(np.array([0.0, -0.25, 0.75]), OUT), palm(position, -OUT), Expectation(0.0, 9.0, False), SHOULDER, DT
+        )
+        assert target.phase is Phase.IDLE

@@ -101,7 +101,7 @@ class Responder:
         """
         if not (math.isfinite(rate_hz) and rate_hz > 0.0):
             raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks a second")
-        self._model = model
+        self._model, self._where = model, model.channels
         self._style = _checked(style_weights, model)
         self._filter = Filter(model, rate_hz)
         self.reset()
@@ -157,7 +157,7 @@ class Responder:
         return responses
 
     def _response(self, latent: Array, covariance: Array, generated: Generated, ahead: float) -> Response:
-        where, dims, mean = self._model.channels, self._filter.dims, generated.avatar.mean
+        where, dims, mean = self._where, self._filter.dims, generated.avatar.mean
         clock = min(max(float(mean[where.clock]), -CLOCK_LIMIT), CLOCK_LIMIT)
         deviation = float(generated.channel_deviations(slice(where.clock, where.clock + 1))[0])
         return Response(

@@ -54,10 +54,12 @@ def train(options: TrainOptions, bar: Callable[[str, int], Callable[[], None]]) 
         lambda total: bar("solving markers", total),
     )
     trials = [pair.trial for pair in pairs]
-    advance = bar("training", preset.iterations)
+    bars: dict[str, Callable[[], None]] = {}
 
     def step(progress: Progress) -> None:
-        advance()
+        if progress.stage not in bars:
+            bars[progress.stage] = bar(progress.stage, progress.iterations)
+        bars[progress.stage]()
 
     model = training.train(
         trials,

@@ -8,7 +8,6 @@ at contact instead of 5.9 (2,000 points, 100 inducing inputs). L-BFGS then finis
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,14 +41,12 @@ class Progress:
         iteration: steps done.
         iterations: steps at most.
         objective: negative log density a training point.
-        seconds_left: s, at the present speed, if all steps are needed.
     """
 
     stage: str
     iteration: int
     iterations: int
     objective: float
-    seconds_left: float
 
 
 ProgressCallback = Callable[[Progress], None]
@@ -91,8 +88,8 @@ class _Run:
     ) -> None:
         self.evaluate, self.stage, self.iterations = evaluate, stage, iterations
         self.progress, self.checkpoint = progress, checkpoint
-        self.begun = self.done = begun
-        self.started, self.objective = time.monotonic(), np.inf
+        self.done = begun
+        self.objective = np.inf
         self.trace: list[float] = []
 
     def value_and_gradient(self, point: Array) -> tuple[float, Array]:
@@ -109,8 +106,7 @@ class _Run:
         if self.checkpoint is not None and self.done % CHECKPOINT_EVERY == 0:
             self.checkpoint(self.done, point)
         if self.progress is not None:
-            left = (time.monotonic() - self.started) / (self.done - self.begun) * (self.iterations - self.done)
-            self.progress(Progress(self.stage, self.done, self.iterations, self.objective, left))
+            self.progress(Progress(self.stage, self.done, self.iterations, self.objective))
 
     def diverged(self) -> HighFiveError:
         return HighFiveError(

@@ -120,11 +120,11 @@ def simulate_pair(emotion: str, cell: str, repetition: int, rng: np.random.Gener
     Differences: the person's body size and distance, tempo, start pose, sway, path, jitter of the cell, palm direction.
     A draw in which a joint limit keeps the palms apart, or an arm runs through a body, is drawn again.
     """
-    for _ in range(40):
+    for _ in range(80):
         trial = _draw_pair(emotion, cell, repetition, rng)
         if _palms_meet(trial) and _bodies_clear(trial):
             return trial
-    raise HighFiveError(f"the simulated actors cannot meet at cell {cell} in {emotion}: 40 draws ran into limits")
+    raise HighFiveError(f"the simulated actors cannot meet at cell {cell} in {emotion}: 80 draws ran into limits")
 
 
 def _palms_meet(trial: PairTrial) -> bool:
@@ -163,7 +163,7 @@ def _bodies_clear(trial: PairTrial) -> bool:
         faces.append(positions[:, head] + rotations.rotate(orientations[:, head], [0.02, 0.0, 0.08]))
         hands.append(positions[:, [actor.skeleton.index(f"right_{f}_3") for f in ("index", "middle", "ring")]])
     gaps = [np.linalg.norm(hand - face[:, None], axis=-1).min() for hand in hands for face in faces]
-    return min(gaps) > 0.17
+    return min(gaps) > 0.13
 
 
 @cache
@@ -427,7 +427,8 @@ def _arm_motion(role: _Role, body: _Body) -> Callable[[Array], Array]:
     strike = style.contact_speed * palm.normal
     # Drawn back early for a strike, late for a plain reach, whose hand then follows one minimum-jerk curve.
     wind_up_s = start + (0.80 - 2.0 * style.wind_up) * (contact - start)
-    back = -(style.wind_up + 0.06) * palm.normal + [0.0, 0.0, -0.05] + wobble
+    # Both swing wide of the face.
+    back = -(style.wind_up + 0.06) * palm.normal + [0.0, -0.05, -0.07] + wobble
     middle = make_interp_spline(
         [start, wind_up_s, contact],
         [first, solve(wind_up_s, back), solve(contact, np.zeros(3))],
@@ -435,7 +436,7 @@ def _arm_motion(role: _Role, body: _Body) -> Callable[[Array], Array]:
         bc_type=([(1, np.zeros(9)), (2, np.zeros(9))], [(1, velocity(contact, strike)), (2, np.zeros(9))]),
     )
     follow_s = contact + bounce + 0.25 * (role.end_s - 0.25 - contact - bounce)
-    follow = style.follow_through * np.array([-0.6, 0.0, -1.0]) - 0.10 * palm.normal + wobble
+    follow = style.follow_through * np.array([-0.3, -1.0, -1.2]) - 0.10 * palm.normal + wobble
     after = make_interp_spline(
         [contact + bounce, follow_s, role.end_s - 0.2],
         [solve(contact + bounce, np.zeros(3)), solve(follow_s, follow), last],

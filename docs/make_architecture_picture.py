@@ -16,6 +16,7 @@ FOLDERS = ["mocap_bridge/", "mocap_bridge/", "mocap_bridge/", "model/", "hil/", 
 
 
 def box(column: int, row: int, width: int, title: str, lines: list[str]) -> str:
+    """A station."""
     x, y = LEFT + column * STEP_X, TOP + row * STEP_Y
     text = f'<text x="{x + WIDTH / 2}" y="{y + 28}" class="title">{title}</text>'
     for number, line in enumerate(lines):
@@ -24,10 +25,12 @@ def box(column: int, row: int, width: int, title: str, lines: list[str]) -> str:
 
 
 def arrow(x1: float, y1: float, x2: float, y2: float) -> str:
+    """A line with a head."""
     return f'<line x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}" marker-end="url(#head)"/>'
 
 
 def picture() -> str:
+    """The whole picture as SVG."""
     parts = [box(*entry) for entry in BOXES]
     for column in range(5):
         x, y = LEFT + column * STEP_X + WIDTH, TOP + HEIGHT / 2

@@ -35,7 +35,7 @@ def main() -> None:
     scene.set_person(data, people[k])
     mujoco.mj_kinematics(scene.model, data)
     picture = Image.fromarray(renderer.render(data, "wide"))
-    picture.quantize(200).save(Path(__file__).with_name("high_five.png"), optimize=True)
+    picture.save(Path(__file__).with_name("high_five.png"), optimize=True)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,7 +67,7 @@ class Session:
     """The chain from a marker frame to the pose that is played, at 120 Hz."""
 
     def __init__(
-        self, model: HGPDM, style: dict[str, float], marker_set: MarkerSet, scene: Scene, *, correct: bool = True
+        self, model: HGPDM, style: Mapping[str, float], marker_set: MarkerSet, scene: Scene, *, correct: bool = True
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
 
@@ -89,7 +90,7 @@ class Session:
         self._correct = correct
         self.reset()
 
-    def set_style(self, style: dict[str, float]) -> None:
+    def set_style(self, style: Mapping[str, float]) -> None:
         """Changes the style weights, at any time."""
         self._responder.set_style(style)
 

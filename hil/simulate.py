@@ -194,4 +194,4 @@ def _run(
 
 def _session(options: SimulateOptions, model: HGPDM, scene: Scene, partner: Partner) -> Session:
     style = options.style or {partner.emotion: 1.0}
-    return Session(model, dict(style), partner.marker_set, scene, correct=options.correct)
+    return Session(model, style, partner.marker_set, scene, correct=options.correct)

@@ -5,6 +5,9 @@ along minimum-jerk splines between key poses (Flash & Hogan 1985); the arms at t
 palms meet.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled bindings ship no type stubs.)
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -22,6 +22,9 @@ app = typer.Typer(
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
 
+_INTERRUPTED = 130
+"""What Typer makes of Ctrl-C."""
+
 
 @app.command()
 def simulate(
@@ -161,7 +164,10 @@ def _tell(summary: dict[str, Any], folder: Path) -> None:
 def main() -> None:
     """Entry point: one line for every error that a user can put right."""
     try:
-        sys.exit(app(standalone_mode=False) or 0)
+        code = app(standalone_mode=False) or 0
+        if code == _INTERRUPTED:
+            raise KeyboardInterrupt
+        sys.exit(code)
     except TyperException as error:
         if not (message := error.format_message()):  # the help has been shown instead
             sys.exit(2)

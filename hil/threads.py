@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from multiprocessing import get_context
 from typing import TypeVar
@@ -47,6 +49,19 @@ def parallel_map(
         return
     # Spawned, not forked: JAX may run threads in this process.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=use_one_blas_thread) as pool:
-        for result in pool.map(function, jobs):
+        with _interrupts_held():
+            results = pool.map(function, jobs)
+        for result in results:
             yield result
             advance()
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Processes started in here never see Ctrl-C, which a terminal sends to all: only their parent answers it."""
+    # A blocked signal stays blocked in a new process; here it waits until the block ends.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,7 +1,7 @@
 """Rotations as unit quaternions (w, x, y, z), rotation vectors and matrices, batched over leading axes.
 
-Conventions: right-handed, active rotations; ``multiply(a, b)`` rotates by ``b`` first. Angles are in radians. The functions
-are written for the last axis and broadcast over all others.
+Conventions: right-handed, active rotations; ``multiply(a, b)`` rotates by ``b`` first. Angles are in radians. The
+functions are written for the last axis and broadcast over all others.
 
 Sources: Solà, "Quaternion kinematics for the error-state Kalman filter" (2017), eq. 101–105 (exp, log), 115 (matrix);
 Shepperd 1978 for the matrix-to-quaternion branches.
@@ -92,7 +92,7 @@ def to_matrix(quaternion: ArrayLike) -> Array:
 
 
 def from_matrix(matrix: ArrayLike) -> Array:
-    """Unit quaternions (..., 4) of rotation matrices (..., 3, 3), from the largest of the four components (Shepperd)."""
+    """Unit quaternions (..., 4) of rotation matrices (..., 3, 3), from the largest of the components (Shepperd)."""
     m = np.asarray(matrix, dtype=float)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     squares = np.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], axis=-1)
@@ -120,7 +120,7 @@ def about_axis(axis: str, angle: ArrayLike) -> Array:
 
 
 def from_hinges(order: str, angles: ArrayLike) -> Array:
-    """Quaternions (..., 4) of three hinges in a chain: ``order`` such as ``'yxz'`` names their axes from parent to child."""
+    """Quaternions (..., 4) of three hinges in a chain: ``order`` such as ``'yxz'`` names axes from parent to child."""
     angles = np.asarray(angles, dtype=float)
     first, second, third = (about_axis(axis, angles[..., i]) for i, axis in enumerate(order))
     return multiply(multiply(first, second), third)

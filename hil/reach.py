@@ -12,6 +12,7 @@ its speed says.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -51,13 +52,17 @@ class ReachSettings:
     """Palms this close meet, where the clock cannot be read."""
     horizon: float = 0.35
     """Closer than this, where the clock cannot be read, the time to the nearest approach at constant speed counts."""
-    soon: float = 1.5
-    """Palms that would take longer than this to meet at their present speed, s, are not on their way."""
+    soon: float = 3.0
+    """A palm that would take longer than this to be here at its present speed, s, is not on its way."""
     slowest: float = 0.1
     fastest: float = 2.0
     """Bounds of the rate at which the remaining time runs out, against the clock."""
     smoothing: float = 0.03
     """Time constant of the relative velocity and of the rate."""
+    steady: float = 30.0
+    """Bandwidth of the miss, rad/s, ..."""
+    homing: float = 0.15
+    """... which opens over this last stretch, so that the palms meet."""
     easing: float = 0.05
     """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""
     bend: float = 0.12
@@ -126,6 +131,9 @@ class Reach:
         self._turn = np.zeros(3)
         self._touched = self._lost = False
         self._familiar = True
+        self._expects = np.inf
+        self._ahead = 0.0
+        self._slow = np.zeros((2, 3))
         self._ease = np.zeros((2, 3))
 
     def step(
@@ -145,7 +153,8 @@ class Reach:
             self._observe(generated, person, dt)
         self._familiar = expectation.familiar
         expected = self._expected(expectation) if expectation.familiar else _led(person, shoulder, self.settings)
-        self._advance(person is not None, expected, dt)
+        self._expects = expected
+        self._advance(self._coming(person), expected, dt)
         if self._phase in (Phase.APPROACH, Phase.TOUCH):
             if person is None:
                 self._lost = True
@@ -184,23 +193,22 @@ class Reach:
         closing = -float(gap @ self._gap_velocity) / max(speed, 1e-6) ** 2
         return closing if distance < settings.horizon and closing > 0.0 and speed > 0.1 else np.inf
 
-    def _closing(self) -> bool:
-        """The palms are near, or come nearer at a speed that will bring them together soon."""
+    def _coming(self, person: PalmPose | None) -> bool:
+        """The person's palm is near, or on its way: it will be here soon at its present speed."""
         gap = self._gap
-        if gap is None:
+        if gap is None or person is None:
             return False
-        if not self._familiar:
-            return True
         distance = float(np.linalg.norm(gap))
-        speed = -float(gap @ self._gap_velocity) / max(distance, 1e-9)
-        return distance < self.settings.horizon or distance < self.settings.soon * speed
+        speed = -float(gap @ person.velocity) / max(distance, 1e-9)
+        return not self._familiar or distance < self.settings.horizon or distance < self.settings.soon * speed
 
-    def _advance(self, seen: bool, expected: float, dt: float) -> None:
+    def _advance(self, coming: bool, expected: float, dt: float) -> None:
         s = self.settings
         if self._phase is Phase.IDLE:
-            if seen and not self._touched and expected < s.fade_in and self._closing():
+            if coming and not self._touched and expected < s.fade_in:
                 self._enter(Phase.APPROACH)
                 self._lost, self._ease = False, np.zeros((2, 3))
+                self._ahead = expected
                 self._length = self._remaining = float(np.clip(expected, s.shortest_fade_in, s.fade_in))
                 self._rate = 1.0
             elif self._far():
@@ -210,7 +218,9 @@ class Reach:
             wanted = (
                 1.0 if not known else float(np.clip(1.0 + (self._remaining - expected) / 0.08, s.slowest, s.fastest))
             )
-            if not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
+            if not known and self._familiar and not self._near():
+                wanted = s.slowest  # the model will know more when the hands are closer
+            elif not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
                 wanted = -1.0 if self._weight() < 0.5 else s.fastest
             self._rate += (1.0 - np.exp(-dt / s.smoothing)) * (wanted - self._rate)
             self._remaining -= self._rate * dt
@@ -223,6 +233,9 @@ class Reach:
             self._release()
         elif self._phase is Phase.RELEASE and self._since >= s.fade_out:
             self._enter(Phase.IDLE)
+
+    def _near(self) -> bool:
+        return self._gap is not None and float(np.linalg.norm(self._gap)) < 2.0 * self.settings.near
 
     def _far(self) -> bool:
         return self._gap is not None and float(np.linalg.norm(self._gap)) > 0.6
@@ -244,7 +257,11 @@ class Reach:
     def _aim(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
         """The miss (m) and the turn (rotation vector, rad) that would bring palm to palm at contact."""
         gap = person.position - generated.position
-        miss = self._bent(gap + 0.5 * self._gap_velocity * self._landing(self._remaining))
+        share = 1.0 - math.exp(-dt / self.settings.smoothing)
+        self._ahead += share * (min(self._remaining, self._expects) - self._ahead)
+        self._ahead = min(self._ahead, self._remaining)
+        raw = self._bent(gap + 0.5 * self._gap_velocity * self._landing(self._ahead))
+        miss = self._smooth(raw, dt)
         turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
         if self._lost:  # a hand that comes back is not where it was left: the difference runs out
             self._ease, self._lost = np.array([self._miss - miss, self._turn - turn]), False
@@ -252,6 +269,17 @@ class Reach:
         miss, turn = miss + self._ease[0], turn + self._ease[1]
         self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
         self._miss, self._turn = miss, turn
+
+    def _smooth(self, miss: Array, dt: float) -> Array:
+        """The miss behind a critically damped low pass, and as it is in the last moment."""
+        pull = self.settings.steady
+        if self._since <= dt:
+            self._slow = np.array([miss, np.zeros(3)])
+        place, speed = self._slow
+        speed = speed + (pull * pull * (miss - place) - 2.0 * pull * speed) * dt
+        self._slow = np.array([place + speed * dt, speed])
+        homing = minimum_jerk(1.0 - self._remaining / self.settings.homing)
+        return homing * miss + (1.0 - homing) * self._slow[0]
 
     def _bent(self, miss: Array) -> Array:
         """The miss, shortened where it is so long that it must be the extrapolation's; in full as the palms meet."""

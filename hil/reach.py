@@ -59,9 +59,9 @@ class ReachSettings:
     """Bounds of the rate at which the remaining time runs out, against the clock."""
     smoothing: float = 0.03
     """Time constant of the relative velocity and of the rate."""
-    steady: float = 30.0
+    steady: float = 26.0
     """Bandwidth of the miss, rad/s, ..."""
-    homing: float = 0.15
+    homing: float = 0.2
     """... which opens over this last stretch, so that the palms meet."""
     easing: float = 0.05
     """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""

@@ -27,6 +27,7 @@ from mocap_bridge.marker_sets import load_marker_set
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.store import load_model
+from model.style import style_weights
 
 DEFAULT_MODEL = Path(__file__).resolve().parents[1] / "model" / "default.safetensors"
 
@@ -121,6 +122,8 @@ def _partners(options: SimulateOptions, model: HGPDM, bar: ProgressBar) -> list[
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:
             raise HighFiveError(f"unknown emotion {emotion!r}; the model knows {', '.join(model.emotions)}")
+    if options.style is not None:
+        style_weights(options.style, model.emotions)
     if options.trials is not None and options.trials < 1:
         raise HighFiveError(f"{options.trials} trials; ask for at least one")
     if options.source is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -49,19 +50,30 @@ def parallel_map(
         return
     # Spawned, not forked: JAX may run threads in this process.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=use_one_blas_thread) as pool:
-        with _interrupts_held():
-            results = pool.map(function, jobs)
-        for result in results:
-            yield result
-            advance()
+        try:
+            with _interrupts_held():
+                results = pool.map(function, jobs)
+            for result in results:
+                yield result
+                advance()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # else leaving waits for every job
+            raise
 
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
     """Processes started in here never see Ctrl-C, which a terminal sends to all: only their parent answers it."""
-    # A blocked signal stays blocked in a new process; here it waits until the block ends.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    held: list[int] = []
+    # A blocked signal stays blocked in a new process. Here it does not help: another thread takes it for all.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    here = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda number, frame: held.append(number)) if here else None
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if here:
+            signal.signal(signal.SIGINT, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    if held:
+        raise KeyboardInterrupt

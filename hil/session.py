@@ -14,6 +14,7 @@ from hil.reach import Expectation, Phase, Reach, ReachTarget
 from hil.sim.scene import Scene
 from hil.threads import use_one_blas_thread
 from mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
+from mocap_bridge.hand_return import HandReturn
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import MarkerSet
 from mocap_bridge.palm_filter import PalmFilter
@@ -83,6 +84,7 @@ class Session:
         use_one_blas_thread()
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
+        self._return = HandReturn()
         self._palm = PalmFilter()
         self._responder = Responder(model, style, RATE_HZ)
         self._reach = Reach()
@@ -97,6 +99,7 @@ class Session:
     def reset(self) -> None:
         """A new trial: nobody is there yet."""
         self._tracker.reset()
+        self._return.reset()
         self._palm.reset()
         self._trust = [0.0, 0.0]
         self._responder.reset()
@@ -125,10 +128,12 @@ class Session:
         )  # fmt: skip
 
     def _steady(self, person: HumanArm) -> HumanArm:
-        """The person with a palm that does not shake."""
+        """The person with a hand that does not jump and a palm that does not shake."""
         if not person.valid:
+            self._return.reset()
             self._palm.reset()
             return person
+        person = self._return(person, 1.0 / RATE_HZ)
         return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
 
     def _pose(self, response: Response, familiar: bool) -> Pose:

@@ -1,6 +1,5 @@
 """The command line: bad input gives one line and exit code 2; --json gives one object."""
 
-import json
 from pathlib import Path
 
 import ezc3d
@@ -117,10 +116,3 @@ def test_a_recording_is_never_overwritten(highfive, tmp_path: Path) -> None:
     (tmp_path / "done" / "session.mcap").write_bytes(b"kept")
     assert_one_line(highfive("simulate", "--out", "done", "--trials", "1"), "done", "--out")
     assert (tmp_path / "done" / "session.mcap").read_bytes() == b"kept"
-
-
-def test_capture_says_what_it_made(highfive, tmp_path: Path) -> None:
-    code, out, _ = highfive("capture", "--emotion", "angry", "--repetitions", 1, "--out", "set", "--json")
-    assert code == 0
-    assert json.loads(out)["trials"] == 9
-    assert len((tmp_path / "set" / "trials.csv").read_text().splitlines()) == 10

@@ -57,7 +57,7 @@ def parallel_map(
                 yield result
                 advance()
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)  # else leaving waits for every job
+            pool.shutdown(cancel_futures=True)  # leaving alone would wait for every job
             raise
 
 

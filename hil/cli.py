@@ -71,7 +71,7 @@ def simulate(
         print_json(summary)
     else:
         _tell(summary, folder)
-    if summary["interrupted"] or summary["missed"]:
+    if summary["interrupted"] or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
         raise typer.Exit(1)
 
 

@@ -69,7 +69,7 @@ class ReachSettings:
     """A larger miss than this is not believed in full before the palms are about to meet."""
     raised: float = 1.05
     """An unfamiliar hand above this height, m, is held out to be met ..."""
-    arm: float = 1.0
+    arm: float = 1.15
     """... if it comes this near the avatar's shoulder, m."""
     late: float = 0.3
     """A clock that says contact was up to this long ago means now; beyond, it is past."""

@@ -25,11 +25,14 @@ from model.responder import Responder, Response
 
 RATE_HZ = 120.0
 
-UNFAMILIAR = 0.25
+UNFAMILIAR = 0.19
 """Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
 
-0.10 to 0.15 with people like those it was trained on, 0.32 and more with a taller person who walks by.
+0.10 to 0.15 with people like those it was trained on, 0.20 and more with a taller person who walks by.
 """
+
+QUICKEST = 30.0
+"""No hinge of the generated pose turns faster than this, rad/s; an angry elbow reaches some 20."""
 
 CALMING = 0.12
 """Time constant with which the avatar goes from the model's pose to a calm one and back, s."""
@@ -103,7 +106,7 @@ class Session:
         self._palm.reset()
         self._trust = [0.0, 0.0]
         self._responder.reset()
-        self._calm = self._generated(self._responder.step(None))
+        self._calm = self._last = self._generated(self._responder.step(None))
         self._responder.reset()
         self._reach.reset()
         self._correction.reset()
@@ -139,6 +142,9 @@ class Session:
     def _pose(self, response: Response, familiar: bool) -> Pose:
         """The model's pose; where the person is a stranger to it, the pose in which it waits for one."""
         pose, calm = self._generated(response), self._calm
+        # Far from what it has learned the model may leap; no arm does.
+        step = np.clip(pose.hinges - self._last.hinges, -QUICKEST / RATE_HZ, QUICKEST / RATE_HZ)
+        self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
         share = 1.0 - math.exp(-1.0 / (RATE_HZ * CALMING))
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
         self._trust[0] += share * (float(familiar) - self._trust[0])

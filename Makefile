@@ -13,7 +13,7 @@ demo: $(READY)  ## one simulated session: report, film and recording in out/
 	$(BIN)/highfive simulate
 
 test: $(READY)  ## fast tests
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 slow: $(READY)  ## tests that take long
 	$(BIN)/python -m pytest -m slow
@@ -22,7 +22,7 @@ check: $(READY)  ## style, types and fast tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 model: $(READY)  ## the default model again, from nothing
 	rm -rf out/captured

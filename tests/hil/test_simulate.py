@@ -106,6 +106,7 @@ def test_another_seed_is_another_person_and_without_correction_palms_are_further
     assert np.abs(played["/person"][:count] - other).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_physics_feels_the_palms_meet_in_a_mixed_style(tmp_path: Path, captured_file: Path) -> None:
     style = {"angry": 0.5, "neutral": 0.5}
     summary, recording = session(tmp_path / "physics", source=captured_file, human="human", physics=True, style=style)
@@ -170,6 +171,7 @@ def stop(process: subprocess.Popen[str], number: signal.Signals, started: Callab
         return process.communicate()
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_a_finished_report_and_a_kill_leaves_whole_chunks(tmp_path: Path, captured_file: Path) -> None:
     emotions = [word for emotion in ("happy", "sad") * 20 for word in ("--emotion", emotion)]
     words = ["--source", captured_file, "--human", "human", "--no-pictures", "--json", *emotions]
@@ -205,6 +207,7 @@ def test_ctrl_c_while_other_processes_work_is_one_line(tmp_path: Path) -> None:
     assert not (tmp_path / "data" / "trials.csv").exists()
 
 
+@pytest.mark.slow
 def test_without_opengl_it_runs_as_promised_and_says_that_pictures_were_left_out(
     tmp_path: Path, captured_file: Path
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from trial_results import some_results
 
+from hil.sim.contact_check import UnwantedContact
 from hil.summary import SessionSettings, body_part, summarise, targets, without_timings
 
 SETTINGS = SessionSettings(seed=3, model="default", trials=5)
@@ -47,7 +48,12 @@ def test_what_did_not_go_well_is_counted_and_listed(results):
 
 
 def test_fingers_of_one_hand_are_one_finding(results):
+    touches = [("right_ring_2", "right_hip", 0.004), ("right_palm", "right_hip", 0.011), ("right_palm", "head", 0.002)]
+    unwanted = tuple(UnwantedContact(first, second, 10, depth) for first, second, depth in touches)
+    first = replace(results[0], contact=replace(results[0].contact, unwanted=unwanted))
+    results = [first, *results[1:]]
     summary = summarise(results, SETTINGS)
+    assert len([e for e in summary["unwanted"] if e["trial"] == first.number]) == 2
     pairs = [(e["trial"], e["first"], e["second"]) for e in summary["unwanted"]]
     assert len(set(pairs)) == len(pairs)
     deepest = max(u.deepest for r in results for u in r.contact.unwanted)

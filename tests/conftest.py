@@ -6,7 +6,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 # The shapes that the values at the seams declare are checked while the tests run.
-CHECKED = ["mocap_bridge.frames", "model.trials", "hil.avatar", "hil.reach", "hil.trial"]
+CHECKED = ["mocap_bridge.frames", "hil.avatar", "hil.reach", "hil.trial"]
 with install_import_hook(CHECKED, "beartype.beartype"):
     import hil.trial  # noqa: F401
 

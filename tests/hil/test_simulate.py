@@ -159,7 +159,7 @@ def start(*words: object, **environment: str) -> subprocess.Popen[str]:
         text=True,
         start_new_session=True,
         # A process started in the background ignores Ctrl-C, and so would ours if the tests run in one.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from hil.console import STDERR, print_json, progress_bars
+from hil.console import STDERR, print_json, print_scores, progress_bars
 from model.errors import HighFiveError
 
 app = typer.Typer(
@@ -125,6 +125,49 @@ def train(
         f"{out}: {result['trials']} trials, {result['points']} points, {result['seconds']:.0f} s; markers met to "
         f"{result['marker_rms_mm_all']:.1f} mm (worst: {worst})"
     )
+
+
+@app.command()
+def evaluate(
+    paths: Annotated[
+        list[Path] | None, typer.Argument(metavar="[MODEL] [DATA]", help="Data folder; a model's file before it.")
+    ] = None,
+    windows: Annotated[Path | None, typer.Option(help="A windows file (.npz) instead of a data folder.")] = None,
+    preset: Annotated[str, typer.Option(help="default, or paper; what is trained where no model is given.")] = "default",
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer and of the sparse GP.")] = 200,
+    seeds: Annotated[int, typer.Option(min=1, help="Trainings; the scores are medians.")] = 3,
+    human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",
+    avatar: Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")] = "avatar",
+    human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
+    avatar_set: Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")] = None,
+    json: Json = False,
+) -> None:
+    """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
+    from hil.evaluate import EvaluateOptions, evaluate  # noqa: PLC0415
+
+    data = [path for path in paths or [] if path.is_dir()]
+    models = [path for path in paths or [] if not path.is_dir() and path.suffix != ".npz"]
+    files = [path for path in paths or [] if path.suffix == ".npz" and not path.is_dir()]
+    if len(data) > 1 or len(models) > 1 or len(files) + (windows is not None) > 1:
+        raise HighFiveError("give one data folder or windows file, and at most one model")
+    options = EvaluateOptions(
+        data=data[0] if data else None,
+        windows=windows or (files[0] if files else None),
+        model=models[0] if models else None,
+        preset=preset,
+        inducing=inducing,
+        seeds=seeds,
+        human=human,
+        avatar=avatar,
+        human_set=human_set,
+        avatar_set=avatar_set,
+    )
+    with progress_bars() as bar:
+        result = evaluate(options, bar)
+    if json:
+        print_json(result)
+    else:
+        print_scores(result)
 
 
 def _style(text: str) -> dict[str, float]:

@@ -26,7 +26,7 @@ GP_NOISE = (5e-3, 1.0)  # bounds, as for the avatar layer
 
 def _by_style(task: Problem, fit: Callable[[Array, Array], Callable[[Array], Array]]) -> Predictor:
     """A regression fitted for each emotion on its own."""
-    features, outputs, styles = task.features[0], task.data.outputs, task.data.styles
+    features, outputs, styles = task.features, task.data.outputs, task.data.styles
     fitted = [fit(features[mask > 0.5], outputs[mask > 0.5]) for mask in styles.T]
 
     def predict(inputs: Array, wanted: Array) -> Array:
@@ -77,7 +77,7 @@ def sparse_gp(
     task: Problem, inducing: int, rng: np.random.Generator, progress: ProgressCallback | None = None
 ) -> Predictor:
     """Plain sparse GP regression, motion × style kernel, with as many inducing inputs as a layer of the model."""
-    features, styles, targets = jnp.asarray(task.features[0]), jnp.asarray(task.data.styles), task.avatar_targets
+    features, styles, targets = jnp.asarray(task.features), jnp.asarray(task.data.styles), task.avatar_targets
     chosen = np.sort(rng.choice(len(features), size=min(inducing, len(features)), replace=False))
     kernel = motion_kernel(jnp.full(features.shape[1], np.sqrt(features.shape[1])))
     style = initial_style(styles.shape[1], styles[chosen])

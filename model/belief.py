@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from model.dataset import HAND_DIMS
 from model.hgpdm import HGPDM
 from model.hierarchy import dynamics_input, dynamics_mean
 from model.predictor import ALL, Prediction, Predictor
@@ -126,7 +125,7 @@ class Filter:
         """The belief before any hand was seen: where training trials begin."""
         below = self._interaction(self._start[: self.dims]).mean
         hand = self._human(below[self._split :]).mean
-        hands = np.tile(np.stack([hand, np.full(HAND_DIMS, 1e-2)]), (self._ticks.shape[1], 1, 1))
+        hands = np.tile(np.stack([hand, np.full(len(hand), 1e-2)]), (self._ticks.shape[1], 1, 1))
         return Belief(self._start, self._start_covariance, hands, hand, np.tile(style, (2, 1)), 1.0, False)
 
     def predict(self, latent: Array, covariance: Array, seconds: float) -> tuple[Array, Array]:
@@ -167,7 +166,7 @@ class Filter:
         The uncertainty of the hand passes through; the back projection adds its own, which is large far from the
         training data. That part stays the same from tick to tick, so it is counted once a lag and not once a tick.
         """
-        history = self._ticks.dot(hands.reshape(len(hands), -1)).reshape(-1, 2, HAND_DIMS)
+        history = self._ticks.dot(hands.reshape(len(hands), -1)).reshape(-1, 2, hands.shape[-1])
         value = self._features.dot(history[:, 0].reshape(-1)) + self._feature_offset
         covariance = (self._features * history[:, 1].reshape(-1)).dot(self._features.T)
         for stage in self._back:

@@ -63,9 +63,10 @@ class TrainingSet:
 
     Attributes:
         emotions: K names; column k of ``styles`` is emotion k.
-        lag: s, the time between the dynamics' successive latents.
-        history: (3, N, H + 1, 6) m, the hand at t, t − lag and t − 2 lag, each with its H earlier times.
+        lag: s between a trial's successive points, which is the dynamics' step.
+        history: (N, H + 1, P) m, the hand (P = 6: wrist and knuckles) at t and at its H earlier times.
         outputs: (N, channels) the avatar's channels, see :class:`Channels`.
+        weights: (channels,) scale of each channel beside the others.
         styles: (N, K) one-hot style weights.
         trial: (N,) index of the trial of each point, non-decreasing.
         data_hash: digest of everything above.
@@ -75,6 +76,7 @@ class TrainingSet:
     lag: float
     history: Array
     outputs: Array
+    weights: Array
     styles: Array
     trial: NDArray[np.int64]
     data_hash: str
@@ -144,25 +146,20 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
     seconds = sum(len(trial.joints) / trial.rate_hz for trial in trials)
     highest = min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), preset.points / seconds)
     times = [np.arange(0.0, (len(trial.joints) - 1) / trial.rate_hz + 1e-9, 1.0 / highest) for trial in trials]
-    # Free latents exist at the sampled points alone, so their dynamics steps from sample to sample.
-    lag = preset.lag if preset.back_constrained else 1.0 / highest
-    history = np.stack(
-        [
-            np.concatenate(
-                [hand_history(t, at - step * lag, preset.history) for t, at in zip(trials, times, strict=True)]
-            )
-            for step in range(3)
-        ]
-    )
+    history = np.concatenate([hand_history(t, at, preset.history) for t, at in zip(trials, times, strict=True)])
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])
     trial_index = np.repeat(np.arange(len(trials)), [len(at) for at in times])
     labels = np.array([emotions.index(trial.emotion) for trial in trials])[trial_index]
-    _check_motion(history[0, :, 0], outputs[:, :-AUXILIARY])
-    digest = hashlib.sha256(repr((emotions, lag)).encode())
+    _check_motion(history[:, 0], outputs[:, :-AUXILIARY])
+    digest = hashlib.sha256(repr((emotions, highest)).encode())
     for array in (history, outputs, labels):
         digest.update(np.ascontiguousarray(array).tobytes())
     styles = np.eye(len(emotions))[labels]
-    return TrainingSet(emotions, lag, history, outputs, styles, trial_index, digest.hexdigest()[:16])
+    where = Channels(trials[0].joints.shape[1])
+    weights = np.ones(where.size)
+    weights[where.clock] = preset.clock_weight
+    weights[where.palm] = weights[where.contact] = preset.palm_weight
+    return TrainingSet(emotions, 1.0 / highest, history, outputs, weights, styles, trial_index, digest.hexdigest()[:16])
 
 
 def _check_motion(hand: Array, joints: Array) -> None:

@@ -28,14 +28,17 @@ class Scores:
     """Errors on held-out trials.
 
     Attributes:
+        all_joints: m, distance of the joints, by forward kinematics of generated and recorded angles, mean over joints
+            and frames.
         joint_angle: rad, angle between generated and recorded joint rotation, mean over joints and frames.
-        palm: m, distance of the right palm, by forward kinematics of generated and recorded joints, mean over frames.
+        palm: m, distance of the right palm, by forward kinematics too, mean over frames.
         palm_at_contact: m, the same at the frame of contact, mean over trials.
         palm_at_contact_median: m, median over trials.
         contact_point: m, error of the generated contact point in the last 0.3 s before contact, mean over frames.
         time_to_contact: s, absolute error of the time to contact in the last 0.3 s, mean over frames.
     """
 
+    all_joints: float
     joint_angle: float
     palm: float
     palm_at_contact: float
@@ -106,12 +109,12 @@ def respond(model: HGPDM, trials: Sequence[Trial], frames: Sequence[NDArray[np.i
     return np.array(answers)
 
 
-def palm_positions(outputs: Array, skeleton: Skeleton, palm_in_wrist: Array) -> Array:
-    """Right palm (T, 3), m, by forward kinematics of avatar channels (T, channels)."""
+def body_positions(outputs: Array, skeleton: Skeleton, palm_in_wrist: Array) -> tuple[Array, Array]:
+    """Joints (T, J, 3) and right palm (T, 3), m, by forward kinematics of avatar channels (T, channels)."""
     where, wrist = Channels(3 * len(skeleton)), skeleton.index("right_wrist")
     pose = skeleton.from_rotation_vectors(outputs[:, : where.joints])
     positions, orientations = skeleton.forward_kinematics(outputs[:, where.root], pose)
-    return positions[:, wrist] + rotations.rotate(orientations[:, wrist], palm_in_wrist)
+    return positions, positions[:, wrist] + rotations.rotate(orientations[:, wrist], palm_in_wrist)
 
 
 def score(predicted: Array, held: HeldOut, skeleton: Skeleton, palm_in_wrist: Array) -> Scores:
@@ -122,16 +125,17 @@ def score(predicted: Array, held: HeldOut, skeleton: Skeleton, palm_in_wrist: Ar
         for outputs in (held.outputs, predicted)
     )
     turn = rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(wanted), got))
-    palm = np.linalg.norm(
-        palm_positions(predicted, skeleton, palm_in_wrist) - palm_positions(held.outputs, skeleton, palm_in_wrist),
-        axis=1,
+    (got_joints, got_palm), (wanted_joints, wanted_palm) = (
+        body_positions(outputs, skeleton, palm_in_wrist) for outputs in (predicted, held.outputs)
     )
+    palm = np.linalg.norm(got_palm - wanted_palm, axis=1)
     point = np.linalg.norm(predicted[:, where.contact] - held.outputs[:, where.contact], axis=1)
     clocks = [
         CLOCK_SCALE * np.arctanh(np.clip(outputs[:, where.clock], -0.98, 0.98)) for outputs in (predicted, held.outputs)
     ]
     soon = (clocks[1] > 0.0) & (clocks[1] <= 0.3)
     return Scores(
+        all_joints=float(np.linalg.norm(got_joints - wanted_joints, axis=-1).mean()),
         joint_angle=float(np.mean(np.linalg.norm(turn, axis=-1))),
         palm=float(palm.mean()),
         palm_at_contact=float(palm[held.contact].mean()),

@@ -18,7 +18,7 @@ from jax.scipy.linalg import solve_triangular
 from numpy.typing import NDArray
 
 from model import kernels, sparse
-from model.dataset import Channels, TrainingSet
+from model.dataset import TrainingSet
 from model.features import FeatureMap, fit_feature_map
 from model.kernels import MotionKernel
 from model.presets import Preset
@@ -31,19 +31,21 @@ VELOCITY_UNIT = (
 
 
 class BackConstraint(NamedTuple):
-    """I and X² as functions of the hand features (Lawrence & Quiñonero Candela 2006), sparse GPs in whitened weights.
+    """Latents as functions of the hand features (Lawrence & Quiñonero Candela 2006), sparse GPs in whitened weights.
 
     Attributes:
         kernel: covariance over the F features.
         inducing: (M, F).
         interaction: (M, q) whitened weights of I.
         human: (M, q) whitened weights of X².
+        avatar: (M, q) whitened weights of X¹.
     """
 
     kernel: MotionKernel
     inducing: jax.Array
     interaction: jax.Array
     human: jax.Array
+    avatar: jax.Array
 
 
 class Parameters(NamedTuple):
@@ -51,8 +53,9 @@ class Parameters(NamedTuple):
 
     Attributes:
         avatar, human, interaction, dynamics: the four layers.
-        avatar_latent: (N, q) X¹.
-        back: the back constraint of I and X², or None where they are free.
+        back: the back constraint, or None where all latents are free.
+        avatar_latent: (N, q) X¹ where free; else what it has beyond the back constraint, in units of
+            ``avatar_freedom``, or None where it has nothing.
         interaction_latent: (N, q) I where free, else None.
         human_latent: (N, q) X² where free, else None.
     """
@@ -61,8 +64,8 @@ class Parameters(NamedTuple):
     human: Layer
     interaction: Layer
     dynamics: Layer
-    avatar_latent: jax.Array
     back: BackConstraint | None
+    avatar_latent: jax.Array | None
     interaction_latent: jax.Array | None
     human_latent: jax.Array | None
 
@@ -91,12 +94,12 @@ class Problem:
         preset: the preset.
         data: the training points.
         feature_map: from hand histories to features.
-        features: (3, N, F) at t, t − lag and t − 2 lag.
+        features: (N, F).
         avatar_offset, avatar_scale: (channels,) Y¹ = offset + scale · (scaled channels).
-        human_offset, human_scale: (6,) the same for Y².
+        human_offset, human_scale: (P,) the same for Y².
         avatar_basis: (channels, R) orthonormal; the thin factor of the scaled Y¹ is scaled Y¹ · basis.
         avatar_targets, human_targets: what the likelihoods see.
-        successors: indices (T,) of points with two predecessors in their trial (free latents only).
+        successors: indices (T,) of points with two predecessors in their trial.
         first, last: (trials,) indices of each trial's first and last point.
     """
 
@@ -118,11 +121,7 @@ class Problem:
 
 def problem(data: TrainingSet, preset: Preset) -> Problem:
     """Scales the channels, compresses Y¹ to a thin factor and builds the features."""
-    channels = Channels(data.outputs.shape[1] - 10)
-    weight = np.ones(channels.size)
-    weight[channels.clock] = preset.clock_weight
-    weight[channels.palm] = weight[channels.contact] = preset.palm_weight
-    scaled = (data.outputs - data.outputs.mean(axis=0)) * weight
+    scaled = (data.outputs - data.outputs.mean(axis=0)) * data.weights
     total = np.sqrt(np.mean(np.sum(scaled**2, axis=1)) / 10.0)  # about ten channels' worth of motion, of unit variance
     scaled = scaled / total
     variances, basis = np.linalg.eigh(scaled.T @ scaled)
@@ -130,10 +129,10 @@ def problem(data: TrainingSet, preset: Preset) -> Problem:
     thin = scaled @ basis[:, keep]
     discarded = float(np.sum(scaled**2) - np.sum(thin**2))
 
-    hand = data.history[0, :, 0]
+    hand = data.history[:, 0]
     hand_offset = hand.mean(axis=0)
-    hand_scale = np.full(6, np.sqrt(np.mean((hand - hand_offset) ** 2)))
-    feature_map = fit_feature_map(data.history[0])
+    hand_scale = np.full(hand.shape[1], np.sqrt(np.mean((hand - hand_offset) ** 2)))
+    feature_map = fit_feature_map(data.history)
     starts = np.flatnonzero(np.diff(data.trial, prepend=-1))
     position = np.arange(len(data.trial)) - starts[data.trial]
     return Problem(
@@ -142,12 +141,12 @@ def problem(data: TrainingSet, preset: Preset) -> Problem:
         feature_map,
         feature_map(data.history),
         data.outputs.mean(axis=0),
-        total / weight,
+        total / data.weights,
         hand_offset,
         hand_scale,
         basis[:, keep],
-        Targets(jnp.asarray(thin), channels.size, discarded),
-        Targets(jnp.asarray((hand - hand_offset) / hand_scale), 6, 0.0),
+        Targets(jnp.asarray(thin), scaled.shape[1], discarded),
+        Targets(jnp.asarray((hand - hand_offset) / hand_scale), hand.shape[1], 0.0),
         np.flatnonzero(position >= 2),
         starts,
         np.append(starts[1:], len(data.trial)) - 1,
@@ -167,28 +166,27 @@ def standardised(latent: jax.Array) -> jax.Array:
 
 
 def back_weights(back: BackConstraint) -> jax.Array:
-    """Weights (M, q_I + q_2) of the kernel functions, from the whitened ones: K_uu^{-T/2} V."""
+    """Weights (M, q_I + q_2 + q_1) of the kernel functions, from the whitened ones: K_uu^{-T/2} V."""
     lower = jnp.linalg.cholesky(kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing)))
-    return solve_triangular(lower.T, jnp.concatenate([back.interaction, back.human], axis=1), lower=False)
+    whitened = jnp.concatenate([back.interaction, back.human, back.avatar], axis=1)
+    return solve_triangular(lower.T, whitened, lower=False)
 
 
 def latents(parameters: Parameters, task: Problem) -> Latents:
     """X¹, X² and I at the training points, and I along the dynamics' steps."""
-    avatar = standardised(parameters.avatar_latent)
     if parameters.back is None:
-        assert parameters.interaction_latent is not None
-        assert parameters.human_latent is not None
-        interaction = standardised(parameters.interaction_latent)
-        after = task.successors
-        steps = jnp.stack([interaction[after], interaction[after - 1], interaction[after - 2]])
-        return Latents(avatar, standardised(parameters.human_latent), interaction, steps)
-    weights, dims = back_weights(parameters.back), parameters.back.interaction.shape[1]
-    count, points, size = task.features.shape
-    k_fu = kernels.cross(parameters.back.kernel, jnp.asarray(task.features.reshape(-1, size)), parameters.back.inducing)
-    raw = (k_fu @ weights).reshape(count, points, -1)
-    centre, deviation = gauge(raw[0])
-    both = (raw - centre) / deviation
-    return Latents(avatar, both[0, :, dims:], both[0, :, :dims], both[:, :, :dims])
+        raw = (parameters.interaction_latent, parameters.human_latent, parameters.avatar_latent)
+    else:
+        back, preset = parameters.back, task.preset
+        k_fu = kernels.cross(back.kernel, jnp.asarray(task.features), back.inducing)
+        split = (preset.interaction_dims, preset.interaction_dims + preset.human_dims)
+        raw = jnp.split(k_fu @ back_weights(back), split, axis=1)
+    interaction, human, avatar = (standardised(latent) for latent in raw)
+    if parameters.back is not None and parameters.avatar_latent is not None:
+        avatar = standardised(avatar + task.preset.avatar_freedom * parameters.avatar_latent)
+    after = task.successors
+    steps = jnp.stack([interaction[after], interaction[after - 1], interaction[after - 2]])
+    return Latents(avatar, human, interaction, steps)
 
 
 def dynamics_input(now: jax.Array, before: jax.Array, lag: float) -> jax.Array:
@@ -254,7 +252,10 @@ def terms(parameters: Parameters, task: Problem) -> dict[str, jax.Array]:
         ),
     }
     if parameters.back is not None:  # the GP prior of the back constraint, in whitened weights
-        parts["back"] = 0.5 * (jnp.sum(parameters.back.interaction**2) + jnp.sum(parameters.back.human**2))
+        whitened = (parameters.back.interaction, parameters.back.human, parameters.back.avatar)
+        parts["back"] = 0.5 * sum(jnp.sum(weights**2) for weights in whitened)
+        if parameters.avatar_latent is not None:
+            parts["freedom"] = 0.5 * jnp.sum(parameters.avatar_latent**2)
     if preset.return_tolerance > 0.0:  # a trial begins and ends in about the same pose
         gap = lat.avatar[task.first] - lat.avatar[task.last]
         parts["return"] = 0.5 * jnp.sum(gap**2) / preset.return_tolerance**2

@@ -49,7 +49,7 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
     chosen = np.sort(rng.choice(points, size=min(inducing, points), replace=False))
     outputs = np.asarray(task.avatar_targets.thin)
     hand = np.asarray(task.human_targets.thin)
-    features = task.features[0]
+    features = task.features
     human = principal_components(hand, preset.human_dims)
     if preset.back_constrained:
         kernel = motion_kernel(jnp.full(features.shape[1], np.sqrt(features.shape[1])))
@@ -58,16 +58,17 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
         _, predictable = _whitened_regression(kernel, centres, features, outputs)
         avatar = principal_components(predictable, preset.avatar_dims)
         interaction = principal_components(predictable, preset.interaction_dims)
-        weights, _ = _whitened_regression(kernel, centres, features, np.column_stack([interaction, human]))
-        split = preset.interaction_dims
-        back = BackConstraint(
-            kernel, jnp.asarray(centres), jnp.asarray(weights[:, :split]), jnp.asarray(weights[:, split:])
-        )
+        weights, _ = _whitened_regression(kernel, centres, features, np.column_stack([interaction, human, avatar]))
+        split = (preset.interaction_dims, preset.interaction_dims + preset.human_dims)
+        parts = [jnp.asarray(part) for part in np.split(weights, split, axis=1)]
+        back = BackConstraint(kernel, jnp.asarray(centres), *parts)
         free_interaction = free_human = None
+        free_avatar = jnp.zeros_like(jnp.asarray(avatar)) if preset.avatar_freedom > 0.0 else None
     else:
         avatar = principal_components(outputs, preset.avatar_dims)
         interaction = principal_components(np.column_stack([avatar, human]), preset.interaction_dims)
-        back, free_interaction, free_human = None, jnp.asarray(interaction), jnp.asarray(human)
+        back, free_interaction = None, jnp.asarray(interaction)
+        free_human, free_avatar = jnp.asarray(human), jnp.asarray(avatar)
 
     styles = task.data.styles
     parameters = Parameters(
@@ -79,8 +80,8 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
         dynamics=_layer(
             2 * preset.interaction_dims, np.zeros((1, 2 * preset.interaction_dims)), 0.1, preset.dynamics_noise
         ),
-        avatar_latent=jnp.asarray(avatar),
         back=back,
+        avatar_latent=free_avatar,
         interaction_latent=free_interaction,
         human_latent=free_human,
     )

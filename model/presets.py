@@ -16,10 +16,10 @@ class Preset:
     human_dims: int  # latent dimensions of the human layer, X2
     interaction_dims: int  # latent dimensions of the interaction layer, I
     history: tuple[float, ...]  # earlier times, s, at which the back projection sees the hand; () is the present alone
-    lag: float  # s between the dynamics' successive latents; free latents step from sample to sample instead
     back_constrained: (
         bool  # I and X2 are learned functions of the hand (True) or free, with r and s fitted after (False)
     )
+    avatar_freedom: float  # X1 differs by about this much (latent units) from a learned function of the hand
     variational: bool  # add the trace term of Titsias 2009, which makes DTC a lower bound
     avatar_noise: tuple[float, float]  # bounds of the noise of the scaled channels of Y1
     human_noise: tuple[float, float]  # bounds of the noise of the scaled hand points Y2
@@ -41,8 +41,8 @@ PAPER = Preset(
     human_dims=2,
     interaction_dims=3,
     history=(),
-    lag=0.0,
     back_constrained=False,
+    avatar_freedom=0.0,
     variational=False,
     avatar_noise=(1e-3, 1.0),
     human_noise=(1e-3, 1.0),
@@ -65,8 +65,8 @@ DEFAULT = Preset(
     human_dims=3,
     interaction_dims=6,
     history=(0.1, 0.2, 0.4),
-    lag=1 / 30,
     back_constrained=True,
+    avatar_freedom=0.3,
     variational=True,
     avatar_noise=(5e-3, 1.0),
     human_noise=(2e-2, 1.0),

@@ -21,7 +21,7 @@ from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Posterior
 
-VERSION = 1
+VERSION = 2
 KIND = "high-five hgpdm"
 LAYERS = ("dynamics", "interaction", "human", "avatar")
 ARRAYS = ("start_mean", "start_covariance")

@@ -40,5 +40,5 @@ def test_the_hierarchy_is_level_with_direct_regression(errors: dict[str, float])
 def test_nearest_neighbours_of_one_style_stay_in_it(trials: list[Trial], model: HGPDM):
     task = problem(training_set(trials, model.preset), model.preset)
     first = task.data.styles[:, 0] > 0.5
-    answer = baselines.nearest_neighbours(task)(task.features[0][first], task.data.styles[first])
+    answer = baselines.nearest_neighbours(task)(task.features[first], task.data.styles[first])
     assert np.abs(answer - task.data.outputs[first]).mean() < 0.1

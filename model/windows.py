@@ -1,0 +1,143 @@
+"""Window files of interaction benchmarks: a person's arm over five frames in, the partner's next five frames out.
+
+A file holds, for ``train`` and ``test``, the arrays ``input`` (n, 90): five frames, oldest first, of three joints'
+positions and of their differences from the frame before; ``target`` (n, d); ``sequence_lengths`` and ``action``. This is
+the protocol of the NuiSI data set (Prasad et al. 2024). Nothing of the test part is used in training, and the action only
+to name the scores.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.baselines import Predictor
+from model.belief import Filter
+from model.dataset import TrainingSet
+from model.errors import HighFiveError
+from model.hgpdm import HGPDM
+from model.presets import Preset
+from model.rotations import Array
+
+FRAMES, POINTS = 5, 9  # frames of a window; coordinates of the arm's three joints
+RATE_HZ = 30.0  # nominal; what matters is that window follows window
+ARM_VARIANCE = 1e-8  # of the arm's coordinates: what a file gives is taken as it is
+ROBOT_ACTIONS = ("wave", "handshake", "rocket_fistbump", "parachute_fistbump")  # targets of 20: four joint angles
+HUMAN_ACTIONS = ("clap_fist", "fist_bump", "handshake", "high_five", "rocket_fistbump", "wave")  # targets of 90: an arm
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Consecutive windows of sequences.
+
+    Attributes:
+        history: (n, 6, 9) the arm at the newest frame and at the five before it, newest first.
+        target: (n, d) what the partner does in the next frames.
+        sequence: (n,) index of the sequence, non-decreasing.
+        action: (n,) index of the action.
+    """
+
+    history: Array
+    target: Array
+    sequence: NDArray[np.int64]
+    action: NDArray[np.int64]
+
+
+def read_windows(path: Path | str) -> tuple[Windows, Windows]:
+    """The training and the test windows of a file.
+
+    Raises:
+        HighFiveError: no such file, no window file, or arrays that do not belong together.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            if not isinstance(stored, np.lib.npyio.NpzFile):
+                raise HighFiveError(f"{path} holds one array; a windows file (.npz) holds train_input, train_target, …")
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise HighFiveError(f"{path} is not a windows file (.npz): {error}") from None
+    return _part(path, arrays, "train"), _part(path, arrays, "test")
+
+
+def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
+    wanted = {key: f"{name}_{key}" for key in ("input", "target", "sequence_lengths", "action")}
+    if missing := [full for full in wanted.values() if full not in arrays]:
+        raise HighFiveError(f"{path} lacks {', '.join(missing)}; it holds {', '.join(arrays) or 'nothing'}")
+    inputs, target, lengths, action = (arrays[full] for full in wanted.values())
+    count = len(inputs)
+    if inputs.shape != (count, 2 * FRAMES * POINTS) or target.ndim != 2 or len(target) != count or not target.size:
+        raise HighFiveError(f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)")
+    if lengths.shape != action.shape or np.any(lengths < 1) or lengths.sum() != count:
+        raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
+    if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(target))):
+        raise HighFiveError(f"{path}: the {name} windows hold NaN or infinity")
+    frames = inputs.astype(float).reshape(count, FRAMES, 2, POINTS)
+    before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
+    history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
+    sequences = np.arange(len(lengths))
+    return Windows(history, target.astype(float), np.repeat(sequences, lengths), np.repeat(action, lengths))
+
+
+def action_names(windows: Windows) -> dict[int, str]:
+    """Names of the actions that occur."""
+    names = {20: ROBOT_ACTIONS, 90: HUMAN_ACTIONS}.get(windows.target.shape[1], ())
+    return {int(k): names[k] if 0 <= k < len(names) else f"action_{k}" for k in np.unique(windows.action)}
+
+
+def window_preset(preset: Preset) -> Preset:
+    """A preset whose back constraint sees what a window holds."""
+    return replace(preset, history=tuple((np.arange(FRAMES) + 1) / RATE_HZ))
+
+
+def window_set(windows: Windows) -> TrainingSet:
+    """Windows as training points, all of one style: nobody tells the action."""
+    count, channels = windows.target.shape
+    digest = hashlib.sha256(np.ascontiguousarray(windows.history).tobytes() + windows.target.tobytes()).hexdigest()[:16]
+    return TrainingSet(
+        ("any",), 1.0 / RATE_HZ, windows.history, windows.target, np.ones(channels), np.ones((count, 1)),
+        windows.sequence, digest,
+    )  # fmt: skip
+
+
+def respond(model: HGPDM, windows: Windows) -> Array:
+    """What the model answers (n, d), online, each sequence from its beginning."""
+    moving, style, noise = Filter(model, RATE_HZ), np.ones(1), np.full(POINTS, ARM_VARIANCE)
+    answers = []
+    for number in range(windows.sequence[-1] + 1):
+        histories = windows.history[windows.sequence == number]
+        belief = moving.initial(style)
+        for arm in histories[0, :0:-1]:  # the first window holds five frames from before it
+            belief, _ = moving.step(belief, arm, noise, style)
+        for arm in histories[:, 0]:
+            belief, generated = moving.step(belief, arm, noise, style)
+            answers.append(generated.avatar.mean)
+    return np.array(answers)
+
+
+def predicted(predictor: Predictor, features: Callable[[Array], Array], windows: Windows) -> Array:
+    """What a baseline answers (n, d), window by window."""
+    return predictor(features(windows.history), np.ones((len(windows.target), 1)))
+
+
+def window_scores(answer: Array, windows: Windows) -> dict[str, float]:
+    """Score of each action.
+
+    Robot (targets of 20): squared error, rad², averaged over joints, frames and windows. Person (targets of 90): root
+    mean square distance, m, of the three joints, over frames and windows.
+    """
+    error = answer - windows.target
+    if windows.target.shape[1] == 2 * FRAMES * POINTS:
+        distance = error.reshape(len(error), FRAMES, 2, POINTS // 3, 3)[:, :, 0]
+        squares = np.sum(distance**2, axis=-1).mean(axis=(1, 2))
+    else:
+        squares = np.mean(error**2, axis=1)
+    scores = {name: float(squares[windows.action == k].mean()) for k, name in action_names(windows).items()}
+    if windows.target.shape[1] == 2 * FRAMES * POINTS:
+        return {name: float(np.sqrt(value)) for name, value in scores.items()}
+    return scores

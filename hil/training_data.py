@@ -21,7 +21,8 @@ from hil.threads import parallel_map, use_one_blas_thread
 from mocap_bridge.body_solver import solve_body
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.human_arm import HumanArmEstimator
-from mocap_bridge.joint_centres import canonical_names, left_out
+from mocap_bridge.joint_centres import canonical_names, joint_centre_set, left_out
+from mocap_bridge.joint_shapes import recognise_shape
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording
 from mocap_bridge.sources import RATE_HZ, C3DSource
@@ -136,8 +137,10 @@ def load_trials(
     use_one_blas_thread()
     rows = read_table(folder)
     pairs = [_read_pair(folder / row.file, human, avatar) for row in rows]
-    person, actor = pairs[0]
-    people, actors = _set_of(person, human_set, human, say), _set_of(actor, avatar_set, avatar, say)
+    people, actors = (
+        _set_of([pair[who] for pair in pairs], [pair[1 - who] for pair in pairs], given, prefix, say)
+        for who, given, prefix in ((0, human_set, human), (1, avatar_set, avatar))
+    )
     frame = find_frame(pairs, people, actors)
     if not frame.in_world:
         pairs = [place_trial(frame.apply(one), frame.apply(other), people, actors) for one, other in pairs]
@@ -181,9 +184,31 @@ def _person(recording: Recording, prefix: str) -> Recording:
     return replace(recording, names=names, points=recording.points[:, columns], valid=recording.valid[:, columns])
 
 
-def _set_of(recording: Recording, given: str | None, prefix: str, say: Callable[[str], None]) -> MarkerSet:
-    marker_set = load_marker_set(given) if given else find_marker_set(recording.names)
-    unused = left_out(marker_set, recording.names)
+def _set_of(
+    recordings: Sequence[Recording],
+    partners: Sequence[Recording],
+    given: str | None,
+    prefix: str,
+    say: Callable[[str], None],
+) -> MarkerSet:
+    """The marker set of one of the two people: the one that is given, or found by the labels, or by the movement."""
+    labels = recordings[0].names
+    if given:
+        return load_marker_set(given)
+    try:
+        marker_set = find_marker_set(labels)
+    except HighFiveError as no_names:
+        alike = [recording for recording in (*recordings, *partners) if recording.names == labels]
+        try:
+            known = recognise_shape(alike[:: max(1, len(alike) // 12)])
+        except HighFiveError as no_shape:
+            raise HighFiveError(f"{prefix}: {no_names}; {no_shape}") from None
+        marker_set = joint_centre_set(load_marker_set("joint_centres"), labels, known)
+        say(
+            f"{prefix}: the labels name no joints; told by how they move: "
+            + ", ".join(f"{label} {name}" for name, label in known.items())
+        )
+    unused = left_out(marker_set, labels)
     if unused and canonical_names(marker_set):
         say(f"{prefix}: {len(marker_set)} joint centres recognised, left out: {', '.join(unused)}")
     return marker_set

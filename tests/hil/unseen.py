@@ -66,6 +66,7 @@ BVH = {
 HABITS: dict[str, Callable[[str], str | None]] = {
     "zed": lambda name: name,
     "bvh": BVH.get,
+    "numbers": lambda name: f"j{(7 * list(POINTS).index(name)) % len(POINTS):02d}",
     "short": lambda name: name.lower().replace("right_", "r").replace("left_", "l"),
 }
 
@@ -78,7 +79,7 @@ class Export:
         habit: of naming, see :data:`HABITS`.
         unit: what it says, and how many of it a metre has in truth.
         axes: (3, 3) rows are the file's axes in a room with z up; a reflection if left-handed.
-        hands: the mirror image of all that happens, so that the left hands meet.
+        left_handers: the mirror image of all that happens, so that the left hands meet.
         size: of the actor, relative to the avatar.
         noise: m, of every coordinate.
         gaps: share of the points that are missing, in runs.
@@ -156,7 +157,7 @@ def _write(path: Path, points: Array, export: Export, rng: np.random.Generator) 
         swapped = [order.index("_".join(other.get(word, word) for word in order[m].split("_"))) for m in kept]
         room = room[:, :, [kept.index(m) for m in swapped]]
     turn = rotations.about_axis("z", rng.uniform(-np.pi, np.pi))
-    room = rotations.rotate(turn, room) + [*rng.uniform(-2.0, 2.0, 2), 0.3]
+    room = rotations.rotate(turn, room) + np.append(rng.uniform(-2.0, 2.0, 2), 0.3)
     room = room @ np.array(export.axes, dtype=float).T * export.unit[1]
     seen = np.ones(room.shape[:-1], dtype=bool)
     for person, _, column in np.argwhere(rng.random((2, 1, len(kept))) < 20 * export.gaps):

@@ -107,7 +107,8 @@ def place_person(
 
 def _person(recording: Recording, marker_set: MarkerSet) -> _Person:
     arm = marker_set.arm
-    required = (*arm.head, *arm.shoulder, *arm.hand)
+    hand = arm.hand or arm.wrist
+    required = (*arm.head, *arm.shoulder, *hand)
     points, seen = marker_set.arrange(recording.names, recording.points, recording.valid, required)
     points = np.where(seen[..., None], points, np.nan)
     pelvis = [m for m, joint in enumerate(marker_set.joints) if joint == "pelvis" and seen[:, m].any()]
@@ -115,7 +116,7 @@ def _person(recording: Recording, marker_set: MarkerSet) -> _Person:
     return _Person(
         head=head,
         shoulder=points[:, marker_set.indices(arm.shoulder)].mean(axis=1),
-        hand=points[:, marker_set.indices(arm.hand)].mean(axis=1),
+        hand=points[:, marker_set.indices(hand)].mean(axis=1),
         centre=points[:, pelvis].mean(axis=1) if pelvis else head,
         left=_leftward(marker_set, points),
         everything=points,

@@ -7,6 +7,7 @@ recording does not show at the proportions of the reference body.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from mocap_bridge.body_solver import body_part, solve_body, solve_part_alone
 from mocap_bridge.kinematic_part import Part, forward, jacobian
 from mocap_bridge.marker_sets import MarkerSet, segment_lengths
 from mocap_bridge.pose_fit import ANGLE_SIGMA, MARKER_SIGMA
+from mocap_bridge.recording import Recording
 from model.errors import HighFiveError
 from model.rotations import Array
 from model.skeleton import Skeleton
@@ -27,8 +29,8 @@ ROUNDS = 6
 SCALE_SIGMA = 0.10
 """Standard deviation of a segment's scale about the body's overall scale: people's proportions differ by so much."""
 
-PLACE_SIGMA = 0.010
-"""Standard deviation of a marker's place on its segment about the set's, m."""
+_LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+_ALIKE = 0.035  # relative difference of limbs up to which two recordings are taken to be of one person
 
 # Joints whose offsets from their parents share one scale; left and right always do. Any other joint has its own.
 _MEASURES = {
@@ -95,6 +97,53 @@ def fit_subject(
     return Subject(body, markers, rms, dict(zip(measure_names, scales.tolist(), strict=True)))
 
 
+def same_bodies(recordings: Sequence[Recording], marker_set: MarkerSet) -> list[list[int]]:
+    """Indices of the recordings, in groups of people whose limbs are equally long, as a table of trials names nobody.
+
+    Only joint centres tell; recordings of skin markers are taken to be of one person.
+    """
+    lengths = [_limb_lengths(recording, marker_set) for recording in recordings]
+    groups: list[list[int]] = []
+    means: list[Array] = []
+    for number, own in enumerate(lengths):
+        apart = [_difference(own, mean) for mean in means]
+        if apart and min(apart) <= _ALIKE:
+            nearest = int(np.argmin(apart))
+            groups[nearest].append(number)
+            both = np.array([lengths[i] for i in groups[nearest]])
+            count = np.isfinite(both).sum(axis=0)
+            means[nearest] = np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)
+        else:
+            groups.append([number])
+            means.append(own)
+    return groups
+
+
+def _limb_lengths(recording: Recording, marker_set: MarkerSet) -> Array:
+    """Median lengths (L,), m, of the limbs between joint centres of the set, NaN where never seen."""
+    centre = {joint: m for m, joint in enumerate(marker_set.joints) if not marker_set.local_positions[m].any()}
+    limbs = [
+        (centre[f"{side}_{a}"], centre[f"{side}_{b}"])
+        for side in ("left", "right")
+        for a, b in _LIMBS
+        if f"{side}_{a}" in centre and f"{side}_{b}" in centre
+    ]
+    points, seen = marker_set.arrange(recording.names, recording.points, recording.valid)
+    lengths = np.full(len(limbs), np.nan)
+    for i, (a, b) in enumerate(limbs):
+        both = seen[:, a] & seen[:, b]
+        if both.any():
+            lengths[i] = np.median(np.linalg.norm(points[both, a] - points[both, b], axis=1))
+    return lengths
+
+
+def _difference(one: Array, other: Array) -> float:
+    """Root mean square of the relative difference of limbs; 0 if there is none to compare."""
+    ratio = np.log(one / other)
+    known = np.isfinite(ratio)
+    return float(np.sqrt(np.mean(ratio[known] ** 2))) if known.any() else 0.0
+
+
 def _measures(skeleton: Skeleton) -> tuple[list[str], NDArray[np.intp]]:
     """Names of the body's measures and, for each joint, the measure that its offset belongs to."""
     names: list[str] = []
@@ -151,8 +200,9 @@ def _improve(
     normal[:count, :count] += weight / SCALE_SIGMA**2 * about_mean + weight * 1e-3 * np.eye(count)
     right[:count] += weight / SCALE_SIGMA**2 * (about_mean @ scales)
     places = np.arange(count, unknowns)
-    normal[places, places] += weight / PLACE_SIGMA**2
-    right[places] += weight / PLACE_SIGMA**2 * moved.reshape(-1)
+    tightness = weight / np.repeat(marker_set.spreads, 3) ** 2
+    normal[places, places] += tightness
+    right[places] += tightness * moved.reshape(-1)
     return np.asarray(-np.linalg.solve(normal, right), dtype=float)
 
 

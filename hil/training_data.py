@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from calibration.subject import Subject, fit_subject
+from calibration.hands import meeting_hands, mirrored
+from calibration.pair_frame import Pair, find_frame, place_trial
+from calibration.subject import Subject, fit_subject, same_bodies
 from hil.avatar import avatar_skeleton, right_palm
+from hil.console import STDERR
 from hil.sim.capture import COLUMNS, TABLE
 from hil.threads import parallel_map, use_one_blas_thread
 from mocap_bridge.body_solver import solve_body
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.human_arm import HumanArmEstimator
+from mocap_bridge.joint_centres import canonical_names, joint_centre_set, left_out
+from mocap_bridge.joint_shapes import recognise_shape
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording
 from mocap_bridge.sources import RATE_HZ, C3DSource
@@ -27,6 +33,17 @@ from model.trials import Trial
 
 SOLVE_RATE_HZ = 30.0
 """Rate at which the avatar actor's joints are solved; between, splines: a body moves at less than 10 Hz."""
+
+SAME_SIZE = 0.02
+"""An actor whose size differs from the avatar's by less counts as of the same size."""
+
+MEETING = 0.003
+"""Palms that are nearly as near as they come, m."""
+
+
+def tell(line: str) -> None:
+    """A line on standard error."""
+    STDERR.print(line, markup=False, soft_wrap=True)
 
 
 @dataclass(frozen=True)
@@ -101,8 +118,9 @@ def load_trials(
     human_set: str | None = None,
     avatar_set: str | None = None,
     progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
+    say: Callable[[str], None] = tell,
 ) -> list[SolvedPair]:
-    """All trials of a folder, solved. The avatar actor's body is fitted once, on the first trials.
+    """All trials of a folder, solved, in the avatar's world.
 
     Args:
         folder: C3D files and ``trials.csv``.
@@ -111,56 +129,154 @@ def load_trials(
         human_set: marker set of the person, a name or a path; None finds the one that fits.
         avatar_set: likewise of the avatar actor.
         progress: called with the number of trials; what comes back is called after each.
+        say: called with a line about each thing that had to be found out.
+
+    Raises:
+        HighFiveError: the folder, a file or the people's points are not what is needed.
     """
     use_one_blas_thread()
     rows = read_table(folder)
-    recordings = [_read_pair(folder / row.file, human, avatar) for row in rows]
-    person, actor = recordings[0]
-    people = load_marker_set(human_set) if human_set else find_marker_set(person.names)
-    actors = load_marker_set(avatar_set) if avatar_set else find_marker_set(actor.names)
-    subject = _fit_actor([actor for _, actor in recordings], actors)
-    jobs = [(row, person, actor, people, subject) for row, (person, actor) in zip(rows, recordings, strict=True)]
+    pairs = [_read_pair(folder / row.file, human, avatar) for row in rows]
+    people, actors = (
+        _set_of([pair[who] for pair in pairs], [pair[1 - who] for pair in pairs], given, prefix, say)
+        for who, given, prefix in ((0, human_set, human), (1, avatar_set, avatar))
+    )
+    frame = find_frame(pairs, people, actors)
+    if not frame.in_world:
+        pairs = [place_trial(frame.apply(one), frame.apply(other), people, actors) for one, other in pairs]
+        for note in frame.notes:
+            say(note)
+    hands = meeting_hands(pairs, people, actors)
+    if (hands.person, hands.actor) != ("right", "right"):
+        say(
+            f"the person's {hands.person} hand meets the actor's {hands.actor} one (in {hands.share:.0%} of the trials)"
+        )
+    if hands.actor == "left":
+        pairs = [(person, mirrored(actor, actors)) for person, actor in pairs]
+    if hands.person == "left":
+        pairs = [(mirrored(person, people), actor) for person, actor in pairs]
+    subjects = _fit_actors([actor for _, actor in pairs], actors)
+    if len(bodies := {id(subject) for subject in subjects}) > 1:
+        say(f"the limbs are those of {len(bodies)} actors; each was measured")
+    jobs = [
+        _Job(row, *pair, people, subject, hands.person != hands.actor)
+        for row, pair, subject in zip(rows, pairs, subjects, strict=True)
+    ]
     return list(parallel_map(_solve_pair, jobs, progress))
 
 
-def _read_pair(path: Path, human: str, avatar: str) -> tuple[Recording, Recording]:
-    recording = read_c3d(path)
-    return recording.person(human), recording.person(avatar)
+def _read_pair(path: Path, human: str, avatar: str) -> Pair:
+    recording = read_c3d(path, trust_unit=False)
+    return _person(recording, human), _person(recording, avatar)
 
 
-def _fit_actor(actors: Sequence[Recording], marker_set: MarkerSet) -> Subject:
-    """The actor's body from up to ten trials spread over the session."""
-    chosen = actors[:: max(1, len(actors) // 10)]
+def _person(recording: Recording, prefix: str) -> Recording:
+    """One person's points; the prefix may be written in any case and end in a colon, point, stroke or underscore.
+
+    Raises:
+        HighFiveError: there is no such person.
+    """
+    start = re.compile(re.escape(prefix.rstrip(":")) + r"[:._/| -]", re.IGNORECASE)
+    columns = [m for m, name in enumerate(recording.names) if start.match(name)]
+    if not columns:
+        return recording.person(prefix)
+    names = tuple(start.sub("", recording.names[m], count=1) for m in columns)
+    return replace(recording, names=names, points=recording.points[:, columns], valid=recording.valid[:, columns])
+
+
+def _set_of(
+    recordings: Sequence[Recording],
+    partners: Sequence[Recording],
+    given: str | None,
+    prefix: str,
+    say: Callable[[str], None],
+) -> MarkerSet:
+    """The marker set of one of the two people: the one that is given, or found by the labels, or by the movement."""
+    labels = recordings[0].names
+    if given:
+        return load_marker_set(given)
+    try:
+        marker_set = find_marker_set(labels)
+    except HighFiveError as no_names:
+        alike = [recording for recording in (*recordings, *partners) if recording.names == labels]
+        try:
+            known = recognise_shape(alike[:: max(1, len(alike) // 12)])
+        except HighFiveError as no_shape:
+            raise HighFiveError(f"{prefix}: {no_names}; {no_shape}") from None
+        marker_set = joint_centre_set(load_marker_set("joint_centres"), labels, known)
+        say(
+            f"{prefix}: the labels name no joints; told by how they move: "
+            + ", ".join(f"{label} {name}" for name, label in known.items())
+        )
+    unused = left_out(marker_set, labels)
+    if unused and canonical_names(marker_set):
+        say(f"{prefix}: {len(marker_set)} joint centres recognised, left out: {', '.join(unused)}")
+    return marker_set
+
+
+def _fit_actors(actors: Sequence[Recording], marker_set: MarkerSet) -> list[Subject]:
+    """The actor's body of each trial, from up to ten trials of the same person spread over the session."""
+    groups = same_bodies(actors, marker_set)
+    jobs = [([actors[i] for i in group[:: max(1, len(group) // 10)]], marker_set) for group in groups]
+    subjects: list[Subject | None] = [None] * len(actors)
+    for group, subject in zip(groups, parallel_map(_fit_actor, jobs, lambda total: lambda: None), strict=True):
+        for i in group:
+            subjects[i] = subject
+    return [subject for subject in subjects if subject is not None]
+
+
+def _fit_actor(job: tuple[Sequence[Recording], MarkerSet]) -> Subject:
+    chosen, marker_set = job
     arranged = [marker_set.arrange(actor.names, actor.points, actor.valid) for actor in chosen]
     points = np.concatenate([points for points, _ in arranged])
     valid = np.concatenate([valid for _, valid in arranged])
     return fit_subject(avatar_skeleton(), marker_set, points, valid)
 
 
-def _solve_pair(job: tuple[TrialRow, Recording, Recording, MarkerSet, Subject]) -> SolvedPair:
-    row, person, actor, people, subject = job
-    hand_points, person_palm = track_hand(person, people)
+@dataclass(frozen=True)
+class _Job:
+    """A trial to be solved; ``reflected``: the person was mirrored to be tracked, the actor was not, or vice versa."""
+
+    row: TrialRow
+    person: Recording
+    actor: Recording
+    people: MarkerSet
+    subject: Subject
+    reflected: bool
+
+
+def _solve_pair(job: _Job) -> SolvedPair:
+    row, actor, subject = job.row, job.actor, job.subject
+    hand_points, person_palm = track_hand(job.person, job.people)
+    if job.reflected:
+        hand_points, person_palm = hand_points * [1.0, -1.0, 1.0], person_palm * [1.0, -1.0, 1.0]
     times = np.arange(len(hand_points)) / RATE_HZ
     points, valid = subject.marker_set.arrange(actor.names, actor.points, actor.valid)
     step = max(1, round(actor.rate_hz / SOLVE_RATE_HZ))
     keys = np.unique(np.append(np.arange(0, len(points), step), len(points) - 1))
     solution = solve_body(subject.skeleton, subject.marker_set, points[keys], valid[keys])
     skeleton = avatar_skeleton()
-    # The avatar stands on its own legs, not on the actor's.
-    root = solution.root * [1.0, 1.0, skeleton.offsets[0, 2] / subject.skeleton.offsets[0, 2]]
-    sampled = np.concatenate([skeleton.to_rotation_vectors(solution.quaternions), root], axis=-1)
-    motion = CubicSpline(keys / actor.rate_hz, sampled)(times)
+    turns = unwrapped(skeleton.to_rotation_vectors(solution.quaternions))
+    # The avatar stands on its own legs, not on the actor's. If their sizes differ, the scene shrinks or grows with it:
+    # else the avatar's palm would not be where the person's is when the actor's was.
+    size = skeleton.offsets[0, 2] / subject.skeleton.offsets[0, 2]
+    scene = 1.0 if abs(size - 1.0) < SAME_SIZE else size
+    root = solution.root * [scene, scene, size]
+    motion = CubicSpline(keys / actor.rate_hz, np.concatenate([turns, root], axis=-1))(times)
     joints, root = motion[:, :-3], motion[:, -3:]
-    kinematics = skeleton.forward_kinematics(root, skeleton.from_rotation_vectors(joints))
-    palm, _, _ = right_palm(skeleton, *kinematics)
+    pose = skeleton.from_rotation_vectors(joints)
+    own = subject.skeleton
+    own_palm, _, _ = right_palm(own, *own.forward_kinematics(root / [scene, scene, size], pose))
+    contact = contact_frame(np.linalg.norm(own_palm - person_palm, axis=-1), RATE_HZ)
+    palm, _, _ = right_palm(skeleton, *skeleton.forward_kinematics(root, pose))
     trial = Trial(
         rate_hz=RATE_HZ,
-        hand_points=hand_points,
+        hand_points=scene * hand_points,
         joints=joints,
         root=root,
         palm=palm,
-        person_palm=person_palm,
-        contact_frame=int(np.argmin(np.linalg.norm(palm - person_palm, axis=-1))),
+        person_palm=scene * person_palm,
+        contact_frame=contact,
         emotion=row.emotion,
         cell=row.cell,
         repetition=row.repetition,
@@ -169,10 +285,53 @@ def _solve_pair(job: tuple[TrialRow, Recording, Recording, MarkerSet, Subject]) 
     return SolvedPair(trial, subject.marker_set.names, solution.rms)
 
 
+def contact_frame(distance: Array, rate_hz: float) -> int:
+    """Frame at which two palms come together, from their distance (T,), m.
+
+    Palms that meet stay together for a while, press and slide; which frame of it is the nearest is up to noise. It is
+    the first of those that are hardly further apart than the nearest, with at most 0.1 s from one to the next.
+    """
+    frame = int(np.argmin(distance))
+    near = distance <= distance[frame] + max(MEETING, 0.1 * distance[frame])
+    window = round(0.1 * rate_hz)
+    while len(earlier := np.flatnonzero(near[max(0, frame - window) : frame])):
+        frame = max(0, frame - window) + int(earlier[0])
+    return frame
+
+
+def unwrapped(turns: Array) -> Array:
+    """Rotation vectors (T, 3 J), rad, in which no joint jumps by a full turn from frame to frame."""
+    vectors = turns.reshape(len(turns), -1, 3).copy()
+    for frame in range(1, len(vectors)):
+        now, before = vectors[frame], vectors[frame - 1]
+        angle = np.linalg.norm(now, axis=-1, keepdims=True)
+        round_trip = now - 2.0 * np.pi * now / np.maximum(angle, 1e-9)
+        nearer = np.linalg.norm(round_trip - before, axis=-1) < np.linalg.norm(now - before, axis=-1)
+        vectors[frame] = np.where(nearer[:, None], round_trip, now)
+    return vectors.reshape(turns.shape)
+
+
 def track_hand(
     person: Recording, marker_set: MarkerSet, towards_partner: tuple[float, float, float] = (-1.0, 0.0, 0.0)
 ) -> tuple[Array, Array]:
-    """Hand points (T, 2, 3) and palm centre (T, 3), m, at 120 Hz, by the tracker and the arm that run online."""
+    """Hand points (T, 2, 3) and palm centre (T, 3), m, at 120 Hz, by the tracker and the arm that run online.
+
+    Where the tracker does not know the hand, it is between where it was and where it will be.
+
+    Raises:
+        HighFiveError: the hand is seen in less than a tenth of the frames.
+    """
+    recipe = marker_set.arm
+    marker_set = marker_set.subset(recipe.markers) if canonical_names(marker_set) else marker_set
+    hand = marker_set.indices((*recipe.elbow, *recipe.wrist, *recipe.hand))
     tracker, arm = Tracker(marker_set, RATE_HZ), HumanArmEstimator(marker_set, towards_partner)
-    arms = [arm(tracker.update(frame)) for frame in C3DSource(person)]
-    return np.array([a.hand_points for a in arms]), np.array([a.palm.position for a in arms])
+    tracked = [tracker.update(frame) for frame in C3DSource(person)]
+    known = np.flatnonzero([markers.valid[hand].all() for markers in tracked])
+    if len(known) < max(1, len(tracked) // 10):
+        raise HighFiveError(f"{person.source} shows the person's right hand in {len(known)} of {len(tracked)} frames")
+    arms = [arm(tracked[frame]) for frame in known]
+    at = np.arange(len(tracked))
+    flat = np.array([[*a.hand_points.reshape(-1), *a.palm.position] for a in arms])
+    if len(known) < len(tracked):
+        flat = np.stack([np.interp(at, known, column) for column in flat.T], axis=1)
+    return flat[:, :6].reshape(-1, 2, 3), flat[:, 6:]

@@ -55,10 +55,15 @@ class Layout:
     words_a_frame: int
 
 
-def read_c3d(path: str | Path, max_bytes: int = MAX_BYTES) -> Recording:
+def read_c3d(path: str | Path, max_bytes: int = MAX_BYTES, trust_unit: bool = True) -> Recording:
     """Reads the labelled and unlabelled points of a C3D file, in metres.
 
     A point is missing where its residual is negative, a coordinate is not finite, or all three are exactly zero.
+
+    Args:
+        path: the file.
+        max_bytes: larger files are refused.
+        trust_unit: refuse sizes that no person has; False leaves it to the caller to find out the unit.
 
     Raises:
         HighFiveError: no such file, larger than ``max_bytes``, empty, cut off, not a C3D, without labels, without a
@@ -90,7 +95,8 @@ def read_c3d(path: str | Path, max_bytes: int = MAX_BYTES) -> Recording:
         unlabelled_valid=seen[:, ghosts],
         source=name,
     )
-    check_scale(recording, unit)
+    if trust_unit:
+        check_scale(recording, unit)
     return recording
 
 

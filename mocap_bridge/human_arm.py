@@ -18,6 +18,7 @@ Vector = Sequence[float]
 _PALM_NORMAL = np.array([0.0, 1.0, 0.0])
 _FINGERS = np.array([0.0, 0.0, -1.0])
 _UP_AND_LEFT = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+_HAND_BY_FOREARM = 0.36  # wrist to knuckles over elbow to wrist
 _STEP_S = 1e-4  # time step of the palm's directional derivative
 
 (_syev,) = get_lapack_funcs(("syev",), (np.zeros((1, 1)),))
@@ -27,7 +28,8 @@ class HumanArmEstimator:
     """Head pose, joint centres and palm pose of the right arm, as the marker set's recipe says.
 
     Where a set has no markers across the hand (the joint centres of an Acclaim skeleton: wrist and fingers only), the
-    palm is taken to face the partner: its normal is ``towards_partner``, made orthogonal to the fingers.
+    palm is taken to face the partner: its normal is ``towards_partner``, made orthogonal to the fingers. Where it has
+    nothing beyond the wrist, the hand is taken to go on in the forearm's direction.
     """
 
     def __init__(self, marker_set: MarkerSet, towards_partner: tuple[float, float, float] = (-1.0, 0.0, 0.0)):
@@ -38,16 +40,23 @@ class HumanArmEstimator:
         self._head = marker_set.indices(arm.head)
         self._used = marker_set.indices(arm.markers)
         self._hand_used = marker_set.indices((*arm.wrist, *arm.hand, *arm.across))
+        shoulder, elbow, wrist, hand, head = (
+            _mean_of(marker_set, names) for names in (arm.shoulder, arm.elbow, arm.wrist, arm.hand, arm.head)
+        )
+        if not arm.hand:
+            hand = wrist + _HAND_BY_FOREARM * (wrist - elbow)
         self._landmarks = np.stack(
-            [_mean_of(marker_set, names) for names in (arm.shoulder, arm.elbow, arm.wrist, arm.hand, arm.head)]
+            [shoulder, elbow, wrist, hand, head]
             + [_difference(marker_set, pair) for pair in (arm.across, arm.head_left)]
         )
         head_template = local[self._head]
         self._head_offset = arm.centre_in_head - head_template.mean(axis=0)
         self._to_head = _horn(_UP_AND_LEFT if arm.head_left else head_template - head_template.mean(axis=0))
-        hand_template = local[marker_set.indices(arm.hand)].mean(axis=0)
+        hand_template = local[marker_set.indices(arm.hand)].mean(axis=0) if arm.hand else arm.knuckles_in_hand
         self._hand_length = float(np.linalg.norm(hand_template))
         along = (hand_template / self._hand_length).tolist()
+        # A point called hand or hand tip lies somewhere on the hand: the forearm then says how large the person is.
+        self._forearm_length = marker_set.segments["right_elbow"].length if arm.scale_by_forearm else 0.0
         across = local[marker_set.index(arm.across[1])] - local[marker_set.index(arm.across[0])] if arm.across else None
         normal = _PALM_NORMAL.tolist() if across is None else _cross(across.tolist(), along)
         # Palm, knuckles, the palm's normal and the fingers' direction as seen from the axes that the markers give.
@@ -64,7 +73,10 @@ class HumanArmEstimator:
             # The axis of flexion is across upper arm and forearm; a straight arm has none, and nothing is moved.
             axis = np.array(_cross(_unit((wrist - elbow).tolist()), _unit((elbow - shoulder).tolist())))
             elbow = elbow + arm.elbow_medial / (math.sqrt(axis @ axis) + 0.1) * axis
-        scale = _direction((landmarks[3] - wrist).tolist(), 1e-6)[1] / self._hand_length
+        if self._forearm_length:
+            scale = _direction((wrist - elbow).tolist(), 1e-6)[1] / self._forearm_length
+        else:
+            scale = _direction((landmarks[3] - wrist).tolist(), 1e-6)[1] / self._hand_length
         palm, knuckles, normal, fingers = self._hand(landmarks, scale)
         # The palm is a function of the markers: its velocity is the derivative along the markers' velocities.
         moved = self._hand(landmarks + _STEP_S * (self._landmarks @ tracked.velocities), scale)[0]
@@ -104,9 +116,10 @@ class HumanArmEstimator:
 
 
 def _mean_of(marker_set: MarkerSet, names: tuple[str, ...]) -> Array:
-    """Weights (M,) that give the mean of some markers."""
+    """Weights (M,) that give the mean of some markers; zero for none."""
     weights = np.zeros(len(marker_set))
-    weights[marker_set.indices(names)] = 1.0 / len(names)
+    if names:
+        weights[marker_set.indices(names)] = 1.0 / len(names)
     return weights
 
 

@@ -23,6 +23,11 @@ from model.skeleton import Skeleton
 
 FOLDER = Path(__file__).parent / "marker_sets"
 
+PLACE_SIGMA = 0.010
+"""Standard deviation of a marker's place on its segment from person to person, m, where the set says nothing else."""
+
+_CENTRES = "joint_centres"  # the set whose markers go by any name
+
 
 @dataclass(frozen=True)
 class ArmRecipe:
@@ -36,10 +41,11 @@ class ArmRecipe:
         shoulder, elbow, wrist: markers whose mean is the joint centre, or near it.
         shoulder_below: m, the shoulder's centre lies so far straight below that mean.
         elbow_medial: m, the elbow's centre lies so far from that mean towards the body, along the axis of flexion.
-        hand: markers of the hand; with the wrist they give the direction of the fingers.
+        hand: markers of the hand; with the wrist they give the direction of the fingers. Empty: the forearm does.
         across: two markers, from the little finger's side to the thumb's, or empty: then the palm is taken to face the
             partner (world −x).
         knuckles_in_hand, palm_in_hand: (3,) m, knuckle centre and palm centre in the frame of the right wrist joint.
+        scale_by_forearm: the person's hand is as large as the forearm says, not as far as the hand's markers are.
     """
 
     head: tuple[str, ...]
@@ -54,6 +60,7 @@ class ArmRecipe:
     across: tuple[str, ...]
     knuckles_in_hand: Array
     palm_in_hand: Array
+    scale_by_forearm: bool = False
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -88,6 +95,7 @@ class MarkerSet:
         aliases: for each marker the other names under which it is known.
         joints: for each marker the joint that carries it.
         local_positions: (M, 3) m in the frame of that joint, on the body that ``segments`` describes.
+        spreads: (M,) m, standard deviation of a coordinate of that place from person to person.
         roles: for each marker what it is needed for, such as ``'hand'``.
         segments: for each carrying joint its segment.
         arm: how the right arm follows.
@@ -99,6 +107,7 @@ class MarkerSet:
     aliases: tuple[tuple[str, ...], ...]
     joints: tuple[str, ...]
     local_positions: Array
+    spreads: Array
     roles: tuple[tuple[str, ...], ...]
     segments: Mapping[str, Segment]
     arm: ArmRecipe
@@ -167,6 +176,7 @@ class MarkerSet:
             aliases=tuple(self.aliases[m] for m in keep),
             joints=tuple(self.joints[m] for m in keep),
             local_positions=self.local_positions[keep],
+            spreads=self.spreads[keep],
             roles=tuple(self.roles[m] for m in keep),
             segments={joint: replace(self.segments[joint], parent=self._above(joint, carrying)) for joint in carrying},
         )
@@ -213,18 +223,25 @@ def marker_set_names() -> list[str]:
 def find_marker_set(labels: Sequence[str]) -> MarkerSet:
     """The shipped set that explains most of ``labels`` and has all it needs for the right arm.
 
+    Where none does, the labels may be names of joint centres.
+
     Raises:
         HighFiveError: no shipped set fits.
     """
-    sets = [load_marker_set(name) for name in marker_set_names()]
+    from mocap_bridge.joint_centres import joint_centre_set  # noqa: PLC0415  (it needs MarkerSet)
+
+    sets = [load_marker_set(name) for name in marker_set_names() if name != _CENTRES]
     usable = [s for s in sets if np.all(s.match(labels)[s.indices(s.arm.markers)] >= 0)]
-    if not usable:
+    if usable:
+        # Among sets that explain equally many labels the one with fewer markers left over is the nearer one.
+        return max(usable, key=lambda s: (int(np.sum(s.match(labels) >= 0)), -len(s)))
+    try:
+        return joint_centre_set(load_marker_set(_CENTRES), labels)
+    except HighFiveError as error:
         raise HighFiveError(
             f"no marker set fits the labels {_listed(labels) or '(none)'}; the sets are {_listed(marker_set_names())}; "
-            "give a marker-set file of your own"
-        )
-    # Among sets that explain equally many labels the one with fewer markers left over is the nearer one.
-    return max(usable, key=lambda s: (int(np.sum(s.match(labels) >= 0)), -len(s)))
+            f"read as joint centres, {error}; rename the labels or give a marker-set file of your own (docs/markers.md)"
+        ) from None
 
 
 def load_marker_set(name_or_path: str | Path) -> MarkerSet:
@@ -272,6 +289,7 @@ def _parse(data: dict[str, Any]) -> MarkerSet:
         aliases=tuple(tuple(row.get("aliases", ())) for row in rows),
         joints=joints,
         local_positions=positions,
+        spreads=np.array([float(row.get("spread", PLACE_SIGMA)) for row in rows]),
         roles=tuple(tuple(row.get("roles", ())) for row in rows),
         segments=segments,
         arm=arm,
@@ -299,6 +317,7 @@ def _parse_arm(data: dict[str, Any]) -> ArmRecipe:
         across=tuple(data.get("across", ())),
         knuckles_in_hand=_vector(data["knuckles_in_hand"]),
         palm_in_hand=_vector(data["palm_in_hand"]),
+        scale_by_forearm=bool(data.get("scale_by_forearm", False)),
     )
 
 

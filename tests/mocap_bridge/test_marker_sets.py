@@ -19,7 +19,7 @@ def marker_set(request):
 
 
 def test_the_sets_that_come_with_the_project():
-    assert marker_set_names() == ["cmu_joint_centres", "full_body", "paper", "plug_in_gait"]
+    assert marker_set_names() == ["cmu_joint_centres", "full_body", "joint_centres", "paper", "plug_in_gait"]
     paper = load_marker_set("paper")
     assert len(paper) == 16
     assert sum("head" in roles for roles in paper.roles) == 5
@@ -125,7 +125,7 @@ def test_the_set_of_a_real_file_is_found_by_its_labels(recordings, file, person,
 
 
 def test_unknown_sets_are_refused():
-    with pytest.raises(HighFiveError, match="cmu_joint_centres, full_body, paper, plug_in_gait"):
+    with pytest.raises(HighFiveError, match="cmu_joint_centres, full_body, joint_centres, paper, plug_in_gait"):
         load_marker_set("vicon")
     with pytest.raises(HighFiveError, match="no marker set fits the labels a, b"):
         find_marker_set(["a", "b"])

@@ -95,7 +95,7 @@ def test_forecast_begins_at_the_belief_and_spreads(responder: Responder, trials:
     responder.reset()
     response = [responder.step(hand) for hand in trials[0].hand_points[:60]][-1]
     ahead = responder.forecast(0.2)
-    assert np.isclose(ahead[-1].ahead, 0.2)
+    assert 0.2 - 1e-9 <= ahead[-1].ahead < 0.2 + responder.model.lag
     assert np.linalg.norm(ahead[0].palm - response.palm) < 0.2
     assert np.trace(ahead[-1].latent_covariance) > np.trace(response.latent_covariance)
     np.testing.assert_array_equal(ahead[0].joints, responder.forecast(0.2)[0].joints)

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from calibration.hands import meeting_hands, mirrored
-from calibration.pair_frame import Pair, find_frame, place_trial
 from calibration.subject import Subject, fit_subject, same_bodies
 from hil.avatar import avatar_skeleton, right_palm
 from hil.console import STDERR
+from hil.pairs import Role, read_pairs
 from hil.sim.capture import COLUMNS, TABLE
 from hil.threads import parallel_map, use_one_blas_thread
 from mocap_bridge.body_solver import solve_body
-from mocap_bridge.c3d import read_c3d
 from mocap_bridge.human_arm import HumanArmEstimator
-from mocap_bridge.joint_centres import canonical_names, joint_centre_set, left_out
-from mocap_bridge.joint_shapes import recognise_shape
-from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
+from mocap_bridge.joint_centres import canonical_names
+from mocap_bridge.marker_sets import MarkerSet
 from mocap_bridge.recording import Recording
 from mocap_bridge.sources import RATE_HZ, C3DSource
 from mocap_bridge.tracker import Tracker
@@ -136,101 +132,43 @@ def load_trials(
     """
     use_one_blas_thread()
     rows = read_table(folder)
-    pairs = [_read_pair(folder / row.file, human, avatar) for row in rows]
-    people, actors = (
-        _set_of([pair[who] for pair in pairs], [pair[1 - who] for pair in pairs], given, prefix, say)
-        for who, given, prefix in ((0, human_set, human), (1, avatar_set, avatar))
-    )
-    frame = find_frame(pairs, people, actors)
-    if not frame.in_world:
-        pairs = [place_trial(frame.apply(one), frame.apply(other), people, actors) for one, other in pairs]
-        for note in frame.notes:
-            say(note)
-    hands = meeting_hands(pairs, people, actors)
-    if (hands.person, hands.actor) != ("right", "right"):
-        say(
-            f"the person's {hands.person} hand meets the actor's {hands.actor} one (in {hands.share:.0%} of the trials)"
-        )
-    if hands.actor == "left":
-        pairs = [(person, mirrored(actor, actors)) for person, actor in pairs]
-    if hands.person == "left":
-        pairs = [(mirrored(person, people), actor) for person, actor in pairs]
-    subjects = _fit_actors([actor for _, actor in pairs], actors)
-    if len(bodies := {id(subject) for subject in subjects}) > 1:
-        say(f"the limbs are those of {len(bodies)} actors; each was measured")
+    read = read_pairs([folder / row.file for row in rows], Role(human, human_set), Role(avatar, avatar_set), say)
+    subjects = _fit_actors([actor for _, actor in read.pairs], read.actors)
+    if (bodies := len({id(subject) for subject in subjects})) > 1:
+        say(f"the limbs are those of {bodies} actors; each was measured")
     jobs = [
-        _Job(row, *pair, people, subject, hands.person != hands.actor)
-        for row, pair, subject in zip(rows, pairs, subjects, strict=True)
+        _Job(rows[n], *pair, read.people, subject, read.reflected)
+        for n, pair, subject in zip(read.kept, read.pairs, subjects, strict=True)
     ]
-    return list(parallel_map(_solve_pair, jobs, progress))
+    solved = []
+    for job, pair in zip(jobs, parallel_map(_solve_or_say, jobs, progress), strict=True):
+        if isinstance(pair, SolvedPair):
+            solved.append(pair)
+        else:
+            say(f"{job.row.file} is left out: {pair}")
+    if not solved:
+        raise HighFiveError(f"no trial of {folder} can be solved; the reasons are above")
+    return solved
 
 
-def _read_pair(path: Path, human: str, avatar: str) -> Pair:
-    recording = read_c3d(path, trust_unit=False)
-    return _person(recording, human), _person(recording, avatar)
-
-
-def _person(recording: Recording, prefix: str) -> Recording:
-    """One person's points; the prefix may be written in any case and end in a colon, point, stroke or underscore.
-
-    Raises:
-        HighFiveError: there is no such person.
-    """
-    start = re.compile(re.escape(prefix.rstrip(":")) + r"[:._/| -]", re.IGNORECASE)
-    columns = [m for m, name in enumerate(recording.names) if start.match(name)]
-    if not columns:
-        return recording.person(prefix)
-    names = tuple(start.sub("", recording.names[m], count=1) for m in columns)
-    return replace(recording, names=names, points=recording.points[:, columns], valid=recording.valid[:, columns])
-
-
-def _set_of(
-    recordings: Sequence[Recording],
-    partners: Sequence[Recording],
-    given: str | None,
-    prefix: str,
-    say: Callable[[str], None],
-) -> MarkerSet:
-    """The marker set of one of the two people: the one that is given, or found by the labels, or by the movement."""
-    labels = recordings[0].names
-    if given:
-        return load_marker_set(given)
-    try:
-        marker_set = find_marker_set(labels)
-    except HighFiveError as no_names:
-        alike = [recording for recording in (*recordings, *partners) if recording.names == labels]
-        try:
-            known = recognise_shape(alike[:: max(1, len(alike) // 12)])
-        except HighFiveError as no_shape:
-            raise HighFiveError(f"{prefix}: {no_names}; {no_shape}") from None
-        marker_set = joint_centre_set(load_marker_set("joint_centres"), labels, known)
-        say(
-            f"{prefix}: the labels name no joints; told by how they move: "
-            + ", ".join(f"{label} {name}" for name, label in known.items())
-        )
-    unused = left_out(marker_set, labels)
-    if unused and canonical_names(marker_set):
-        say(f"{prefix}: {len(marker_set)} joint centres recognised, left out: {', '.join(unused)}")
-    return marker_set
-
-
-def _fit_actors(actors: Sequence[Recording], marker_set: MarkerSet) -> list[Subject]:
-    """The actor's body of each trial, from up to ten trials of the same person spread over the session."""
+def _fit_actors(actors: Sequence[Recording], marker_set: MarkerSet) -> list[Subject | str]:
+    """The actor's body of each trial, from up to ten trials of the same person, or in a line why there is none."""
     groups = same_bodies(actors, marker_set)
     jobs = [([actors[i] for i in group[:: max(1, len(group) // 10)]], marker_set) for group in groups]
-    subjects: list[Subject | None] = [None] * len(actors)
-    for group, subject in zip(groups, parallel_map(_fit_actor, jobs, lambda total: lambda: None), strict=True):
-        for i in group:
-            subjects[i] = subject
-    return [subject for subject in subjects if subject is not None]
+    fitted = parallel_map(_fit_or_say, jobs, lambda total: lambda: None)
+    of_trial = {i: subject for group, subject in zip(groups, fitted, strict=True) for i in group}
+    return [of_trial[i] for i in range(len(actors))]
 
 
-def _fit_actor(job: tuple[Sequence[Recording], MarkerSet]) -> Subject:
+def _fit_or_say(job: tuple[Sequence[Recording], MarkerSet]) -> Subject | str:
     chosen, marker_set = job
     arranged = [marker_set.arrange(actor.names, actor.points, actor.valid) for actor in chosen]
     points = np.concatenate([points for points, _ in arranged])
     valid = np.concatenate([valid for _, valid in arranged])
-    return fit_subject(avatar_skeleton(), marker_set, points, valid)
+    try:
+        return fit_subject(avatar_skeleton(), marker_set, points, valid)
+    except HighFiveError as error:
+        return str(error)
 
 
 @dataclass(frozen=True)
@@ -241,12 +179,22 @@ class _Job:
     person: Recording
     actor: Recording
     people: MarkerSet
-    subject: Subject
+    subject: Subject | str
     reflected: bool
 
 
-def _solve_pair(job: _Job) -> SolvedPair:
-    row, actor, subject = job.row, job.actor, job.subject
+def _solve_or_say(job: _Job) -> SolvedPair | str:
+    """The solved trial, or in a line why it cannot be: one bad take shall not cost the others."""
+    if isinstance(job.subject, str):
+        return job.subject
+    try:
+        return _solve_pair(job, job.subject)
+    except HighFiveError as error:
+        return str(error)
+
+
+def _solve_pair(job: _Job, subject: Subject) -> SolvedPair:
+    row, actor = job.row, job.actor
     hand_points, person_palm = track_hand(job.person, job.people)
     if job.reflected:
         hand_points, person_palm = hand_points * [1.0, -1.0, 1.0], person_palm * [1.0, -1.0, 1.0]

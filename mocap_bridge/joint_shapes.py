@@ -177,9 +177,9 @@ def _named(points: _Points, legs: tuple[Chain, Chain], arms: tuple[Chain, Chain]
     ahead = [sum(t[:, toe] - t[:, leg[2]] for toe, leg in zip(toes, legs, strict=True)) for t in points.tracks]
     left = [np.cross(points.up, a) for a in ahead]
     if _across(points, left, legs[0][0], legs[1][0]) < 0.0:
-        legs, toes = legs[::-1], toes[::-1]
+        legs, toes = (legs[1], legs[0]), toes[::-1]
     if _across(points, left, arms[0][0], arms[1][0]) < 0.0:
-        arms = arms[::-1]
+        arms = arms[1], arms[0]
     known: dict[str, int] = {}
     for i, side in enumerate(("left", "right")):
         known |= {f"{side}_{name}": m for name, m in zip(("hip", "knee", "ankle"), legs[i], strict=True)}

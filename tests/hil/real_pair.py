@@ -22,7 +22,7 @@ NAMES |= {f"{s}{old}": f"{side}_{new}" for s, side in (("l", "left"), ("r", "rig
 
 
 def write_real_set(recordings: Path, folder: Path, trials: int) -> None:
-    """Pieces of the recording around the contact, at 30 Hz, y up, in centimetres that are called metres' hundredths.
+    """Pieces of the recording around the contact, at 30 Hz, y up, its joint centres under plain names.
 
     Each begins and ends elsewhere, is turned and shifted, and is played a little faster or slower.
     """
@@ -35,7 +35,7 @@ def write_real_set(recordings: Path, folder: Path, trials: int) -> None:
         tempo = rng.uniform(0.9, 1.1)
         keep = slice(int(rng.integers(0, 25)), int(rng.integers(140, 183)))
         points = rotations.rotate(rotations.about_axis("z", rng.uniform(-3, 3)), whole.points[keep])
-        points = rotations.rotate(y_up, points + [*rng.uniform(-1, 1, 2), 0.0])
+        points = rotations.rotate(y_up, points + np.append(rng.uniform(-1, 1, 2), 0.0))
         names = []
         for label in whole.names:
             who, _, name = label.partition(":")

@@ -1,0 +1,148 @@
+"""Two people from each file of a folder, under one marker set each, in the avatar's world, right hands meeting."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calibration.hands import meeting_hands, mirrored
+from calibration.pair_frame import Pair, find_frame, place_trial
+from mocap_bridge.c3d import read_c3d
+from mocap_bridge.joint_centres import canonical_names, joint_centre_set, left_out
+from mocap_bridge.joint_shapes import recognise_shape
+from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
+from mocap_bridge.recording import Recording
+from model.errors import HighFiveError
+
+SHORTEST_S = 0.3
+"""A trial that lasts less shows no reaching."""
+
+_LOOKED_AT = 12  # recordings, where points are told by how they move
+
+
+@dataclass(frozen=True)
+class Role:
+    """One of the two people as asked for: a prefix of labels and a marker set, a name or a path, or None to find it."""
+
+    prefix: str
+    marker_set: str | None
+
+
+@dataclass(frozen=True)
+class PlacedPairs:
+    """What was read.
+
+    Attributes:
+        kept: for each pair the index of its file; files that hold no trial are left out.
+        pairs: the recordings of the person and of the avatar's actor; the actor's right hand is the one that meets.
+        people, actors: their marker sets.
+        reflected: the person's recordings are mirror images of what the actor meets, so that a right hand is tracked.
+    """
+
+    kept: tuple[int, ...]
+    pairs: tuple[Pair, ...]
+    people: MarkerSet
+    actors: MarkerSet
+    reflected: bool
+
+
+def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[str], None]) -> PlacedPairs:
+    """Reads files of two people each.
+
+    Args:
+        paths: the C3D files.
+        human: the person.
+        avatar: who the avatar learns from.
+        say: called with a line about each thing that had to be found out.
+
+    Raises:
+        HighFiveError: a file cannot be read, a person is not in it, the points are not those of a body, or no trial is
+            left.
+    """
+    pairs = [_read_pair(path, human.prefix, avatar.prefix) for path in paths]
+    people = _set_of([one for one, _ in pairs], [other for _, other in pairs], human, say)
+    actors = _set_of([other for _, other in pairs], [one for one, _ in pairs], avatar, say)
+    long_enough = [n for n, (_, actor) in enumerate(pairs) if len(actor) >= SHORTEST_S * actor.rate_hz]
+    for n in sorted(set(range(len(pairs))) - set(long_enough)):
+        say(f"{paths[n].name} is left out: {len(pairs[n][1])} frames are less than {SHORTEST_S} s")
+    placed = _placed({n: pairs[n] for n in long_enough}, people, actors, say)
+    if not placed:
+        raise HighFiveError(f"none of the {len(paths)} files shows two people for {SHORTEST_S} s or longer")
+    hands = meeting_hands(list(placed.values()), people, actors)
+    if (hands.person, hands.actor) != ("right", "right"):
+        share = f"in {hands.share:.0%} of the trials"
+        say(f"the person's {hands.person} hand meets the actor's {hands.actor} one ({share}); left hands are mirrored")
+    seen = [
+        (
+            mirrored(person, people) if hands.person == "left" else person,
+            mirrored(actor, actors) if hands.actor == "left" else actor,
+        )
+        for person, actor in placed.values()
+    ]
+    return PlacedPairs(tuple(placed), tuple(seen), people, actors, hands.person != hands.actor)
+
+
+def _placed(
+    pairs: dict[int, Pair], people: MarkerSet, actors: MarkerSet, say: Callable[[str], None]
+) -> dict[int, Pair]:
+    """The pairs in the avatar's world; those that never show both people are left out."""
+    if not pairs:
+        return {}
+    frame = find_frame(list(pairs.values()), people, actors)
+    if frame.in_world:
+        return pairs
+    for note in frame.notes:
+        say(note)
+    placed = {}
+    for n, (person, actor) in pairs.items():
+        try:
+            placed[n] = place_trial(frame.apply(person), frame.apply(actor), people, actors)
+        except HighFiveError as error:
+            say(f"{actor.source} is left out: {error}")
+    return placed
+
+
+def _read_pair(path: Path, human: str, avatar: str) -> Pair:
+    recording = read_c3d(path, trust_unit=False)
+    return _person(recording, human), _person(recording, avatar)
+
+
+def _person(recording: Recording, prefix: str) -> Recording:
+    """One person's points; the prefix may be written in any case and end in a colon, point, stroke or underscore.
+
+    Raises:
+        HighFiveError: there is no such person.
+    """
+    start = re.compile(re.escape(prefix.rstrip(":")) + r"[:._/| -]", re.IGNORECASE)
+    columns = [m for m, name in enumerate(recording.names) if start.match(name)]
+    if not columns:
+        return recording.person(prefix)
+    names = tuple(start.sub("", recording.names[m], count=1) for m in columns)
+    return replace(recording, names=names, points=recording.points[:, columns], valid=recording.valid[:, columns])
+
+
+def _set_of(
+    recordings: Sequence[Recording], partners: Sequence[Recording], role: Role, say: Callable[[str], None]
+) -> MarkerSet:
+    """The marker set of one of the two people: the one that is given, or found by the labels, or by the movement."""
+    if role.marker_set:
+        return load_marker_set(role.marker_set)
+    labels = tuple(dict.fromkeys(name for recording in recordings for name in recording.names))
+    try:
+        marker_set = find_marker_set(labels)
+    except HighFiveError as no_names:
+        alike = [recording for recording in (*recordings, *partners) if recording.names == labels]
+        try:
+            known = recognise_shape(alike[:: max(1, len(alike) // _LOOKED_AT)])
+        except HighFiveError as no_shape:
+            raise HighFiveError(f"{role.prefix}: {no_names}; {no_shape}") from None
+        marker_set = joint_centre_set(load_marker_set("joint_centres"), labels, known)
+        told = ", ".join(f"{label} is {name}" for name, label in known.items())
+        say(f"{role.prefix}: the labels name no joints; told by how they move, {told}")
+    if canonical_names(marker_set):
+        unused = left_out(marker_set, labels)
+        rest = f", left out: {', '.join(unused)}" if unused else ""
+        say(f"{role.prefix}: {len(marker_set)} of {len(labels)} labels recognised as joint centres{rest}")
+    return marker_set

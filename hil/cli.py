@@ -133,7 +133,7 @@ def evaluate(
         list[Path] | None, typer.Argument(metavar="[MODEL] [DATA]", help="Data folder; a model's file before it.")
     ] = None,
     windows: Annotated[Path | None, typer.Option(help="A windows file (.npz) instead of a data folder.")] = None,
-    preset: Annotated[str, typer.Option(help="default, or paper; what is trained where no model is given.")] = "default",
+    preset: Annotated[str, typer.Option(help="default, or paper: what is trained if no model is given.")] = "default",
     inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer and of the sparse GP.")] = 200,
     seeds: Annotated[int, typer.Option(min=1, help="Trainings; the scores are medians.")] = 3,
     human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",

@@ -82,7 +82,7 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) 
         for name, predictor in evaluation.baseline_predictors(task, options.inducing, seed, step).items():
             scores[name] = windows.window_scores(windows.predicted(predictor, task.feature_map, test), test)
         runs.append(scores)
-    unit = "m" if test.target.shape[1] == learn.history[0, :5].size * 2 else "rad²"
+    unit = "m" if windows.is_person(test) else "rad²"
     return runs, {"windows": str(path), "unit": unit, "seeds": options.seeds, "points": len(learn.target)}
 
 

@@ -181,7 +181,7 @@ def latents(parameters: Parameters, task: Problem) -> Latents:
         k_fu = kernels.cross(back.kernel, jnp.asarray(task.features), back.inducing)
         split = (preset.interaction_dims, preset.interaction_dims + preset.human_dims)
         raw = jnp.split(k_fu @ back_weights(back), split, axis=1)
-    interaction, human, avatar = (standardised(latent) for latent in raw)
+    interaction, human, avatar = (standardised(latent) for latent in raw if latent is not None)
     if parameters.back is not None and parameters.avatar_latent is not None:
         avatar = standardised(avatar + task.preset.avatar_freedom * parameters.avatar_latent)
     after = task.successors
@@ -253,7 +253,7 @@ def terms(parameters: Parameters, task: Problem) -> dict[str, jax.Array]:
     }
     if parameters.back is not None:  # the GP prior of the back constraint, in whitened weights
         whitened = (parameters.back.interaction, parameters.back.human, parameters.back.avatar)
-        parts["back"] = 0.5 * sum(jnp.sum(weights**2) for weights in whitened)
+        parts["back"] = 0.5 * jnp.sum(jnp.concatenate(whitened, axis=1) ** 2)
         if parameters.avatar_latent is not None:
             parts["freedom"] = 0.5 * jnp.sum(parameters.avatar_latent**2)
     if preset.return_tolerance > 0.0:  # a trial begins and ends in about the same pose

@@ -83,9 +83,9 @@ DEFAULT = Preset(
 )
 """Larger latents, jointly learned back constraints on the hand and its short history, bounded upper-layer noise.
 
-X1 keeps a little freedom. Held-out simulated trials, all joints / palm in all frames / palm at contact (median): with 0.3
-2.83° / 9.0 cm / 4.8 cm; a strict function of the hand 2.84° / 9.2 cm / 5.4 cm; free but for what I can tell 2.87° / 9.6 cm /
-4.2 cm. Adam alone: L-BFGS from there changes the objective by less than 1 % and nothing that was held out.
+X1 keeps a little freedom. 36 held-out simulated trials, joints / palm in all frames / palm at contact (median): with
+0.3 2.83° / 9.0 cm / 4.8 cm; as a strict function of the hand 2.84° / 9.2 cm / 5.4 cm; free but for what I can tell
+2.87° / 9.6 cm / 4.2 cm. The choice was made on these very trials.
 """
 
 PRESETS = {preset.name: preset for preset in (DEFAULT, PAPER)}

@@ -1,9 +1,9 @@
 """Window files of interaction benchmarks: a person's arm over five frames in, the partner's next five frames out.
 
 A file holds, for ``train`` and ``test``, the arrays ``input`` (n, 90): five frames, oldest first, of three joints'
-positions and of their differences from the frame before; ``target`` (n, d); ``sequence_lengths`` and ``action``. This is
-the protocol of the NuiSI data set (Prasad et al. 2024). Nothing of the test part is used in training, and the action only
-to name the scores.
+positions and of their differences from the frame before; ``target`` (n, d); ``sequence_lengths`` and ``action``. This
+is the protocol of the NuiSI data set (Prasad et al. 2024). Nothing of the test part is used in training, and the
+action only to name the scores.
 """
 
 from __future__ import annotations
@@ -69,10 +69,12 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
     wanted = {key: f"{name}_{key}" for key in ("input", "target", "sequence_lengths", "action")}
     if missing := [full for full in wanted.values() if full not in arrays]:
         raise HighFiveError(f"{path} lacks {', '.join(missing)}; it holds {', '.join(arrays) or 'nothing'}")
-    inputs, target, lengths, action = (arrays[full] for full in wanted.values())
+    inputs, target, lengths, action = (np.asarray(arrays[full]) for full in wanted.values())
     count = len(inputs)
     if inputs.shape != (count, 2 * FRAMES * POINTS) or target.ndim != 2 or len(target) != count or not target.size:
-        raise HighFiveError(f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)")
+        raise HighFiveError(
+            f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)"
+        )
     if lengths.shape != action.shape or np.any(lengths < 1) or lengths.sum() != count:
         raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
     if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(target))):
@@ -80,8 +82,15 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
     frames = inputs.astype(float).reshape(count, FRAMES, 2, POINTS)
     before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
     history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
-    sequences = np.arange(len(lengths))
-    return Windows(history, target.astype(float), np.repeat(sequences, lengths), np.repeat(action, lengths))
+    sequences, counts = np.arange(len(lengths)), lengths.astype(np.int64)
+    return Windows(
+        history, target.astype(float), np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
+    )
+
+
+def is_person(windows: Windows) -> bool:
+    """The partner is a person whose arm is given like the input; otherwise a robot with four joints."""
+    return windows.target.shape[1] == 2 * FRAMES * POINTS
 
 
 def action_names(windows: Windows) -> dict[int, str]:
@@ -131,13 +140,13 @@ def window_scores(answer: Array, windows: Windows) -> dict[str, float]:
     Robot (targets of 20): squared error, rad², averaged over joints, frames and windows. Person (targets of 90): root
     mean square distance, m, of the three joints, over frames and windows.
     """
-    error = answer - windows.target
-    if windows.target.shape[1] == 2 * FRAMES * POINTS:
+    error, person = answer - windows.target, is_person(windows)
+    if person:
         distance = error.reshape(len(error), FRAMES, 2, POINTS // 3, 3)[:, :, 0]
         squares = np.sum(distance**2, axis=-1).mean(axis=(1, 2))
     else:
         squares = np.mean(error**2, axis=1)
     scores = {name: float(squares[windows.action == k].mean()) for k, name in action_names(windows).items()}
-    if windows.target.shape[1] == 2 * FRAMES * POINTS:
+    if person:
         return {name: float(np.sqrt(value)) for name, value in scores.items()}
     return scores

@@ -1,0 +1,67 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hil.cli import app
+from model.errors import HighFiveError
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Eight sequences of an arm that moves and four joints that follow it."""
+    rng, arrays = np.random.default_rng(0), {}
+    for part, count in (("train", 6), ("test", 2)):
+        inputs, targets = [], []
+        for _ in range(count):
+            arm = np.sin(rng.uniform(2.0, 6.0) * np.arange(40)[:, None] / 30.0 + np.linspace(0.0, 1.0, 9))
+            frames = np.concatenate([arm, np.diff(arm, axis=0, prepend=arm[:1])], axis=1)
+            inputs += [frames[s : s + 5].ravel() for s in range(1, 30)]
+            targets += [np.tanh(arm[s + 5 : s + 10, :4]).ravel() for s in range(1, 30)]
+        arrays[f"{part}_input"], arrays[f"{part}_target"] = np.array(inputs), np.array(targets)
+        arrays[f"{part}_sequence_lengths"] = np.full(count, 29)
+        arrays[f"{part}_action"] = np.arange(count) % 2
+    np.savez(tmp_path / "windows.npz", **arrays)
+    return tmp_path / "windows.npz"
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, ["evaluate", *map(str, arguments)], catch_exceptions=True)
+
+
+@pytest.mark.slow
+def test_a_windows_file_gives_scores_of_all_methods(file: Path):
+    result = run("--windows", file, "--seeds", 2, "--inducing", 12, "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert list(found["scores"]) == ["hgpdm", "sparse_gp", "knn", "ridge", "mean"]
+    for method, values in found["scores"].items():
+        assert list(values) == ["wave", "handshake"]
+        for action, value in values.items():
+            assert found["smallest"][method][action] <= value <= found["largest"][method][action]
+            assert value <= found["scores"]["mean"][action]
+    assert found["smallest"]["mean"] == found["largest"]["mean"]
+    assert found["smallest"]["hgpdm"] != found["largest"]["hgpdm"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "either a data folder or --windows"),
+        (["{file}", "{folder}"], "either a data folder or --windows"),
+        (["{folder}", "{folder}"], "one data folder"),
+        (["model.safetensors", "{file}"], "leave the model out"),
+        (["{folder}"], "cannot read"),
+        (["missing.safetensors", "{folder}"], "no model file"),
+        (["--windows", "missing.npz"], "not a windows file"),
+        (["{file}", "--preset", "best"], "no preset called"),
+    ],
+)
+def test_what_cannot_be_scored_is_said_in_one_line(file: Path, arguments: list[str], message: str):
+    filled = [text.format(file=file, folder=file.parent) for text in arguments]
+    error = run(*filled).exception
+    assert isinstance(error, HighFiveError)
+    assert message in str(error)
+    assert "\n" not in str(error)

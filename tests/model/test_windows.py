@@ -1,0 +1,115 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model import baselines, windows
+from model.errors import HighFiveError
+from model.hierarchy import problem
+from model.presets import DEFAULT
+from model.training import train_on
+
+SMALL = replace(DEFAULT, avatar_dims=3, human_dims=2, interaction_dims=3, adam_steps=50, iterations=50)
+
+
+def sequence(seconds: float, speed: float, channels: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs (n, 90) and targets (n, channels) of an arm that waves and a partner who follows it."""
+    times = np.arange(0.0, seconds, 1.0 / windows.RATE_HZ)
+    phase = speed * times[:, None] + np.linspace(0.0, 1.0, 9)
+    arm = np.sin(phase) * np.linspace(0.1, 0.4, 9) + 1e-3 * rng.normal(size=(len(times), 9))
+    difference = np.diff(arm, axis=0, prepend=arm[:1])
+    frames = np.concatenate([arm, difference], axis=1)
+    starts = np.arange(1, len(times) - 10)
+    inputs = np.stack([frames[s : s + 5].ravel() for s in starts])
+    follow = np.stack([np.tile(np.tanh(arm[s + 5 : s + 10, :4] * 3.0).ravel(), channels // 20 + 1) for s in starts])
+    return inputs, follow[:, :channels]
+
+
+@pytest.fixture
+def arrays() -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    made = {}
+    for part, speeds in (("train", (3.0, 3.5, 5.0, 5.5)), ("test", (3.2, 5.2))):
+        pieces = [sequence(3.0, speed, 20, rng) for speed in speeds]
+        made[f"{part}_input"] = np.concatenate([x for x, _ in pieces])
+        made[f"{part}_target"] = np.concatenate([y for _, y in pieces])
+        made[f"{part}_sequence_lengths"] = np.array([len(x) for x, _ in pieces])
+        made[f"{part}_action"] = np.array([int(speed > 4.0) for speed in speeds])
+    return made
+
+
+@pytest.fixture
+def path(tmp_path: Path, arrays: dict[str, np.ndarray]) -> Path:
+    np.savez(tmp_path / "windows.npz", **arrays)
+    return tmp_path / "windows.npz"
+
+
+def test_history_holds_what_the_window_holds(path: Path, arrays: dict[str, np.ndarray]):
+    learn, _ = windows.read_windows(path)
+    frames = arrays["train_input"].reshape(-1, 5, 2, 9)
+    np.testing.assert_allclose(learn.history[:, 0], frames[:, 4, 0])
+    np.testing.assert_allclose(learn.history[:, :5] - learn.history[:, 1:], frames[:, ::-1, 1], atol=1e-12)
+
+
+def test_scores_are_those_of_the_definition(path: Path):
+    _, test = windows.read_windows(path)
+    rng = np.random.default_rng(1)
+    answer = test.target + rng.normal(size=test.target.shape)
+    by_hand = [
+        np.mean([((answer[n] - test.target[n]) ** 2).sum() / 20 for n in np.flatnonzero(test.action == action)])
+        for action in (0, 1)
+    ]
+    scores = windows.window_scores(answer, test)
+    assert list(scores) == ["wave", "handshake"]
+    np.testing.assert_allclose(list(scores.values()), by_hand)
+
+
+def test_a_person_is_scored_by_the_distance_of_the_joints(path: Path):
+    _, test = windows.read_windows(path)
+    target = np.zeros((len(test.target), 90))
+    shifted = target.reshape(-1, 5, 2, 3, 3).copy()
+    shifted[:, :, 0, :, 1] += 0.03  # positions
+    shifted[:, :, 1] += 5.0  # differences, which do not count
+    scores = windows.window_scores(shifted.reshape(-1, 90), replace(test, target=target))
+    np.testing.assert_allclose(list(scores.values()), 0.03)
+
+
+def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path):
+    learn, test = windows.read_windows(path)
+    preset = windows.window_preset(SMALL)
+    task = problem(windows.window_set(learn), preset)
+    model = train_on(windows.window_set(learn), preset, inducing=30)
+    answer = windows.respond(model, test)
+    mean = windows.predicted(baselines.constant_mean(task), task.feature_map, test)
+    ours, plain = windows.window_scores(answer, test), windows.window_scores(mean, test)
+    assert all(ours[name] < 0.3 * plain[name] for name in ours)
+    first = np.flatnonzero(test.sequence == 0)[:10]
+    cut = windows.Windows(test.history[first], test.target[first], test.sequence[first], test.action[first])
+    np.testing.assert_allclose(windows.respond(model, cut), answer[first])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a: a.pop("test_target"), "lacks test_target"),
+        (lambda a: a.update(train_input=a["train_input"][:, :80]), "expected \\(n, 90\\)"),
+        (lambda a: a.update(test_sequence_lengths=np.array([3, 4])), "do not add up"),
+        (lambda a: a.update(train_target=np.full_like(a["train_target"], np.nan)), "NaN"),
+        (lambda a: a.update(test_input=np.empty((0, 90)), test_target=np.empty((0, 20))), "expected|add up"),
+    ],
+)
+def test_broken_files_are_named(tmp_path: Path, arrays: dict[str, np.ndarray], change, message: str):
+    change(arrays)
+    np.savez(tmp_path / "broken.npz", **arrays)
+    with pytest.raises(HighFiveError, match=message):
+        windows.read_windows(tmp_path / "broken.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"hello"])
+def test_what_is_no_windows_file_is_one_line(tmp_path: Path, content: bytes):
+    (tmp_path / "no.npz").write_bytes(content)
+    with pytest.raises(HighFiveError, match="not a windows file"):
+        windows.read_windows(tmp_path / "no.npz")
+    with pytest.raises(HighFiveError, match="not a windows file"):
+        windows.read_windows(tmp_path / "missing.npz")

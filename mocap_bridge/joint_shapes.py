@@ -130,7 +130,7 @@ def _best_pair(
     chains = _chains(points, limb, taken, anchors)
     best = None
     for (cost, one), (other_cost, other) in combinations(chains, 2):
-        if set(one) & set(other):
+        if set(one) & set(other) or _crossed(points, one, other):
             continue
         total = cost + other_cost
         for i, j in ((0, 1), (1, 2)):
@@ -139,6 +139,15 @@ def _best_pair(
         if best is None or total < best[0]:
             best = (float(total), one, other)
     return best
+
+
+def _crossed(points: _Points, one: Chain, other: Chain) -> bool:
+    """A joint of one side goes better with the next joint of the other side."""
+    d = points.distance
+    return any(
+        d[one[i], one[i + 1]] + d[other[i], other[i + 1]] > d[one[i], other[i + 1]] + d[other[i], one[i + 1]]
+        for i in (0, 1)
+    )
 
 
 def _chains(

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from calibration.subject import fit_subject
+from calibration.subject import fit_subject, same_bodies
 from hil.avatar import avatar_skeleton
 from mocap_bridge.body_solver import solve_body
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.marker_sets import load_marker_set
+from mocap_bridge.recording import make_recording
 from model.errors import HighFiveError
 
 SKELETON = avatar_skeleton()
@@ -72,3 +73,21 @@ def test_real_people_are_fitted_to_millimetres(recordings, who):
     assert np.sqrt((after.residuals**2).mean()) < 0.3 * np.sqrt((before.residuals**2).mean())
     step = np.abs(np.diff(SKELETON.to_hinges(after.quaternions)[:, 1:], axis=0)).max()
     assert np.degrees(step) < 25.0  # between frames at 120 Hz: no joint jumps
+
+
+def test_people_are_told_apart_by_their_limbs():
+    centres = load_marker_set("joint_centres")
+
+    def recording(body, seed):
+        points = lively(body, centres, noise=0.004)
+        points += np.random.default_rng(seed).normal(scale=0.002, size=points.shape)
+        return make_recording(30.0, centres.names, points, np.ones(points.shape[:2], dtype=bool))
+
+    bodies = [SKELETON, person(), SKELETON.scaled(0.93)]
+    recordings = [recording(bodies[n % 3], n) for n in range(9)]
+    assert same_bodies(recordings, centres) == [[0, 3, 6], [1, 4, 7], [2, 5, 8]]
+    # Markers on the skin do not tell the length of a limb: they count as one person's.
+    full = load_marker_set("full_body")
+    points = lively(person(), full)
+    skin = make_recording(30.0, full.names, points, np.ones(points.shape[:2], dtype=bool))
+    assert same_bodies([skin, skin], full) == [[0, 1]]

@@ -115,3 +115,16 @@ def test_one_doubtful_marker_of_the_arm_makes_it_invalid_and_its_age_shows():
     assert arm.age_ns == 40
     valid[marker_set.index("RFIN")], valid[marker_set.index("RUPB")] = True, False
     assert HumanArmEstimator(marker_set)(replace(frame, valid=valid)).valid
+
+
+def test_without_points_on_the_hand_it_goes_on_from_the_forearm():
+    centres = load_marker_set("joint_centres")
+    bare = centres.subset(centres.arm.markers)
+    names = [name for name in bare.names if name != "right_hand"]
+    bare = replace(bare, arm=replace(bare.arm, hand=())).subset(names)
+    straight = replace(tracked(bare), velocities=np.zeros((len(bare), 3)))
+    arm = HumanArmEstimator(bare)(straight)
+    along = (arm.wrist - arm.elbow) / np.linalg.norm(arm.wrist - arm.elbow)
+    knuckles = arm.knuckles - arm.wrist
+    np.testing.assert_allclose(knuckles, np.linalg.norm(centres.arm.knuckles_in_hand) * along, atol=1e-4)
+    assert (arm.palm.position - arm.wrist) @ along == pytest.approx(-centres.arm.palm_in_hand[2], rel=0.02)

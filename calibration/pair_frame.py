@@ -24,7 +24,7 @@ Pair = tuple[Recording, Recording]
 STATURE = 1.7
 """Height of a person, m, towards which the unit is taken that the numbers are in."""
 
-SIZES = (0.8, 2.8)
+SIZES = (0.35, 3.5)
 """Diagonal of the box about a person's points, m, for which the unit is believed."""
 
 _UNITS = {1e3: "metres, not millimetres", 1e-3: "millimetres, not metres", 10.0: "centimetres, not millimetres"} | {

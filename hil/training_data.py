@@ -33,6 +33,9 @@ SOLVE_RATE_HZ = 30.0
 SAME_SIZE = 0.02
 """An actor whose size differs from the avatar's by less counts as of the same size."""
 
+APART = 0.3
+"""Palms that come no nearer do not meet, m."""
+
 MEETING = 0.003
 """Palms that are nearly as near as they come, m."""
 
@@ -146,6 +149,11 @@ def load_trials(
             solved.append(pair)
         else:
             say(f"{job.row.file} is left out: {pair}")
+    far = sum(_gap_at_contact(pair.trial) > APART for pair in solved)
+    if far:
+        say(
+            f"in {far} of {len(solved)} trials the palms come no nearer than {APART} m; contact is when they are nearest"
+        )
     if not solved:
         raise HighFiveError(f"no trial of {folder} can be solved; the reasons are above")
     return solved
@@ -169,6 +177,10 @@ def _fit_or_say(job: tuple[Sequence[Recording], MarkerSet]) -> Subject | str:
         return fit_subject(avatar_skeleton(), marker_set, points, valid)
     except HighFiveError as error:
         return str(error)
+
+
+def _gap_at_contact(trial: Trial) -> float:
+    return float(np.linalg.norm(trial.palm[trial.contact_frame] - trial.person_palm[trial.contact_frame]))
 
 
 @dataclass(frozen=True)

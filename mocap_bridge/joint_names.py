@@ -13,6 +13,7 @@ from itertools import pairwise
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _VERTEBRA = re.compile(r"j?([CLT])(\d{1,2})(?:[CLTS]\d{1,2}|Head)?")
+_SIDE_INSIDE = re.compile(r"^(left|right)|(?<=.)(left|right)$")
 _SIDES = {"left": "left", "l": "left", "lt": "left", "right": "right", "r": "right", "rt": "right"}
 _NOISE = {
     *("j", "jt", "joint", "jnt", "center", "centre", "bone", "bip", "biped", "mixamorig", "armature", "skeleton"),
@@ -46,8 +47,8 @@ _PARTS = {
     "nose": "nose",
     "eye": "eye",
     "ear": "ear",
-    "clavicle": "clavicle collar scapula collarbone",
-    "shoulder": "shoulder sjc sho",
+    "clavicle": "clavicle collar scapula collarbone clavicula",
+    "shoulder": "shoulder sjc sho acromial",
     "upper_arm": "arm upperarm uparm uarm",
     "humerus": "humerus",
     "elbow": "elbow ejc elb",
@@ -66,7 +67,7 @@ _PARTS = {
     "ankle": "ankle ajc ank",
     "foot": "foot",
     "heel": "heel hee",
-    "toe": "toe toes toebase ball ballfoot footindex football bigtoe forefoot",
+    "toe": "toe toes toebase ball ballfoot footindex football bigtoe forefoot mtp metatarsal",
     "toe_tip": "toeend toetip toesend toebaseend footend toend",
 }
 _PART_OF = {name: part for part, names in _PARTS.items() for name in names.split()}
@@ -78,6 +79,7 @@ _HEIGHT = {"lowerback": 0, "naval": 0, "navel": 0, "belly": 0, "abdomen": 0, "ab
     name: 8 for name in ("chest", "thorax", "upperback", "sternum", "chestspine", "spinechest")
 }
 _HEIGHT |= {"upperchest": 9, "spineshoulder": 10, "shouldercenter": 10, "navalspine": 0, "spinenaval": 0}
+_LEVELS = {"lower": 0.0, "low": 0.0, "mid": 2.5, "middle": 2.5, "upper": 7.0, "high": 7.0}
 _TRUNK_SLOTS = {1: (3,), 2: (2, 4), 3: (1, 3, 4), 4: (1, 2, 3, 4)}
 
 
@@ -109,7 +111,8 @@ def recognise(labels: Sequence[str]) -> dict[str, str]:
 
 def words_of(label: str) -> list[str]:
     """The words of a label, lower case, what stands before the last ``:`` or ``|`` left out."""
-    return [word.lower() for word in _WORDS.findall(_plain(label))]
+    words = [word.lower() for word in _WORDS.findall(_plain(label))]
+    return [part for word in words for part in _SIDE_INSIDE.sub(r" \g<0> ", word).split()]
 
 
 def _plain(label: str) -> str:
@@ -159,6 +162,7 @@ def _part(words: Sequence[str]) -> str:
     if "small" in letters:
         return ""
     pairs = [first + second for first, second in pairwise(letters)]
+    pairs += [level + word for level in ("upper", "lower") if level in letters for word in letters]  # ArmLower
     for name in ("".join(letters), "".join(kept), *pairs, *reversed(kept)):
         if part := _PART_OF.get(name, ""):
             return _at_its_end(part, words)
@@ -189,8 +193,8 @@ def _height(words: Sequence[str]) -> float:
     number = next((int(word) for word in reversed(words) if word.isdigit()), 0)
     if letters in ("lumbar", "thoracic"):
         return _of_vertebra(letters[0].upper(), number)[1]
-    middle = 1.5 if "mid" in words else 0.0
-    return _HEIGHT.get(letters, 10 if "shoulder" in letters else 1 + middle) + 0.8 * min(number, 9)
+    level = next((_LEVELS[word] for word in words if word in _LEVELS), 1.0)
+    return _HEIGHT.get(letters, 10 if "shoulder" in letters else level) + 0.8 * min(number, 9)
 
 
 def _of_trunk(plain: Mapping[tuple[str, str], str], trunk: list[tuple[float, str]]) -> dict[str, str]:

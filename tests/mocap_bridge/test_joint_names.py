@@ -24,6 +24,10 @@ HABITS = {
     "Rokoko": "RightArm RightForeArm RightHand RightThigh RightShin RightFoot Hips Head",
     "Acclaim": "rclavicle rhumerus rwrist rhipjoint rfemur rtibia root head",
     "plain": "rshoulder relbow rwrist rhip rknee rankle pelvis head",
+    "capitals": "RIGHTSHOULDER RIGHTELBOW RIGHTWRIST RIGHTHIP RIGHTKNEE RIGHTANKLE PELVIS HEAD",
+    "side last": "shoulderRight elbowRight wristRight hipRight kneeRight ankleRight root head",
+    "level last": "RightArmUpper RightArmLower RightHand RightLegUpper RightLegLower RightFoot Hips Head",
+    "OpenSim": "acromial_r elbow_r wrist_r hip_r knee_r ankle_r pelvis head",
     "Vicon": "RSJC REJC RWJC RHJC RKJC RAJC Pelvis Head",
 }
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
@@ -43,8 +47,6 @@ def to_left(label: str) -> str:
 def test_limbs_pelvis_and_head_are_known_in_every_habit(labels):
     if labels[0].startswith("Right") and "Arm" in labels[0]:
         labels = [*labels, "RightShoulder"]  # there it is the clavicle
-    if "Bip" in labels[0]:
-        labels = [*labels, "Bip01 R Clavicle"]
     middle = labels[6:8]
     sided = labels[:6] + labels[8:]
     known = recognise([*sided, *map(to_left, sided), *middle])
@@ -78,6 +80,11 @@ def test_a_spine_is_ordered_from_below_whatever_the_order_of_the_labels():
     wanted = {"trunk_1": "Spine", "trunk_2": "Spine1", "trunk_3": "Spine2", "trunk_4": "Chest"}
     assert recognise(["Chest", "Spine2", "Spine", "Spine1"]) == wanted
     assert recognise(["T8", "L5", "T12", "L3"]) == {"trunk_1": "L5", "trunk_2": "L3", "trunk_3": "T12", "trunk_4": "T8"}
+    assert recognise(["UpperSpine", "LowerSpine", "MidSpine"]) == {
+        "trunk_1": "LowerSpine",
+        "trunk_3": "MidSpine",
+        "trunk_4": "UpperSpine",
+    }
     assert recognise(["CHEST_SPINE", "NAVAL_SPINE"]) == {"trunk_2": "NAVAL_SPINE", "trunk_4": "CHEST_SPINE"}
 
 

@@ -64,6 +64,8 @@ def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[
     pairs = [_read_pair(path, human.prefix, avatar.prefix) for path in paths]
     people = _set_of([one for one, _ in pairs], [other for _, other in pairs], human, say)
     actors = _set_of([other for _, other in pairs], [one for one, _ in pairs], avatar, say)
+    if (known := canonical_names(actors)) and not known.keys() & {"pelvis", "left_hip", "right_hip"}:
+        raise HighFiveError(f"{avatar.prefix}: no pelvis and no hip is recognised in {', '.join(actors.names)}")
     long_enough = [n for n, (_, actor) in enumerate(pairs) if len(actor) >= SHORTEST_S * actor.rate_hz]
     for n in sorted(set(range(len(pairs))) - set(long_enough)):
         say(f"{paths[n].name} is left out: {len(pairs[n][1])} frames are less than {SHORTEST_S} s")

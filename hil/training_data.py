@@ -151,9 +151,8 @@ def load_trials(
             say(f"{job.row.file} is left out: {pair}")
     far = sum(_gap_at_contact(pair.trial) > APART for pair in solved)
     if far:
-        say(
-            f"in {far} of {len(solved)} trials the palms come no nearer than {APART} m; contact is when they are nearest"
-        )
+        nowhere = f"in {far} of {len(solved)} trials the palms come no nearer than {APART} m"
+        say(f"{nowhere}; contact is when they are nearest")
     if not solved:
         raise HighFiveError(f"no trial of {folder} can be solved; the reasons are above")
     return solved

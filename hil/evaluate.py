@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from hil.avatar import PALM_IN_RIGHT_WRIST, avatar_skeleton
+from hil.console import Bar, training_bars
 from hil.training_data import load_trials
 from model import evaluation, training, windows
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.hierarchy import problem
-from model.optimise import Progress
+from model.optimise import ProgressCallback
 from model.presets import Preset, preset_named
 from model.store import load_model
 from model.trials import Trial
 
-Bar = Callable[[str, int], Callable[[], None]]
 Scored = dict[str, dict[str, float]]
 """Method → action or metric → value."""
 
@@ -76,7 +76,7 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) 
     task = problem(windows.window_set(learn), chosen)
     runs: list[Scored] = []
     for seed in range(options.seeds):
-        step = _steps(bar, seed)
+        step = training_bars(bar, f"seed {seed}, ")
         model = training.train_on(windows.window_set(learn), chosen, options.inducing, seed, progress=step)
         scores = {"hgpdm": windows.window_scores(windows.respond(model, test), test)}
         for name, predictor in evaluation.baseline_predictors(task, options.inducing, seed, step).items():
@@ -101,7 +101,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
         raise HighFiveError(f"{folder} has no held-out trial; mark some with split test in trials.csv")
     runs: list[Scored] = []
     for seed in range(options.seeds):
-        step = _steps(bar, seed)
+        step = training_bars(bar, f"seed {seed}, ")
         fitted = model or _train(trials, preset, options.inducing, seed, step)
         scores = evaluation.evaluate(fitted, trials, avatar_skeleton(), PALM_IN_RIGHT_WRIST, seed, step)
         runs.append({name: asdict(score) for name, score in scores.items()})
@@ -110,19 +110,5 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
     return runs, {**about, "seeds": options.seeds, "trials": len(trials) - held, "held_out_trials": held}
 
 
-def _train(
-    trials: list[Trial], preset: Preset, inducing: int, seed: int, progress: Callable[[Progress], None]
-) -> HGPDM:
+def _train(trials: list[Trial], preset: Preset, inducing: int, seed: int, progress: ProgressCallback) -> HGPDM:
     return training.train(trials, preset, None, inducing, seed, avatar_skeleton().hash, progress)
-
-
-def _steps(bar: Bar, seed: int) -> Callable[[Progress], None]:
-    """A progress bar for each stage of one seed's training."""
-    bars: dict[str, Callable[[], None]] = {}
-
-    def step(progress: Progress) -> None:
-        if progress.stage not in bars:
-            bars[progress.stage] = bar(f"seed {seed}, {progress.stage}", progress.iterations)
-        bars[progress.stage]()
-
-    return step

@@ -18,6 +18,7 @@ CLOCK_SCALE = 0.4
 """s; the contact clock tanh((contact − t) / CLOCK_SCALE) is nearly linear this long before and after contact."""
 
 HAND_DIMS = 6  # wrist and knuckles, x y z each
+KNUCKLES = slice(3, 6)  # of a hand (6,)
 AUXILIARY = 10  # root (3), contact clock (1), palm (3), contact point (3) follow the joint channels
 MINIMUM_RATE = 10.0
 MINIMUM_POINTS = 50

@@ -180,3 +180,10 @@ def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = No
         assert styles is not None
         k_fu = k_fu * (styles @ posterior.style.T)
     return k_fu @ posterior.weights + posterior.offset
+
+
+def variances(posterior: Posterior, points: jax.Array) -> jax.Array:
+    """Predictive variances (N, D) of a layer without styles at inputs (N, q), noise included."""
+    k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
+    function = kernels.diagonal(posterior.kernel, points) - jnp.sum((k_fu @ posterior.reduction) * k_fu, axis=1)
+    return (jnp.maximum(function, 0.0) + posterior.noise)[:, None] * posterior.scale**2

@@ -26,6 +26,7 @@ from model.rotations import Array
 from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
 
+CHANNELS = 4  # way (3) and time (1)
 BEGIN, END = 0.9, -0.1  # s before contact, of the frames that the layer learns from
 RATE_HZ = 30.0  # of those frames
 NOISE = (5e-3, 1.0)  # bounds of its noise, in units of the channels' standard deviation
@@ -119,7 +120,7 @@ def fit_contact_layer(
 
     def value(layer: Layer):
         noise = sparse.noise_variance(layer.raw_noise, NOISE)
-        return sparse.negative_log_likelihood(layer, features, Targets(values, 4, 0.0), noise, variational=True) / count
+        return sparse.negative_log_likelihood(layer, features, Targets(values, CHANNELS, 0.0), noise, variational=True) / count
 
     layer, _ = minimise(value, start, ITERATIONS, ITERATIONS, stage="looking ahead", progress=progress)
     noise = sparse.noise_variance(layer.raw_noise, NOISE)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from model import sparse
 from model.dataset import Channels
 from model.features import FeatureMap
+from model.forecast import ContactLayer
 from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Posterior
@@ -35,6 +36,7 @@ class HGPDM:
         interaction: from I to X¹ and X², side by side.
         human: from X² to the hand points (6), m.
         avatar: from X¹ and a style to the avatar's channels, see :class:`model.dataset.Channels`.
+        contact: from the features to where and when the palms will meet; None where it was not trained on trials.
         start_mean, start_covariance: (q,) and (q, q), I at the beginning of the training trials.
         interaction_latents, avatar_latents, human_latents: (N, q) at the training points, for pictures.
         trial, emotion: (N,) trial and emotion index of the training points.
@@ -54,6 +56,7 @@ class HGPDM:
     interaction: Posterior
     human: Posterior
     avatar: Posterior
+    contact: ContactLayer | None
     start_mean: Array
     start_covariance: Array
     interaction_latents: NDArray[np.float32]

@@ -15,13 +15,14 @@ from safetensors.numpy import save
 from model.dataset import AUXILIARY, HAND_DIMS
 from model.errors import HighFiveError
 from model.features import FeatureMap
+from model.forecast import CHANNELS, KNOTS, ContactLayer
 from model.hgpdm import HGPDM
 from model.kernels import MotionKernel
 from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Posterior
 
-VERSION = 2
+VERSION = 3
 KIND = "high-five hgpdm"
 LAYERS = ("dynamics", "interaction", "human", "avatar")
 ARRAYS = ("start_mean", "start_covariance")
@@ -37,6 +38,8 @@ def save_model(model: HGPDM, path: Path | str) -> None:
         arrays |= _layer_arrays(name, getattr(model, name))
     for number, stage in enumerate(model.back):
         arrays |= _layer_arrays(f"back.{number}", stage)
+    if model.contact is not None:
+        arrays |= _layer_arrays("contact", model.contact.posterior) | {"contact.scales": model.contact.scales}
     description = {
         "kind": KIND,
         "version": VERSION,
@@ -140,6 +143,9 @@ def _build(description: dict, arrays: dict[str, Array]) -> HGPDM:
         interaction=_layer("interaction", arrays),
         human=_layer("human", arrays),
         avatar=_layer("avatar", arrays),
+        contact=ContactLayer(_layer("contact", arrays), arrays["contact.scales"])
+        if "contact.scales" in arrays
+        else None,
         start_mean=arrays["start_mean"],
         start_covariance=arrays["start_covariance"],
         interaction_latents=arrays["interaction_latents"].astype(np.float32),
@@ -166,6 +172,10 @@ def _check_shapes(model: HGPDM) -> None:
     inputs = len(model.feature_map.offset)
     if model.feature_map.matrix.shape != (inputs, history):
         raise ValueError(f"features of shape {model.feature_map.matrix.shape}, expected {(inputs, history)}")
+    if model.contact is not None:
+        _check_layer("contact", model.contact.posterior, inputs, CHANNELS)
+        if model.contact.scales.shape != (len(KNOTS), 2):
+            raise ValueError(f"a calibration of shape {model.contact.scales.shape}, expected {(len(KNOTS), 2)}")
     for number, stage in enumerate(model.back):
         _check_layer(f"back.{number}", stage, inputs, stage.weights.shape[1])
         inputs = stage.weights.shape[1]

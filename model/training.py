@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from model import kernels, sparse
 from model.checkpoint import Checkpoint
 from model.dataset import TrainingSet, training_set
 from model.errors import HighFiveError
+from model.forecast import fit_contact_layer
 from model.hgpdm import HGPDM
 from model.hierarchy import (
     Latents,
@@ -75,7 +76,10 @@ def train(
     """
     chosen = preset_named(preset) if isinstance(preset, str) else preset
     data = training_set(trials, chosen, emotions)
-    return train_on(data, chosen, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
+    model = train_on(data, chosen, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
+    learned = [trial for trial in trials if not trial.test]
+    contact = fit_contact_layer(learned, model.feature_map, chosen.history, inducing, seed, progress)
+    return replace(model, contact=contact)
 
 
 def train_on(
@@ -194,6 +198,7 @@ def assemble(
         interaction=interaction,
         human=human,
         avatar=avatar,
+        contact=None,
         start_mean=starts.mean(axis=0),
         start_covariance=np.atleast_2d(np.cov(starts.T)) + 1e-4 * np.eye(starts.shape[1])
         if len(starts) > 1

@@ -1,0 +1,82 @@
+"""Looking ahead: right where the future is certain, and as unsure as it errs where it is not."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from model import sparse
+from model.dataset import KNUCKLES, hand_history
+from model.features import fit_feature_map
+from model.forecast import KNOTS, REGION, ContactLayer, _scales, approaches, fit_contact_layer
+from model.trials import Trial
+
+RATE = 60.0
+HISTORY = (0.1, 0.2)
+
+
+def approach(rng: np.random.Generator, shake: float) -> Trial:
+    """A hand that comes at a steady pace from one of many places, and meets a palm ``shake`` m off its line."""
+    contact, frames = 90, 100
+    start, speed = rng.uniform(-0.2, 0.2, 3), rng.uniform(0.6, 1.4)
+    way = speed * (np.arange(frames) - contact) / RATE
+    line = start + way[:, None] * np.array([-1.0, 0.0, 0.3])
+    hand = np.stack([line - [0.0, 0.0, 0.08], line], axis=1)
+    palm = np.tile(line[contact] + shake * rng.normal(size=3), (frames, 1))
+    still = np.zeros((frames, 3))
+    return Trial(RATE, hand, np.zeros((frames, 6)), still, palm, line, contact, "neutral", "", 0, False)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    def fit(shake: float, trials: int, inducing: int = 60) -> tuple[ContactLayer, list[Trial], object]:
+        rng = np.random.default_rng(0)
+        known = [approach(rng, shake) for _ in range(trials)]
+        feature_map = fit_feature_map(approaches(known, HISTORY)[0])
+        layer = fit_contact_layer(known, feature_map, HISTORY, inducing)
+        return layer, [approach(rng, shake) for _ in range(40)], feature_map
+
+    return fit
+
+
+def test_what_is_left_leads_from_the_hand_to_the_contact() -> None:
+    trial = approach(np.random.default_rng(1), 0.05)
+    hands, left, number = approaches([trial, trial], HISTORY)
+    np.testing.assert_allclose(hands[:, 0, KNUCKLES] + left[:, :3], np.tile(trial.palm[0], (len(left), 1)), atol=1e-12)
+    np.testing.assert_allclose(hands, hand_history(trial, 1.5 - left[:, 3], HISTORY))
+    assert np.array_equal(np.unique(number, return_counts=True)[1], [len(left) // 2] * 2)
+
+
+def test_a_steady_hand_is_foreseen(fitted) -> None:
+    layer, fresh, feature_map = fitted(0.0, 30)
+    hands, left, _ = approaches(fresh, HISTORY)
+    error = np.asarray(sparse.means(layer.posterior, feature_map(hands))) - left
+    assert np.median(np.linalg.norm(error[:, :3], axis=1)) < 0.02
+    assert np.median(np.abs(error[:, 3])) < 0.02
+
+
+def test_regions_hold_what_they_promise_of_people_never_seen(fitted) -> None:
+    layer, fresh, feature_map = fitted(0.03, 60)
+    hands, left, _ = approaches(fresh, HISTORY)
+    mean = np.asarray(sparse.means(layer.posterior, feature_map(hands)))
+    variance = np.asarray(sparse.variances(layer.posterior, feature_map(hands)))
+    inside = []
+    for forecast, spread, truth in zip(mean, variance, left, strict=True):
+        covariance = layer.calibrated(forecast[3], np.diag(spread))
+        error = (forecast - truth)[:3]
+        inside.append(error @ np.linalg.solve(covariance[:3, :3], error) < chi2.ppf(REGION, 3))
+    assert 0.8 < np.mean(inside) <= 0.98
+
+
+@pytest.mark.parametrize("true", [0.2, 1.0, 5.0])
+def test_the_calibration_finds_how_wrong_a_variance_is(true: float) -> None:
+    rng = np.random.default_rng(0)
+    time = rng.uniform(0.0, 0.8, 20000)
+    squares = true * rng.normal(size=(20000, 4)) ** 2
+    np.testing.assert_allclose(_scales(time, squares, 10**6), true, rtol=0.15)
+
+
+def test_a_calibrated_covariance_is_one(fitted) -> None:
+    layer = fitted(0.03, 60)[0]
+    factor = np.random.default_rng(0).normal(size=(4, 4))
+    for time in (-1.0, *KNOTS, 9.0):
+        assert np.linalg.eigvalsh(layer.calibrated(time, factor @ factor.T)).min() > 0.0

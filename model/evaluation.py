@@ -181,7 +181,7 @@ def baseline_predictors(
 ) -> dict[str, baselines.Predictor]:
     """All baselines, fitted."""
     return {
-        "sparse_gp": baselines.sparse_gp(task, inducing, np.random.default_rng(seed), progress),
+        "sparse_gp": baselines.regression(baselines.sparse_gp(task, inducing, np.random.default_rng(seed), progress)),
         "knn": baselines.nearest_neighbours(task),
         "ridge": baselines.ridge(task),
         "mean": baselines.constant_mean(task),

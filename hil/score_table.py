@@ -14,6 +14,7 @@ METHODS = {
     "hgpdm": "hGPDM", "sparse_gp": "sparse GP", "knn": "kNN", "ridge": "ridge", "mean": "mean", "recorded": "recorded"
 }  # fmt: skip
 NOTHING = "–"
+_SEEN = "the same trials, their cell seen in training"
 
 
 @dataclass(frozen=True)
@@ -59,18 +60,10 @@ METRICS = {
     "palm_at_contact_median": Metric("error", "palm at contact, median", "cm", 100.0, 2),
     "contact_point": Metric("error", "contact point, last 0.3 s", "cm", 100.0, 2),
     "time_to_contact": Metric("error", "time to contact, last 0.3 s", "ms", 1e3, 0),
-    "palm_at_contact_seen": Metric(
-        "the same trials, their cell seen in training", "palm at contact, mean", "cm", 100.0, 2
-    ),
-    "palm_at_contact_median_seen": Metric(
-        "the same trials, their cell seen in training", "palm at contact, median", "cm", 100.0, 2
-    ),
-    "unseen_over_seen": Metric(
-        "the same trials, their cell seen in training", "unseen / seen, means", "", 1.0, 2, None
-    ),
-    "unseen_over_seen_median": Metric(
-        "the same trials, their cell seen in training", "unseen / seen, medians", "", 1.0, 2, None
-    ),
+    "palm_at_contact_seen": Metric(_SEEN, "palm at contact, mean", "cm", 100.0, 2),
+    "palm_at_contact_median_seen": Metric(_SEEN, "palm at contact, median", "cm", 100.0, 2),
+    "unseen_over_seen": Metric(_SEEN, "unseen / seen, means", "", 1.0, 2, None),
+    "unseen_over_seen_median": Metric(_SEEN, "unseen / seen, medians", "", 1.0, 2, None),
     **_calibration("pose", "joint channels"),
     **_calibration("palm", "palm, direct"),
     **_calibration("contact_point", "contact point"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate
 from scipy.stats import chi2
 
 from model.rotations import Array
@@ -92,16 +91,14 @@ def rms_jerk(track: Array, rate_hz: float) -> float:
 
 
 def lag(signal: Array, reference: Array, rate_hz: float) -> float:
-    """How much later, s, a signal (T,) is than a reference (T,), where their cross-correlation is largest.
+    """How much later, s, a signal (T,) is than a reference (T,): where they correlate best.
 
-    Within half a second either way; a parabola through the largest value and its neighbours gives parts of a frame.
-    Signals that do not vary have no lag: 0.
+    Within half a second either way; a parabola through the largest correlation and its neighbours gives parts of a
+    frame. Each shift's correlation is of what overlaps: a plain cross-correlation is pulled towards no shift, where the
+    overlap is largest. Signals that do not vary have no lag: 0.
     """
-    one, other = signal - signal.mean(), reference - reference.mean()
-    both = correlate(one, other, mode="full")
-    reach = min(round(MAXIMUM_LAG * rate_hz), len(reference) - 1)
-    middle = len(reference) - 1
-    near = both[middle - reach : middle + reach + 1]
+    reach = min(round(MAXIMUM_LAG * rate_hz), len(reference) // 2)
+    near = np.array([_correlation(signal, reference, shift) for shift in range(-reach, reach + 1)])
     if np.ptp(near) == 0.0:
         return 0.0
     top = int(np.argmax(near))
@@ -111,3 +108,13 @@ def lag(signal: Array, reference: Array, rate_hz: float) -> float:
         if (bend := before - 2.0 * at + after) < 0.0:
             shift += 0.5 * float(before - after) / float(bend)
     return shift / rate_hz
+
+
+def _correlation(signal: Array, reference: Array, shift: int) -> float:
+    """Pearson's correlation of a signal, ``shift`` frames later, with a reference, where both are known."""
+    size = len(reference) - abs(shift)
+    one = signal[max(shift, 0) :][:size]
+    other = reference[max(-shift, 0) :][:size]
+    one, other = one - one.mean(), other - other.mean()
+    norm = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(one @ other) / norm if norm > 0.0 else 0.0

@@ -176,6 +176,8 @@ def evaluate(
         print_json(result)
     else:
         print_scores(result)
+        if out is not None:
+            print(f"Open {result['report']}")
 
 
 def _style(text: str) -> dict[str, float]:

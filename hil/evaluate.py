@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from model.optimise import Progress
 from model.presets import Preset, preset_named
 from model.splits import leave_out, own_split
 from model.store import load_model
+from model.trials import Trial
 
 Bar = Callable[[str, int], Callable[[], None]]
 
@@ -89,7 +90,8 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) 
         runs.append(scores)
     unit = "m" if windows.is_person(test) else "rad²"
     about = {"windows": str(path), "unit": unit, "seeds": options.seeds, "points": len(learn.target)}
-    return {**_summary(runs), **about, "preset": preset.name, "inducing": options.inducing}
+    result = {**_summary(runs), **about, "preset": preset.name, "inducing": options.inducing}
+    return _reported(result, options.out, None, ())
 
 
 def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
@@ -121,7 +123,17 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
     }
     if options.leave_out is not None:
         about |= {"leave_out": options.leave_out, "folds": len(folds), "by_fold": runs[0].by_fold()}
-    return {**_summary([run.scores for run in runs]), **about}
+    result = {**_summary([run.scores for run in runs]), **about}
+    return _reported(result, options.out, runs[0], folds[0].trials)
+
+
+def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials: Sequence[Trial]) -> dict[str, Any]:
+    """The result, once its report is written, if one is asked for."""
+    if out is None:
+        return result
+    from hil.evaluation_report import write_evaluation  # noqa: PLC0415 (matplotlib takes a second)
+
+    return {**result, "report": str(write_evaluation(out, result, run, trials))}
 
 
 def _fold_steps(bar: Bar, seed: int, fold: str) -> Callable[[Progress], None]:

@@ -99,7 +99,8 @@ def score(trials: Sequence[Trial], answers: Sequence[Answer], held: HeldOut, bod
 
 def contact_errors(trials: Sequence[Trial], answers: Sequence[Answer]) -> Array:
     """Distance (n,), m, of generated and recorded palm at each trial's contact."""
-    return np.array([np.linalg.norm((a.palm - t.palm)[t.contact_frame]) for t, a in zip(trials, answers, strict=True)])
+    apart = [(a.palm - t.palm)[t.contact_frame] for t, a in zip(trials, answers, strict=True)]
+    return np.linalg.norm(np.array(apart), axis=1)
 
 
 def smoothness(trials: Sequence[Trial], tracks: Sequence[Array]) -> dict[str, float]:

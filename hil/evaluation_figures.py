@@ -96,8 +96,8 @@ def calibration(run: Run) -> Drawing | None:
     panels[0].legend(loc="upper left", fontsize=8.5, handlelength=1.4, borderaxespad=0.1)
     caption = (
         "Calibration: how many held-out values lie in the central region to which the prediction gives a probability. "
-        "On the dashed line the predicted uncertainty is right; below it is too small, above too large. Marks at 50 % and "
-        "90 %. Joint channels and time are intervals, palm and contact point are ellipsoids."
+        "On the dashed line the predicted uncertainty is right; below it is too small, above too large. Marks at 50 "
+        "and 90 %. Joint channels and time are intervals, palm and contact point are ellipsoids."
     )
     return Drawing("calibration", caption, figure)
 

@@ -108,23 +108,27 @@ def train(
     human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
     avatar_set: Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")] = None,
     seed: Seed = 0,
+    restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
+    iterations: Annotated[int | None, typer.Option(min=1, help="Steps of training (default: the preset's).")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the model's file if it is there.")] = False,
     json: Json = False,
 ) -> None:
     """Fit the model to recordings of two people; goes on where it was interrupted."""
-    from hil.train import TrainOptions, train  # noqa: PLC0415
+    from hil.train import TrainOptions, interrupted, summary, train  # noqa: PLC0415
 
-    options = TrainOptions(data, out, preset, inducing, human, avatar, human_set, avatar_set, seed, overwrite)
-    with progress_bars() as bar:
-        result = train(options, bar)
+    options = TrainOptions(
+        data, out, preset, inducing, human, avatar, human_set, avatar_set, seed, overwrite, restarts, iterations
+    )
+    try:
+        with progress_bars() as bar:
+            result = train(options, bar)
+    except KeyboardInterrupt:
+        STDERR.print(interrupted(options), soft_wrap=True)
+        raise typer.Exit(1) from None
     if json:
         print_json(result)
-        return
-    worst = ", ".join(f"{name} {rms:.1f}" for name, rms in list(result["marker_rms_mm"].items())[:3])
-    print(
-        f"{out}: {result['trials']} trials, {result['points']} points, {result['seconds']:.0f} s; markers met to "
-        f"{result['marker_rms_mm_all']:.1f} mm (worst: {worst})"
-    )
+    else:
+        print("\n".join(summary(result)))
 
 
 @app.command()

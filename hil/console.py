@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -14,6 +15,10 @@ from rich.table import Table
 
 from hil.score_table import METHODS, methods_of, rows_of
 
+if TYPE_CHECKING:  # what trains takes seconds to import
+    from model.optimise import Progress as TrainingProgress
+    from model.optimise import ProgressCallback
+
 STDERR = Console(stderr=True, highlight=False)
 STDOUT = Console(highlight=False)
 PLAIN_WIDTH = 160  # columns where standard output is no terminal: a file has room
@@ -21,23 +26,54 @@ FINISHED_SHOWN = 4
 """Finished bars that stay in view when another one opens."""
 
 
+class Advance(Protocol):
+    """One step of a bar is done."""
+
+    def __call__(self, note: str = "", done: int | None = None) -> None:
+        """``note`` is shown beside the bar; ``done`` says how many steps are done, by default one more."""
+
+
+Bar = Callable[[str, int], Advance]
+"""Opens a progress bar with a label and a total."""
+
+
 @contextmanager
-def progress_bars() -> Iterator[Callable[[str, int], Callable[[], None]]]:
+def progress_bars() -> Iterator[Bar]:
     """Bars on standard error: open one with a label and a total, call what comes back for each step done."""
     columns = [
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        TextColumn("[dim]left"), TimeRemainingColumn(),
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(), TextColumn("[dim]left"), TimeRemainingColumn(),
     ]  # fmt: skip
     with Progress(*columns, console=STDERR) as progress:
 
-        def bar(label: str, total: int) -> Callable[[], None]:
+        def bar(label: str, total: int) -> Advance:
             done = [task.id for task in progress.tasks if task.finished and task.visible]
             for task_id in done[: max(0, len(done) - FINISHED_SHOWN)]:
                 progress.update(task_id, visible=False)
-            task = progress.add_task(label, total=total)
-            return lambda: progress.advance(task)
+            task = progress.add_task(label, total=total, note="")
+
+            def advance(note: str = "", done: int | None = None) -> None:
+                if done is None:
+                    progress.update(task, advance=1, note=note)
+                else:
+                    progress.update(task, completed=done, note=note)
+
+            return advance
 
         yield bar
+
+
+def training_bars(bar: Bar, label: str = "") -> ProgressCallback:
+    """Shows each stage of a training as a bar, with the objective; a resumed stage begins where it was."""
+    bars: dict[str, Advance] = {}
+
+    def step(progress: TrainingProgress) -> None:
+        if progress.stage not in bars:
+            bars[progress.stage] = bar(label + progress.stage, progress.iterations)
+        known = math.isfinite(progress.objective)
+        bars[progress.stage](f"objective {progress.objective:.3f}" if known else "compiling", progress.iteration)
+
+    return step
 
 
 def print_scores(result: dict[str, Any]) -> None:

@@ -11,19 +11,18 @@ from typing import Any
 import numpy as np
 
 from hil.avatar import avatar_skeleton
+from hil.console import Bar, training_bars
 from hil.protocols import Run, run_protocol
 from hil.score_table import Scored
 from hil.training_data import load_trials
 from model import evaluation, training, windows
 from model.errors import HighFiveError
 from model.hierarchy import problem
-from model.optimise import Progress
+from model.optimise import ProgressCallback
 from model.presets import Preset, preset_named
 from model.splits import leave_out, own_split
 from model.store import load_model
 from model.trials import Trial
-
-Bar = Callable[[str, int], Callable[[], None]]
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) 
     task = problem(windows.window_set(learn), chosen)
     runs: list[Scored] = []
     for seed in range(options.seeds):
-        step = steps(bar, f"seed {seed}")
+        step = training_bars(bar, f"seed {seed}, ")
         model = training.train_on(windows.window_set(learn), chosen, options.inducing, seed, progress=step)
         scores = {"hgpdm": windows.window_scores(windows.respond(model, test), test)}
         for name, predictor in evaluation.baseline_predictors(task, options.inducing, seed, step).items():
@@ -136,17 +135,5 @@ def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials:
     return {**result, "report": str(write_evaluation(out, result, run, trials))}
 
 
-def _fold_steps(bar: Bar, seed: int, fold: str) -> Callable[[Progress], None]:
-    return steps(bar, f"seed {seed}, without {fold}" if fold else f"seed {seed}")
-
-
-def steps(bar: Bar, name: str) -> Callable[[Progress], None]:
-    """A progress bar for each stage of a training."""
-    bars: dict[str, Callable[[], None]] = {}
-
-    def step(progress: Progress) -> None:
-        if progress.stage not in bars:
-            bars[progress.stage] = bar(f"{name}, {progress.stage}", progress.iterations)
-        bars[progress.stage]()
-
-    return step
+def _fold_steps(bar: Bar, seed: int, fold: str) -> ProgressCallback:
+    return training_bars(bar, f"seed {seed}, without {fold}, " if fold else f"seed {seed}, ")

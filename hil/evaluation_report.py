@@ -25,7 +25,8 @@ _METRICS = (
     "from the recorded ones. Calibration: shares near 50 % and 90 %, and a mean z² near 1, say that the predicted "
     "uncertainty is right. Smoothness: minus the arc length of the speed's spectrum (Balasubramanian et al. 2015), 0 "
     "is smoothest; as smooth as recorded is best. Latency: the shift at which generated and recorded palm speed "
-    "correlate best; one step is from hand to pose with its uncertainty, on this machine. Bold: nearest to what is wished for."
+    "correlate best; one step is from hand to pose with its uncertainty, on this machine. Bold: nearest "
+    "to what is wished for."
 )
 
 

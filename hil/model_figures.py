@@ -216,7 +216,7 @@ def _stick_figure(axes: Axes, joints: Array, hand: Array, colour: str) -> None:
 
 def learning_curve(model: HGPDM) -> Drawing | None:
     """The objective over the steps of the training, above where it ended."""
-    curve = np.asarray(getattr(model, "learning_curve", ()), dtype=float)
+    curve = np.asarray(model.learning_curve, dtype=float)
     if len(curve) < 3:
         return None
     above = curve - curve.min()

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hil.avatar import avatar_skeleton
-from hil.training_data import SolvedPair, load_trials
+from hil.console import Bar, training_bars
+from hil.training_data import SolvedPair, load_trials, tell
 from model import training
 from model.errors import HighFiveError
-from model.optimise import Progress
-from model.presets import preset_named
+from model.optimise import fall_at_the_end
+from model.presets import Preset, preset_named
 from model.store import save_model
+
+CONVERGED = 1e-3
+"""An objective that falls by no more, relatively, over the last tenth of the steps has converged."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +36,23 @@ class TrainOptions:
     avatar_set: str | None
     seed: int
     overwrite: bool
+    restarts: int = 1
+    iterations: int | None = None
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where an unfinished training is kept."""
+        return self.out.with_name(f"{self.out.name.removesuffix('.safetensors')}.checkpoint.npz")
 
 
-def train(options: TrainOptions, bar: Callable[[str, int], Callable[[], None]]) -> dict[str, Any]:
+def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
     """Solves the markers, trains, saves; returns the figures of the training.
 
     Raises:
-        HighFiveError: the data cannot be read or learned from, or the model's file is there already.
+        HighFiveError: the data cannot be read or learned from, the model's file is there already or cannot be written.
     """
-    if options.out.exists() and not options.overwrite:
-        raise HighFiveError(f"{options.out} is there already; give another --out, or --overwrite")
-    preset = preset_named(options.preset)
+    preset = _preset(options)
+    _check_out(options)
     start = time.monotonic()
     pairs = load_trials(
         options.data,
@@ -52,38 +61,89 @@ def train(options: TrainOptions, bar: Callable[[str, int], Callable[[], None]]) 
         options.human_set,
         options.avatar_set,
         lambda total: bar("solving markers", total),
+        learn_only=True,
     )
-    trials = [pair.trial for pair in pairs]
-    bars: dict[str, Callable[[], None]] = {}
-
-    def step(progress: Progress) -> None:
-        if progress.stage not in bars:
-            bars[progress.stage] = bar(progress.stage, progress.iterations)
-        bars[progress.stage]()
-
+    solved = time.monotonic()
     model = training.train(
-        trials,
+        [pair.trial for pair in pairs],
         preset,
         inducing=options.inducing,
         seed=options.seed,
         skeleton_hash=avatar_skeleton().hash,
-        progress=step,
-        checkpoint=options.out.with_suffix(".checkpoint.npz"),
+        progress=training_bars(bar),
+        checkpoint=options.checkpoint,
+        restarts=options.restarts,
+        say=tell,
     )
     save_model(model, options.out)
-    options.out.with_suffix(".checkpoint.npz").unlink(missing_ok=True)
+    options.checkpoint.unlink(missing_ok=True)
     rms = _marker_rms(pairs)
+    fall = fall_at_the_end(model.learning_curve.tolist())
     return {
         "model": str(options.out),
         "preset": preset.name,
-        "trials": sum(not trial.test for trial in trials),
-        "points": int(model.settings["points"]),
-        "objective": float(model.settings["objective"]),
+        "trials": len(pairs),
+        "points": model.settings["points"],
+        "inducing": model.settings["inducing"],
+        "objective": model.settings["objective"],
+        "steps": model.settings["iterations"],
+        "fall_at_the_end": fall,
+        "converged": fall <= CONVERGED,
+        "starts": model.settings["starts"],
         "marker_rms_mm": {name: round(1e3 * value, 3) for name, value in rms.items()},
         "marker_rms_mm_all": round(1e3 * float(np.sqrt(np.mean(np.square(list(rms.values()))))), 3),
-        "seed": options.seed,
+        "seed": model.settings["seed"],
+        "solving_seconds": round(solved - start, 1),
         "seconds": round(time.monotonic() - start, 1),
     }
+
+
+def summary(result: dict[str, Any]) -> list[str]:
+    """The figures of a training for people."""
+    worst = ", ".join(f"{name} {rms:.1f}" for name, rms in list(result["marker_rms_mm"].items())[:3])
+    fall = f"it fell by {100.0 * result['fall_at_the_end']:.2f} % over the last tenth of {result['steps']} steps"
+    advice = "" if result["converged"] else f"; it has not settled: --iterations {2 * result['steps']} may do better"
+    lines = [
+        f"{result['model']}: {result['trials']} trials, {result['points']} points, {result['seconds']:.0f} s; markers "
+        f"met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
+        f"objective {result['objective']:.3f}; {fall}{advice}",
+    ]
+    if len(result["starts"]) > 1:
+        each = [f"seed {s['seed']} {s['failure'] or format(s['objective'], '.3f')}" for s in result["starts"]]
+        lines.append(f"kept seed {result['seed']} of: {', '.join(each)}")
+    return lines
+
+
+def interrupted(options: TrainOptions) -> str:
+    """What to do after Ctrl-C."""
+    if options.checkpoint.exists():
+        return f"interrupted; the same command goes on from {options.checkpoint}"
+    return "interrupted before a first checkpoint; the same command begins again"
+
+
+def _preset(options: TrainOptions) -> Preset:
+    """The preset, with the number of steps asked for in the same proportion of Adam and L-BFGS."""
+    preset = preset_named(options.preset)
+    if options.iterations is None:
+        return preset
+    adam = round(options.iterations * preset.adam_steps / preset.iterations)
+    return replace(preset, iterations=options.iterations, adam_steps=adam)
+
+
+def _check_out(options: TrainOptions) -> None:
+    """Raises HighFiveError if the model could not be written in the end: better now than after the training."""
+    out = options.out
+    if out.is_dir():
+        raise HighFiveError(f"{out} is a folder; --out takes the name of the model's file")
+    if out.exists() and not options.overwrite:
+        raise HighFiveError(f"{out} is there already; give another --out, or --overwrite")
+    probe = out.with_name(out.name + ".partial")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise HighFiveError(f"cannot write to {out.parent}: {error.strerror}; give another --out") from None
 
 
 def _marker_rms(pairs: list[SolvedPair]) -> dict[str, float]:

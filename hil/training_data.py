@@ -118,8 +118,9 @@ def load_trials(
     avatar_set: str | None = None,
     progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
     say: Callable[[str], None] = tell,
+    learn_only: bool = False,
 ) -> list[SolvedPair]:
-    """All trials of a folder, solved, in the avatar's world.
+    """The trials of a folder, solved, in the avatar's world.
 
     Args:
         folder: C3D files and ``trials.csv``.
@@ -129,6 +130,7 @@ def load_trials(
         avatar_set: likewise of the avatar actor.
         progress: called with the number of trials; what comes back is called after each.
         say: called with a line about each thing that had to be found out.
+        learn_only: held-out trials are not solved, but still tell where the set's floor, vertical and hands are.
 
     Raises:
         HighFiveError: the folder, a file or the people's points are not what is needed.
@@ -142,6 +144,7 @@ def load_trials(
     jobs = [
         _Job(rows[n], *pair, read.people, subject, read.reflected)
         for n, pair, subject in zip(read.kept, read.pairs, subjects, strict=True)
+        if not (learn_only and rows[n].test)
     ]
     solved = []
     for job, pair in zip(jobs, parallel_map(_solve_or_say, jobs, progress), strict=True):

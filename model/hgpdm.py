@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +26,7 @@ class HGPDM:
         emotions: K names, the order of the style weights.
         skeleton_hash: hash of the skeleton whose joints it generates, '' where none was given.
         data_hash: digest of the training points.
-        settings: seed, inducing inputs, steps and final objective of the training.
+        settings: seed, inducing inputs, steps and final objective of the training, and what became of each seed.
         joints: number of joint channels D.
         lag: s between the dynamics' successive latents.
         feature_map: from hand history to the features of the back projection.
@@ -37,13 +38,14 @@ class HGPDM:
         start_mean, start_covariance: (q,) and (q, q), I at the beginning of the training trials.
         interaction_latents, avatar_latents, human_latents: (N, q) at the training points, for pictures.
         trial, emotion: (N,) trial and emotion index of the training points.
+        learning_curve: (steps,) objective after each step of the training; empty in files of an earlier version.
     """
 
     preset: Preset
     emotions: tuple[str, ...]
     skeleton_hash: str
     data_hash: str
-    settings: dict[str, float]
+    settings: dict[str, Any]
     joints: int
     lag: float
     feature_map: FeatureMap
@@ -59,6 +61,7 @@ class HGPDM:
     human_latents: NDArray[np.float32]
     trial: NDArray[np.int32]
     emotion: NDArray[np.int32]
+    learning_curve: NDArray[np.float32]
 
     @property
     def channels(self) -> Channels:

@@ -1,4 +1,4 @@
-"""Adam, then L-BFGS, over any tree of parameters, with progress, checkpoints and named failures.
+"""Adam, then L-BFGS, over any tree of parameters, with progress, a state to resume from, and named failures.
 
 Both see the whole objective; nothing is random. L-BFGS alone crawls here, because latents, inducing inputs and
 log-scales differ by orders of magnitude in curvature: 250 steps of it reached what 150 steps of Adam reach, and 8.2 cm
@@ -7,11 +7,9 @@ at contact instead of 5.9 (2,000 points, 100 inducing inputs). L-BFGS then finis
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -27,9 +25,16 @@ Tree = TypeVar("Tree")
 ADAM_DECAY = (0.9, 0.99)  # of the mean gradient and of its square (Kingma & Ba 2015)
 ADAM_WARMUP = 20  # steps over which the learning rate rises, so that the first, unscaled gradients do no harm
 LAST_RATE = 0.05  # share of the learning rate left at Adam's last step
+HALVINGS = 10  # times that the learning rate is halved at steps into the unusable, before giving up
 MEMORY = 20  # curvature pairs that L-BFGS keeps
-CHECKPOINT_EVERY = 20  # steps between checkpoints
+STRETCH = 100  # steps after which L-BFGS begins anew, so that a resumed run can take the same way
+KEEP_EVERY = 20  # steps of Adam between states to resume from
 UNUSABLE = 1e10  # value given to a step whose covariance is not positive definite, so that the line search backs off
+TAIL = 0.1  # share of the steps, at the end, that tells whether an optimisation has converged
+
+
+class Diverged(HighFiveError):
+    """An optimisation that cannot start from where it was put, or runs to where it has no value."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,7 @@ class Progress:
         stage: what is being fitted.
         iteration: steps done.
         iterations: steps at most.
-        objective: negative log density a training point.
+        objective: negative log density a training point; NaN before the first step.
     """
 
     stage: str
@@ -52,83 +57,119 @@ class Progress:
 ProgressCallback = Callable[[Progress], None]
 
 
-def save_checkpoint(path: Path, key: str, iteration: int, vector: Array) -> None:
-    """Writes a checkpoint in one piece: a kill leaves the old one or the new one."""
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        np.savez(file, key=np.array(key), iteration=np.array(iteration), vector=vector)
-    os.replace(partial, path)
+class State(NamedTuple):
+    """Everything that an optimisation remembers between two steps: with it, a resumed run takes the same way.
+
+    Attributes:
+        point: (P,) parameters.
+        mean, square: (P,) Adam's running means of the gradient and of its square; empty once L-BFGS has begun.
+        rate: factor of the learning rate; halved where a step led into the unusable.
+        trace: objective after each step done.
+    """
+
+    point: Array
+    mean: Array
+    square: Array
+    rate: float
+    trace: tuple[float, ...]
 
 
-def load_checkpoint(path: Path, key: str, size: int) -> tuple[int, Array] | None:
-    """Steps done and parameters of a checkpoint, or None if there is none for this key (data, preset, seed, sizes)."""
-    if not path.exists():
-        return None
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            found, iteration, vector = str(stored["key"]), int(stored["iteration"]), stored["vector"]
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise HighFiveError(f"{path} is not a training checkpoint ({error}); delete it to start afresh") from None
-    except Exception as error:  # zipfile has its own root for a truncated archive
-        raise HighFiveError(f"{path} is a broken training checkpoint ({error}); delete it to start afresh") from None
-    return (iteration, vector) if found == key and vector.shape == (size,) else None
+def fall_at_the_end(trace: Sequence[float]) -> float:
+    """Fall of the objective over the last tenth of the steps, relative to where it ends; 0 with less than two steps."""
+    values = np.asarray(trace, dtype=float)
+    if len(values) < 2:
+        return 0.0
+    tail = max(1, round(TAIL * len(values)))
+    return float((values[-1 - tail] - values[-1]) / max(abs(values[-1]), 1e-12))
 
 
 class _Run:
-    """One optimisation: counts steps, reports, and writes checkpoints."""
+    """One optimisation: evaluates, counts steps, reports, and hands out states to keep."""
 
     def __init__(
         self,
         evaluate: Callable[[jax.Array], tuple[jax.Array, jax.Array]],
         stage: str,
-        begun: int,
         iterations: int,
         progress: ProgressCallback | None,
-        checkpoint: Callable[[int, Array], None] | None,
+        keep: Callable[[State], None] | None,
     ) -> None:
         self.evaluate, self.stage, self.iterations = evaluate, stage, iterations
-        self.progress, self.checkpoint = progress, checkpoint
-        self.done = begun
-        self.objective = np.inf
-        self.trace: list[float] = []
+        self.progress, self.keep = progress, keep
 
     def value_and_gradient(self, point: Array) -> tuple[float, Array]:
         value, gradient = self.evaluate(jnp.asarray(point))
         value, gradient = float(value), np.asarray(gradient)
         if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
             return UNUSABLE, np.zeros_like(gradient)
-        self.objective = value
         return value, gradient
 
-    def step(self, point: Array) -> None:
-        self.done += 1
-        self.trace.append(self.objective)
-        if self.checkpoint is not None and self.done % CHECKPOINT_EVERY == 0:
-            self.checkpoint(self.done, point)
+    def report(self, trace: Sequence[float]) -> None:
         if self.progress is not None:
-            self.progress(Progress(self.stage, self.done, self.iterations, self.objective))
+            self.progress(Progress(self.stage, len(trace), self.iterations, trace[-1] if trace else np.nan))
 
-    def diverged(self) -> HighFiveError:
-        return HighFiveError(
-            f"{self.stage} diverged after {self.done} steps: a covariance is no longer positive definite; use another "
+    def save(self, state: State) -> None:
+        if self.keep is not None:
+            self.keep(state)
+
+    def diverged(self, steps: int) -> Diverged:
+        return Diverged(
+            f"{self.stage} diverged after {steps} steps: a covariance is no longer positive definite; use another "
             "seed or fewer inducing inputs"
         )
 
 
-def _adam(run: _Run, point: Array, steps: int, rate: float) -> Array:
-    """Full-batch Adam up to step ``steps``, its rate falling along half a cosine."""
-    mean, square = np.zeros_like(point), np.zeros_like(point)
-    for age in range(1, steps - run.done + 1):
+def _adam(run: _Run, state: State, value: float, gradient: Array, steps: int, rate: float) -> State:
+    """Full-batch Adam up to step ``steps``, its rate falling along half a cosine.
+
+    A step to where the objective has no value is taken again at half the rate, which stays halved.
+    """
+    try:
+        while (done := len(state.trace)) < steps:
+            age = done + 1
+            mean = ADAM_DECAY[0] * state.mean + (1.0 - ADAM_DECAY[0]) * gradient
+            square = ADAM_DECAY[1] * state.square + (1.0 - ADAM_DECAY[1]) * gradient**2
+            falling = LAST_RATE + (1.0 - LAST_RATE) * 0.5 * (1.0 + np.cos(np.pi * done / steps))
+            direction = mean / (1.0 - ADAM_DECAY[0] ** age) / (np.sqrt(square / (1.0 - ADAM_DECAY[1] ** age)) + 1e-12)
+            factor = state.rate
+            while True:
+                point = state.point - rate * factor * min(1.0, age / ADAM_WARMUP) * falling * direction
+                value, gradient = run.value_and_gradient(point)
+                if value != UNUSABLE:
+                    break
+                factor *= 0.5
+                if factor < 0.5**HALVINGS:
+                    raise run.diverged(done)
+            state = State(point, mean, square, factor, (*state.trace, value))
+            run.report(state.trace)
+            if age % KEEP_EVERY == 0 or age == steps:
+                run.save(state)
+    except KeyboardInterrupt:
+        run.save(state)
+        raise
+    return state
+
+
+def _lbfgs(run: _Run, state: State) -> State:
+    """One stretch of L-BFGS; ends early where it finds no lower value."""
+    begun = len(state.trace)
+    trace, last = list(state.trace), [np.inf]
+
+    def evaluate(point: Array) -> tuple[float, Array]:
         value, gradient = run.value_and_gradient(point)
-        if value == UNUSABLE:
-            raise run.diverged()
-        mean = ADAM_DECAY[0] * mean + (1.0 - ADAM_DECAY[0]) * gradient
-        square = ADAM_DECAY[1] * square + (1.0 - ADAM_DECAY[1]) * gradient**2
-        falling = LAST_RATE + (1.0 - LAST_RATE) * 0.5 * (1.0 + np.cos(np.pi * run.done / steps))
-        direction = mean / (1.0 - ADAM_DECAY[0] ** age) / (np.sqrt(square / (1.0 - ADAM_DECAY[1] ** age)) + 1e-12)
-        point = point - rate * min(1.0, age / ADAM_WARMUP) * falling * direction
-        run.step(point)
-    return point
+        last[0] = value
+        return value, gradient
+
+    def step(_: Array) -> None:
+        trace.append(last[0])
+        run.report(trace)
+
+    steps = min(STRETCH, run.iterations - begun)
+    options = {"maxiter": steps, "maxcor": MEMORY, "maxfun": 3 * run.iterations, "ftol": 1e-9}
+    result = minimize(evaluate, state.point, jac=True, method="L-BFGS-B", callback=step, options=options)
+    if not np.all(np.isfinite(result.x)) or result.fun >= UNUSABLE:
+        raise run.diverged(len(trace))
+    return State(np.asarray(result.x), np.zeros(0), np.zeros(0), state.rate, tuple(trace))
 
 
 def minimise(
@@ -139,8 +180,8 @@ def minimise(
     learning_rate: float = 0.1,
     stage: str = "training",
     progress: ProgressCallback | None = None,
-    checkpoint: Path | None = None,
-    key: str = "",
+    resume: State | None = None,
+    keep: Callable[[State], None] | None = None,
 ) -> tuple[Tree, list[float]]:
     """Parameters that minimise ``function``, and its value after every step.
 
@@ -151,35 +192,31 @@ def minimise(
         adam_steps: how many of them are Adam's.
         learning_rate: Adam's, in the parameters' units.
         stage: name for progress and messages.
-        progress: called after every step.
-        checkpoint: file to write every few steps and to resume from if it belongs to ``key``; Adam's and L-BFGS's
-            memory of the curvature is built anew.
-        key: what the checkpoint belongs to.
+        progress: called at the beginning, when compiling takes seconds, and after every step.
+        resume: a state that ``keep`` was given in a run with the same arguments; goes on from there on the same way.
+        keep: called with a state to resume from every few steps of Adam, after each stretch of L-BFGS, and when
+            Ctrl-C interrupts Adam.
 
     Raises:
-        HighFiveError: the start is unusable, or the steps lead where a covariance is not positive definite.
+        Diverged: the start is unusable, or the steps lead where a covariance is not positive definite.
     """
     vector, unravel = ravel_pytree(start)
     evaluate = jax.jit(jax.value_and_grad(lambda flat: function(unravel(flat))))
-    begun, point = 0, np.asarray(vector)
-    if checkpoint is not None and (resumed := load_checkpoint(checkpoint, key, point.size)) is not None:
-        begun, point = resumed
-    write = None if checkpoint is None else lambda done, flat: save_checkpoint(checkpoint, key, done, flat)
-    run = _Run(evaluate, stage, begun, iterations, progress, write)
-    if run.value_and_gradient(point)[0] == UNUSABLE:
-        raise HighFiveError(
-            f"{stage} cannot start: a covariance is not positive definite; look for duplicated trials or huge values "
-            "in the data, or use fewer inducing inputs"
-        )
-    point = _adam(run, point, min(adam_steps, iterations), learning_rate)
-    if run.done < iterations:
-        options = {"maxiter": iterations - run.done, "maxcor": MEMORY, "maxfun": 3 * iterations, "ftol": 1e-9}
-        result = minimize(
-            run.value_and_gradient, point, jac=True, method="L-BFGS-B", callback=run.step, options=options
-        )
-        if not np.all(np.isfinite(result.x)) or result.fun >= UNUSABLE:
-            raise run.diverged()
-        point = result.x
-    if write is not None:
-        write(iterations, point)
-    return unravel(jnp.asarray(point)), run.trace
+    run = _Run(evaluate, stage, iterations, progress, keep)
+    first = np.asarray(vector)
+    state = resume or State(first, np.zeros_like(first), np.zeros_like(first), 1.0, ())
+    run.report(state.trace)
+    if len(state.trace) < iterations:
+        value, gradient = run.value_and_gradient(state.point)
+        if value == UNUSABLE:
+            raise Diverged(
+                f"{stage} cannot start: a covariance is not positive definite; look for duplicated trials or huge "
+                "values in the data, or use fewer inducing inputs"
+            )
+        state = _adam(run, state, value, gradient, min(adam_steps, iterations), learning_rate)
+    while (begun := len(state.trace)) < iterations:
+        state = _lbfgs(run, state)
+        if len(state.trace) - begun < STRETCH:  # it has converged, or all steps are done
+            break
+        run.save(state)
+    return unravel(jnp.asarray(state.point)), list(state.trace)

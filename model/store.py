@@ -25,13 +25,13 @@ VERSION = 2
 KIND = "high-five hgpdm"
 LAYERS = ("dynamics", "interaction", "human", "avatar")
 ARRAYS = ("start_mean", "start_covariance")
-LATENTS = ("interaction_latents", "avatar_latents", "human_latents")  # float32: only pictures need them
+PICTURED = ("interaction_latents", "avatar_latents", "human_latents", "learning_curve")  # float32: for pictures only
 INDICES = ("trial", "emotion")
 
 
 def save_model(model: HGPDM, path: Path | str) -> None:
     """Writes a model in one piece: after a failure the old file, or none, is there."""
-    arrays = {name: np.asarray(getattr(model, name)) for name in (*ARRAYS, *LATENTS, *INDICES)}
+    arrays = {name: np.asarray(getattr(model, name)) for name in (*ARRAYS, *PICTURED, *INDICES)}
     arrays |= {"features.matrix": model.feature_map.matrix, "features.offset": model.feature_map.offset}
     for name in LAYERS:
         arrays |= _layer_arrays(name, getattr(model, name))
@@ -57,7 +57,7 @@ def save_model(model: HGPDM, path: Path | str) -> None:
         os.replace(partial, path)
     except OSError as error:
         partial.unlink(missing_ok=True)
-        raise HighFiveError(f"cannot write the model to {path}: {error.strerror}") from None
+        raise HighFiveError(f"cannot write the model to {path}: {error.strerror or error}") from None
 
 
 def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
@@ -172,6 +172,7 @@ def _build(description: dict, arrays: dict[str, Array]) -> HGPDM:
         human_latents=arrays["human_latents"].astype(np.float32),
         trial=arrays["trial"].astype(np.int32),
         emotion=arrays["emotion"].astype(np.int32),
+        learning_curve=arrays.get("learning_curve", np.zeros(0)).astype(np.float32),
     )
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from model import kernels, sparse
+from model.checkpoint import Checkpoint
 from model.dataset import TrainingSet, training_set
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
@@ -28,8 +32,9 @@ from model.hierarchy import (
 )
 from model.initial import initial_parameters
 from model.kernels import motion_kernel
-from model.optimise import ProgressCallback, minimise
+from model.optimise import ProgressCallback, State, minimise
 from model.presets import Preset, preset_named
+from model.restarts import Best, Say, best_of
 from model.rotations import Array
 from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
@@ -48,6 +53,8 @@ def train(
     skeleton_hash: str = "",
     progress: ProgressCallback | None = None,
     checkpoint: Path | str | None = None,
+    restarts: int = 1,
+    say: Say = lambda line: None,
 ) -> HGPDM:
     """Trains a model on the trials that are not held out.
 
@@ -59,14 +66,16 @@ def train(
         seed: seed of the choice of inducing inputs.
         skeleton_hash: stored in the model, so that it is not used with another skeleton.
         progress: called after every step.
-        checkpoint: file that training writes as it goes and resumes from after an interruption.
+        checkpoint: file that training writes as it goes and resumes from after an interruption; it stays there.
+        restarts: so many seeds, from ``seed`` on; the one with the lowest objective is kept.
+        say: called with a line about what a user should know: that it resumes, that a seed failed.
 
     Raises:
         HighFiveError: the data cannot be learned from, or the optimisation fails; the message says what to change.
     """
     chosen = preset_named(preset) if isinstance(preset, str) else preset
     data = training_set(trials, chosen, emotions)
-    return train_on(data, chosen, inducing, seed, skeleton_hash, progress, checkpoint)
+    return train_on(data, chosen, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
 
 
 def train_on(
@@ -77,40 +86,68 @@ def train_on(
     skeleton_hash: str = "",
     progress: ProgressCallback | None = None,
     checkpoint: Path | str | None = None,
+    restarts: int = 1,
+    say: Say = lambda line: None,
 ) -> HGPDM:
     """Trains a model on training points, whatever their channels are; see :func:`train`."""
     if inducing < 2:
         raise HighFiveError(f"{inducing} inducing inputs; at least 2 are needed, 200 are usual")
+    if restarts < 1 or chosen.iterations < 1:
+        raise HighFiveError(f"{restarts} restarts of {chosen.iterations} steps; at least one of each is needed")
     task = problem(data, chosen)
-    start = initial_parameters(task, inducing, np.random.default_rng(seed))
-    key = f"{chosen!r} {inducing} {seed} {data.data_hash}"
-    parameters, trace = minimise(
-        lambda p: objective(p, task),
-        start,
-        chosen.iterations,
-        chosen.adam_steps,
-        progress=progress,
-        checkpoint=None if checkpoint is None else Path(checkpoint),
-        key=key,
+    owner = {"preset": chosen.name, "steps": chosen.iterations, "inducing": inducing, "seed": seed}
+    owner |= {"restarts": restarts, "data": data.data_hash, "values": f"{zlib.crc32(repr(chosen).encode()):08x}"}
+
+    def optimise(
+        start: Parameters, stage: str, resume: State | None, keep: Callable[[State], None]
+    ) -> tuple[Parameters, list[float]]:
+        return minimise(
+            lambda p: objective(p, task),
+            start,
+            chosen.iterations,
+            chosen.adam_steps,
+            stage=stage,
+            progress=progress,
+            resume=resume,
+            keep=keep,
+        )
+
+    best = best_of(
+        optimise,
+        lambda number: initial_parameters(task, inducing, np.random.default_rng(number)),
+        seed,
+        restarts,
+        None if checkpoint is None else Checkpoint(Path(checkpoint), owner),
+        say,
     )
-    settings: dict[str, float] = {
-        "inducing": inducing,
-        "seed": seed,
-        "iterations": len(trace),
+    return assemble(best.parameters, task, skeleton_hash, _settings(best, data, inducing), best.trace, progress)
+
+
+def _settings(best: Best[Parameters], data: TrainingSet, inducing: int) -> dict[str, Any]:
+    """What the model's file says about its training."""
+    return {
+        "inducing": min(inducing, len(data.trial)),
+        "seed": best.seed,
+        "iterations": len(best.trace),
         "points": len(data.trial),
+        "objective": best.trace[-1],
+        "starts": [asdict(start) for start in best.starts],
     }
-    settings["objective"] = float(objective(parameters, task))
-    return assemble(parameters, task, skeleton_hash, settings, progress)
 
 
 def assemble(
     parameters: Parameters,
     task: Problem,
     skeleton_hash: str,
-    settings: dict[str, float],
+    settings: dict[str, Any],
+    learning_curve: Sequence[float] = (),
     progress: ProgressCallback | None = None,
 ) -> HGPDM:
-    """The trained layers as posteriors, ready for use."""
+    """The trained layers as posteriors, ready for use.
+
+    Raises:
+        HighFiveError: a layer is not finite.
+    """
     preset, data, noise = task.preset, task.data, noises(parameters, task.preset)
     lat = latents(parameters, task)
     below = jnp.concatenate([lat.avatar, lat.human], axis=1)
@@ -143,7 +180,7 @@ def assemble(
         scale=jnp.asarray(task.human_scale),
     )
     starts = np.asarray(lat.interaction)[task.first]
-    return HGPDM(
+    model = HGPDM(
         preset=preset,
         emotions=data.emotions,
         skeleton_hash=skeleton_hash,
@@ -166,7 +203,12 @@ def assemble(
         human_latents=np.asarray(reached[:, preset.avatar_dims :], dtype=np.float32),
         trial=data.trial.astype(np.int32),
         emotion=np.argmax(data.styles, axis=1).astype(np.int32),
+        learning_curve=np.asarray(learning_curve, dtype=np.float32),
     )
+    layers = (dynamics, interaction, human, avatar, *model.back)
+    if not all(np.all(np.isfinite(array)) for array in jax.tree.leaves(layers)):
+        raise HighFiveError("the trained layers are not finite; use another seed or fewer inducing inputs")
+    return model
 
 
 def _back_projections(

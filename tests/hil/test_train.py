@@ -1,0 +1,127 @@
+"""``highfive train`` from outside: what it writes, what it says, and how it goes on after an interruption."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from unseen import Export, write_set
+
+from hil.console import training_bars
+from hil.train import CONVERGED, TrainOptions, summary, train
+from model.errors import HighFiveError
+from model.optimise import Progress
+from model.store import load_model
+
+
+def options(folder: Path, out: Path, **changes) -> TrainOptions:
+    given = {"preset": "default", "inducing": 10, "human": "human", "avatar": "avatar", "human_set": None}
+    given |= {"avatar_set": None, "seed": 0, "overwrite": False}
+    return TrainOptions(folder, out, **(given | changes))
+
+
+def test_a_place_that_takes_no_model_is_named_before_anything_is_solved(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    for out, message in (
+        (tmp_path, "is a folder"),
+        (tmp_path / "file", "is there already"),
+        (tmp_path / "file" / "m.safetensors", "cannot write to"),
+        (Path("/proc/m.safetensors"), "cannot write to"),
+    ):
+        with pytest.raises(HighFiveError, match=message):
+            train(options(tmp_path / "no data", out), lambda label, total: pytest.fail("solves"))
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_a_resumed_bar_begins_where_the_training_was() -> None:
+    shown: list[tuple[str, int | None]] = []
+
+    def bar(label: str, total: int):
+        assert (label, total) == ("seed 1, training", 90)
+        return lambda note="", done=None: shown.append((note, done))
+
+    step = training_bars(bar, "seed 1, ")
+    for done, objective in ((0, float("nan")), (60, -1.5), (61, -1.75)):
+        step(Progress("training", done, 90, objective))
+    assert shown == [("compiling", 0), ("objective -1.500", 60), ("objective -1.750", 61)]
+
+
+def test_the_summary_says_whether_it_converged_and_what_became_of_each_seed() -> None:
+    starts = [{"seed": 4, "steps": 9, "objective": -2.0, "failure": ""}]
+    result = {
+        "model": "m", "trials": 3, "points": 70, "seconds": 1.0, "marker_rms_mm": {"C7": 2.0}, "marker_rms_mm_all": 1.0,
+        "objective": -2.5, "steps": 90, "fall_at_the_end": 0.5 * CONVERGED, "converged": True, "starts": starts,
+        "seed": 5,
+    }  # fmt: skip
+    assert len(summary(result)) == 2 and "settled" not in summary(result)[1]
+    result |= {"fall_at_the_end": 0.02, "converged": False}
+    assert "it fell by 2.00 % over the last tenth" in summary(result)[1]
+    assert "it has not settled: --iterations 180" in summary(result)[1]
+    starts.append({"seed": 5, "steps": 9, "objective": -2.5, "failure": ""})
+    assert "kept seed 5 of: seed 4 -2.000, seed 5 -2.500" in summary(result)[2]
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lab")
+    write_set(folder, ("B2", "A3", "C1"), Export())
+    return folder
+
+
+def command(lab: Path, out: Path, *words: str) -> list[str]:
+    return [sys.executable, "-m", "hil.cli", "train", str(lab), "--out", str(out), "--inducing", "10", *words]
+
+
+def run(lab: Path, out: Path, *words: str, **given) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(lab, out, *words), capture_output=True, text=True, check=False, **given)
+
+
+def stopped(lab: Path, out: Path, kind: signal.Signals, *words: str) -> tuple[int, str]:
+    """The command, stopped by a signal once there is a checkpoint; exit code and standard error."""
+    with subprocess.Popen(command(lab, out, *words), stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not list(out.parent.glob("*.checkpoint.npz")):
+            time.sleep(0.05)
+        process.send_signal(kind)
+        return process.returncode if process.poll() is not None else process.wait(), process.stderr.read()  # type: ignore
+
+
+@pytest.mark.slow
+def test_after_ctrl_c_and_after_a_kill_the_same_command_goes_on_to_the_same_model(lab: Path, tmp_path: Path) -> None:
+    words = ("--iterations", "400")
+    whole = run(lab, tmp_path / "whole.safetensors", *words, "--json")
+    assert whole.returncode == 0, whole.stderr
+    out = tmp_path / "again" / "m.safetensors"
+    out.parent.mkdir()
+    code, said = stopped(lab, out, signal.SIGINT, *words)
+    checkpoint = out.with_name("m.checkpoint.npz")
+    assert code == 1 and not out.exists()
+    assert said.splitlines()[-1] == f"interrupted; the same command goes on from {checkpoint}"
+    code, _ = stopped(lab, out, signal.SIGKILL, *words)
+    assert code == -signal.SIGKILL and checkpoint.exists() and not out.exists()
+    end = run(lab, out, *words, "--json")
+    assert end.returncode == 0, end.stderr
+    assert f"found {checkpoint}: training goes on after step" in end.stderr
+    assert not checkpoint.exists()
+    assert out.read_bytes() == (tmp_path / "whole.safetensors").read_bytes()
+    assert json.loads(end.stdout)["objective"] == json.loads(whole.stdout)["objective"]
+    curve = load_model(out).learning_curve
+    assert len(curve) == 400 and curve[-1] == pytest.approx(json.loads(end.stdout)["objective"])
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_said_in_one_line_and_costs_nothing_that_could_be_kept(lab: Path, tmp_path: Path) -> None:
+    """Files may grow to 64 KiB only, which the model does not fit in; the checkpoint of so few points does."""
+    out = tmp_path / "m.safetensors"
+    limits = (1 << 16, resource.getrlimit(resource.RLIMIT_FSIZE)[1])
+    environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
+    full = run(lab, out, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limits), env=environment)
+    assert full.returncode == 2, full.stderr
+    assert "cannot write the model to" in full.stderr and "Traceback" not in full.stderr
+    assert not out.exists() and not list(tmp_path.glob("*.partial"))

@@ -37,7 +37,10 @@ def errors(result: dict[str, Any]) -> Drawing:
         _error_panel(axes, result, name)
     spread = "; a line is the range over the seeds" if result["seeds"] > 1 else ""
     what = "held-out windows" if "windows" in result else "held-out trials"
-    caption = f"Errors on {what}, less is better; a mark is the median of {_seeds(result['seeds'])}{spread}."
+    caption = (
+        f"Errors on {what}, less is better; a mark is the median of {_seeds(result['seeds'])}{spread}. "
+        "An arrow: further off."
+    )
     return Drawing("errors", caption, figure)
 
 
@@ -47,21 +50,23 @@ def _seeds(count: int) -> str:
 
 def _error_panel(axes: Axes, result: dict[str, Any], name: str) -> None:
     metric, methods = metric_named(name, result.get("unit", "")), list(result["scores"])
-    largest = 0.0
-    for place, method in enumerate(methods):
+    ends = {m: [metric.factor * result[part][m][name] for part in ("scores", "smallest", "largest")] for m in methods}
+    # The mean pose is far off: to its scale the others would look alike.
+    edge = 1.35 * max(largest for method, (_, _, largest) in ends.items() if method != "mean")
+    for place, (method, (value, low, high)) in enumerate(ends.items()):
         colour, mark = method_look(method)
-        value, low, high = (metric.factor * result[part][method][name] for part in ("scores", "smallest", "largest"))
-        axes.plot([0.0, value], [place, place], color=colour, lw=0.8, alpha=0.5)
-        axes.plot([low, high], [place, place], color=colour, lw=4.0, alpha=0.45, solid_capstyle="butt")
-        axes.plot(value, place, mark, color=colour, ms=6)
+        shown, inside = metric.show(result["scores"][method][name]), value <= edge
+        axes.plot([0.0, min(value, edge)], [place, place], color=colour, lw=0.8, alpha=0.5)
+        if inside:
+            axes.plot([low, high], [place, place], color=colour, lw=4.0, alpha=0.45, solid_capstyle="butt")
+        axes.plot(min(value, edge), place, mark if inside else ">", color=colour, ms=6, clip_on=False)
         axes.annotate(
-            metric.show(result["scores"][method][name]), (high, place), (7, 0), textcoords="offset points", va="center",
-            fontsize=9,
+            shown, (high if inside else edge, place), (7 if inside else -7, 0), textcoords="offset points", fontsize=9,
+            va="center" if inside else "bottom", ha="left" if inside else "right",
         )  # fmt: skip
-        largest = max(largest, high)
     axes.set_yticks(range(len(methods)), [_NAMES[method] for method in methods])
     axes.set_ylim(len(methods) - 0.5, -0.5)
-    axes.set_xlim(0.0, 1.28 * largest)
+    axes.set_xlim(0.0, edge)
     axes.tick_params(axis="y", length=0)
     axes.set_title(f"{metric.label}, {metric.unit}" if metric.unit else metric.label, fontsize=10, fontweight="normal")
 
@@ -72,7 +77,7 @@ def calibration(run: Run) -> Drawing | None:
     found = {name: squares for name, squares in found.items() if squares}
     if not found:
         return None
-    figure = new_figure(9.0, 2.9)
+    figure = new_figure(9.0, 3.1)
     panels = figure.subplots(1, len(_KINDS), sharex=True, sharey=True)
     probability = np.linspace(0.0, 1.0, 51)
     for axes, (kind, title) in zip(panels, _KINDS.items(), strict=True):
@@ -93,7 +98,7 @@ def calibration(run: Run) -> Drawing | None:
         axes.grid(color=FAINT, alpha=0.25, lw=0.6)
     panels[0].set_ylabel("held-out values inside, %")
     figure.supxlabel("probability of the predicted region, %", fontsize=10)
-    panels[0].legend(loc="upper left", fontsize=8.5, handlelength=1.4, borderaxespad=0.1)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(found), fontsize=9)
     caption = (
         "Calibration: how many held-out values lie in the central region to which the prediction gives a probability. "
         "On the dashed line the predicted uncertainty is right; below it is too small, above too large. Marks at 50 "
@@ -145,6 +150,7 @@ def by_horizon(contact: horizons.Errors, palm: horizons.Errors) -> Drawing:
     left.set_title("where the palms will meet", fontsize=10, fontweight="normal")
     left.invert_xaxis()
     _lines(right, 1e3 * horizons.AHEAD, palm)
+    right.set_xticks(1e3 * horizons.AHEAD)
     right.set_xlabel("time ahead of the last hand seen, ms")
     right.set_ylabel("palm, median error, cm")
     right.set_title("where the avatar's palm will be, in the reach", fontsize=10, fontweight="normal")

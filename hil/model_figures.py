@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 
 from hil.avatar import avatar_skeleton
 from hil.colours import PERSON, colour_of, mark_of
@@ -25,8 +27,10 @@ INSIDE_90 = 1.645  # standard deviations either side that hold 90 % of a Gaussia
 _CLOUD_RATE = 15.0  # Hz, of the points in the latent spaces
 _CLOUD_TRIALS = 72
 _PHASE = 0.8  # s from contact at which the colours of the phase end
+_PHASE_COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.88, 0.0, 256)))  # without its yellow, faint on white
 _COLUMNS = 4  # emotions beside each other
 _ANGLES = (0, 3, 4)  # of HINGES
+_FINGERS = tuple(f"{s}_{f}" for s in ("left", "right") for f in ("thumb", "index", "middle", "ring", "little"))
 
 
 def latent_spaces(model: HGPDM, trials: Sequence[Trial]) -> Drawing:
@@ -48,7 +52,7 @@ def latent_spaces(model: HGPDM, trials: Sequence[Trial]) -> Drawing:
         points, shares = _principal(values)
         order = np.argsort(-np.abs(phase))  # contact on top
         cloud = upper.scatter(
-            *points[order].T, c=phase[order], cmap="viridis_r", vmin=-_PHASE, vmax=_PHASE, s=5, lw=0, rasterized=True
+            *points[order].T, c=phase[order], cmap=_PHASE_COLOURS, vmin=-_PHASE, vmax=_PHASE, s=5, lw=0, rasterized=True
         )
         for number, label in enumerate(model.emotions):
             mine = points[emotion == number]
@@ -173,21 +177,21 @@ def style_strips(morphs: Sequence[Morph]) -> Drawing | None:
     columns = len(morphs[0].moments)
     figure = new_figure(9.0, 1.95 * len(morphs) + 0.3)
     grid = figure.subplots(len(morphs), columns, squeeze=False, sharex=True, sharey=True)
-    for row, morph in zip(grid, morphs, strict=True):
+    for number, (row, morph) in enumerate(zip(grid, morphs, strict=True)):
         for axes, moment, joints, hand in zip(row, morph.moments, morph.joints, morph.hands, strict=True):
             _stick_figure(axes, joints, hand, morph.colour)
-            if row is grid[0]:
+            if number == 0:
                 axes.set_title(
                     f"{moment:+.1f} s".replace("-", "−") if moment else "contact", fontsize=10, fontweight="normal"
                 )
         row[0].set_ylabel(
-            f"{morph.label}\npeak {morph.peak_speed:.1f} m/s", rotation=0, ha="right", va="center", fontsize=9
+            f"{morph.label}\npeak {morph.peak_speed:.2f} m/s", rotation=0, ha="right", va="center", fontsize=9
         )
     first = morphs[0]
     caption = (
         f"One hand ({first.source}), answered in mixtures of two styles, before any correction; from the side, the "
-        "avatar looks to the right. Thick: the right arm; violet: the person's wrist. Beside each row the peak speed "
-        "of the avatar's palm until contact."
+        "avatar looks to the right. Thick: the right arm; violet: the person's wrist and hand. Beside each row the peak "
+        "speed of the avatar's palm until contact."
     )
     return Drawing("style_strips", caption, figure)
 
@@ -196,7 +200,7 @@ def _stick_figure(axes: Axes, joints: Array, hand: Array, colour: str) -> None:
     skeleton = avatar_skeleton()
     for joint, parent in enumerate(skeleton.parents):
         name = skeleton.names[joint]
-        if parent < 0 or (("_1" in name or "_2" in name or "_3" in name) and "right_middle" not in name):
+        if parent < 0 or (name.startswith(_FINGERS) and "middle" not in name):
             continue  # of the fingers one is enough
         arm = name.startswith("right_") and any(p in name for p in ("shoulder", "elbow", "wrist", "middle"))
         left = name.startswith("left_")
@@ -207,7 +211,8 @@ def _stick_figure(axes: Axes, joints: Array, hand: Array, colour: str) -> None:
     head = skeleton.names.index("head") if "head" in skeleton.names else None
     if head is not None:
         axes.plot(joints[head, 0], joints[head, 2] + 0.1, "o", ms=9, mfc="none", mec=INK, mew=1.3)
-    axes.plot(hand[0], hand[2], "o", color=PERSON, ms=5, zorder=4)
+    axes.plot(hand[:, 0], hand[:, 2], color=PERSON, lw=2.6, solid_capstyle="round", zorder=4)
+    axes.plot(hand[0, 0], hand[0, 2], "o", color=PERSON, ms=5, zorder=4)
     axes.set_aspect("equal")
     axes.set_xticks([])
     axes.set_yticks([])

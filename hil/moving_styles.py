@@ -30,7 +30,7 @@ class Morph:
         source: whose hand it is.
         moments: s from the recorded contact.
         joints: (M, J, 3) m, the avatar's joints at these moments.
-        hands: (M, 3) m, the person's wrist.
+        hands: (M, 2, 3) m, the person's wrist and knuckle centre.
         peak_speed: m/s, of the avatar's palm until contact.
     """
 
@@ -67,5 +67,5 @@ def _morph(model: HGPDM, trial: Trial, start: str, end: str, weight: float) -> M
     blend = (1.0 - weight) * np.array(to_rgb(colour_of(start))) + weight * np.array(to_rgb(colour_of(end)))
     label = f"{start} {100 * (1 - weight):.0f} %\n{end} {100 * weight:.0f} %"
     source = f"{trial.emotion}{trial.cell and ', cell ' + trial.cell}"
-    hands = trial.hand_points[frames, 0]
+    hands = trial.hand_points[frames]
     return Morph(label, to_hex(blend.tolist()), source, MOMENTS, joints, hands, float(speed.max()))

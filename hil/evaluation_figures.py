@@ -27,7 +27,7 @@ def errors(result: dict[str, Any]) -> Drawing:
     """Errors of each method, a panel each: the median of the seeds, and their range."""
     scores = result["scores"]
     names = [name for name in _SHOWN if name in scores["hgpdm"]] or list(scores["hgpdm"])
-    columns = min(3, len(names))
+    columns = 2 if len(names) == 4 else min(3, len(names))
     rows = -(-len(names) // columns)
     figure = new_figure(9.0, 0.55 + 1.85 * rows)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
@@ -116,18 +116,20 @@ def left_out(result: dict[str, Any]) -> Drawing | None:
     figure = new_figure(9.0, 3.2)
     axes = figure.subplots()
     shown = ["hgpdm", "sparse_gp"]
+    highest = 0.0
     for number, method in enumerate(shown):
         colour, mark = method_look(method)
         x = np.arange(len(folds)) + (number - 0.5) * 0.3
         values = np.array([CM * table[fold][method]["palm_at_contact"] for fold in folds])
         seen = np.array([CM * table[fold][method].get("palm_at_contact_seen", np.nan) for fold in folds])
+        highest = max(highest, *values, *seen[np.isfinite(seen)])
         axes.plot(np.stack([x, x]), np.stack([seen, values]), color=colour, lw=1.0, alpha=0.6)
         if np.isfinite(seen).any():
             axes.plot(x, seen, mark, mfc="none", mec=colour, ms=6, label=f"{_NAMES[method]}, {what} seen in training")
         axes.plot(x, values, mark, color=colour, ms=7, label=f"{_NAMES[method]}, {what} left out")
     axes.set_xticks(range(len(folds)), folds)
     axes.set_xlabel(what)
-    axes.set_ylim(0.0)
+    axes.set_ylim(0.0, 1.1 * highest)
     axes.set_ylabel("palm at contact, cm")
     figure.legend(loc="outside upper center", ncols=2, fontsize=9)
     seen_too = " Open: the same trials by trainings that saw other repetitions of their cell." if what == "cell" else ""

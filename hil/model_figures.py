@@ -190,8 +190,8 @@ def style_strips(morphs: Sequence[Morph]) -> Drawing | None:
     first = morphs[0]
     caption = (
         f"One hand ({first.source}), answered in mixtures of two styles, before any correction; from the side, the "
-        "avatar looks to the right. Thick: the right arm; violet: the person's wrist and hand. Beside each row the peak "
-        "speed of the avatar's palm until contact."
+        "avatar looks to the right. Thick: the right arm; violet: the person's wrist and hand. Beside each row: the "
+        "highest speed of the avatar's palm until contact."
     )
     return Drawing("style_strips", caption, figure)
 

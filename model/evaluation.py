@@ -94,7 +94,7 @@ def score(trials: Sequence[Trial], answers: Sequence[Answer], held: HeldOut, bod
             scores[f"{kind}_within_50"], scores[f"{kind}_within_90"] = found.within_50, found.within_90
             scores[f"{kind}_z2"] = found.mean_square
     tracks = [answer.palm for answer in answers]
-    return {**scores, **smoothness(trials, tracks), "lag_ms": 1e3 * _lag(trials, tracks)}
+    return {**scores, **smoothness(trials, tracks), **_lag(trials, tracks)}
 
 
 def contact_errors(trials: Sequence[Trial], answers: Sequence[Answer]) -> Array:
@@ -120,13 +120,14 @@ def recorded_smoothness(trials: Sequence[Trial]) -> dict[str, float]:
     return smoothness(trials, [trial.palm for trial in trials])
 
 
-def _lag(trials: Sequence[Trial], tracks: Sequence[Array]) -> float:
-    """Median time, s, by which the speed of the generated palm is behind that of the recorded one."""
+def _lag(trials: Sequence[Trial], tracks: Sequence[Array]) -> dict[str, float]:
+    """Median time by which the generated palm's speed is behind the recorded one's; a still palm has none."""
     lags = [
         metrics.lag(metrics.speeds(track, t.rate_hz), metrics.speeds(t.palm, t.rate_hz), t.rate_hz)
         for t, track in zip(trials, tracks, strict=True)
+        if np.any(np.ptp(track, axis=0) > STILL)
     ]
-    return float(np.median(lags))
+    return {"lag_ms": 1e3 * float(np.median(lags))} if lags else {}
 
 
 def _pose_errors(predicted: Array, held: HeldOut, body: Body) -> dict[str, float]:

@@ -140,6 +140,12 @@ def evaluate(
     preset: Annotated[str, typer.Option(help="default, or paper: what is trained if no model is given.")] = "default",
     inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer and of the sparse GP.")] = 200,
     seeds: Annotated[int, typer.Option(min=1, help="Trainings; the scores are medians.")] = 3,
+    leave_out: Annotated[
+        str | None, typer.Option(help="repetition or cell: each is held out in turn, whatever the table's split.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for a report with figures; trainings are kept there and used again.")
+    ] = None,
     human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",
     avatar: Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")] = "avatar",
     human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
@@ -165,6 +171,8 @@ def evaluate(
         avatar=avatar,
         human_set=human_set,
         avatar_set=avatar_set,
+        leave_out=leave_out,
+        out=out,
     )
     with progress_bars() as bar:
         result = evaluate(options, bar)
@@ -172,6 +180,8 @@ def evaluate(
         print_json(result)
     else:
         print_scores(result)
+        if out is not None:
+            print(f"Open {result['report']}")
 
 
 def _style(text: str) -> dict[str, float]:

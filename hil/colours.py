@@ -11,6 +11,15 @@ _EMOTIONS = {
 }
 _OTHERS = (("#CC79A7", "D"), ("#8C6BB1", "P"), ("#7F7F7F", "X"))
 
+_METHODS = {
+    "hgpdm": ("#0072B2", "o"),
+    "sparse_gp": ("#D55E00", "s"),
+    "knn": ("#CC79A7", "^"),
+    "ridge": ("#009E73", "D"),
+    "mean": ("#7F7F7F", "X"),
+    "constant_velocity": ("#7F7F7F", "v"),
+}
+
 PERSON = "#8C6BB1"
 PARTNER = "#CC79A7"
 
@@ -23,6 +32,11 @@ def colour_of(emotion: str) -> str:
 def mark_of(emotion: str) -> str:
     """Matplotlib marker of an emotion."""
     return _look(emotion)[1]
+
+
+def method_look(method: str) -> tuple[str, str]:
+    """Hex colour and matplotlib marker of a method that is scored."""
+    return _METHODS[method]
 
 
 def _look(emotion: str) -> tuple[str, str]:

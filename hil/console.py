@@ -13,12 +13,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from hil.score_table import METHODS, methods_of, rows_of
+
 if TYPE_CHECKING:  # what trains takes seconds to import
     from model.optimise import Progress as TrainingProgress
     from model.optimise import ProgressCallback
 
 STDERR = Console(stderr=True, highlight=False)
 STDOUT = Console(highlight=False)
+PLAIN_WIDTH = 160  # columns where standard output is no terminal: a file has room
+FINISHED_SHOWN = 4
+"""Finished bars that stay in view when another one opens."""
 
 
 class Advance(Protocol):
@@ -42,6 +47,9 @@ def progress_bars() -> Iterator[Bar]:
     with Progress(*columns, console=STDERR) as progress:
 
         def bar(label: str, total: int) -> Advance:
+            done = [task.id for task in progress.tasks if task.finished and task.visible]
+            for task_id in done[: max(0, len(done) - FINISHED_SHOWN)]:
+                progress.update(task_id, visible=False)
             task = progress.add_task(label, total=total, note="")
 
             def advance(note: str = "", done: int | None = None) -> None:
@@ -69,21 +77,20 @@ def training_bars(bar: Bar, label: str = "") -> ProgressCallback:
 
 
 def print_scores(result: dict[str, Any]) -> None:
-    """Scores of methods (``scores``: method → metric → value, with ``smallest`` and ``largest``) as a table."""
-    scores, smallest, largest = result["scores"], result["smallest"], result["largest"]
-    table = Table(box=SIMPLE_HEAD, title=result.get("windows") or result.get("data"), title_justify="left")
-    table.add_column("median of seeds (spread)" if result["seeds"] > 1 else "one seed")
-    for method in scores:
-        table.add_column(method, justify="right")
-    for metric in scores["hgpdm"]:
-        best = min(values[metric] for values in scores.values())
-        cells = []
-        for method, values in scores.items():
-            spread = largest[method][metric] - smallest[method][metric]
-            text = f"{values[metric]:.4f}" + (f" ({spread:.4f})" if spread > 0.0 else "")
-            cells.append(f"[bold]{text}[/]" if values[metric] == best else text)
-        table.add_row(metric, *cells)
-    STDOUT.print(table)
+    """The scores of :func:`hil.evaluate.evaluate` as a table: median of the seeds, smallest and largest in brackets."""
+    title = str(result.get("windows") or result.get("data"))
+    if result.get("leave_out"):
+        title += f", each {result['leave_out']} left out in turn"
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left")
+    table.add_column("median of seeds (range)" if result["seeds"] > 1 else "one seed", no_wrap=True)
+    for method in methods_of(result):
+        table.add_column(METHODS[method], justify="right")
+    rows = rows_of(result)
+    for number, row in enumerate(rows):
+        if len(rows) > 1 and row.group != "error" and row.group != rows[number - 1].group:
+            table.add_row(f"[dim]{row.group}[/]")
+        table.add_row(row.label, *(f"[bold]{text}[/]" if i in row.best else text for i, text in enumerate(row.cells)))
+    STDOUT.print(table, width=None if STDOUT.is_terminal else max(STDOUT.width, PLAIN_WIDTH))
 
 
 def print_json(value: dict[str, Any]) -> None:

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hil.avatar import PALM_IN_RIGHT_WRIST, avatar_skeleton
+from hil.avatar import avatar_skeleton
 from hil.console import Bar, training_bars
+from hil.protocols import Run, run_protocol
+from hil.score_table import Scored
 from hil.training_data import load_trials
 from model import evaluation, training, windows
 from model.errors import HighFiveError
-from model.hgpdm import HGPDM
 from model.hierarchy import problem
 from model.optimise import ProgressCallback
 from model.presets import Preset, preset_named
+from model.splits import leave_out, own_split
 from model.store import load_model
 from model.trials import Trial
-
-Scored = dict[str, dict[str, float]]
-"""Method → action or metric → value."""
-
-MAKES_NO_CHOICE = ("knn", "ridge", "mean")  # the same whatever the seed
 
 
 @dataclass(frozen=True)
@@ -41,10 +39,12 @@ class EvaluateOptions:
     avatar: str
     human_set: str | None
     avatar_set: str | None
+    leave_out: str | None = None
+    out: Path | None = None
 
 
 def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
-    """Scores by method: the median over the seeds, and the smallest and largest.
+    """Scores by method: the median over the seeds, and the smallest and largest; with ``out`` also a report.
 
     Raises:
         HighFiveError: nothing or too much to score, broken files, no held-out trials.
@@ -53,13 +53,18 @@ def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
         raise HighFiveError("give either a data folder or --windows FILE.npz")
     preset = preset_named(options.preset)
     if options.windows is not None:
-        if options.model is not None:
-            raise HighFiveError("a windows file brings its own training part; leave the model out")
-        runs, about = _on_windows(options.windows, preset, options, bar)
-    else:
-        assert options.data is not None
-        runs, about = _on_trials(options.data, preset, options, bar)
-    return {"scores": _over(runs, np.median), "smallest": _over(runs, np.min), "largest": _over(runs, np.max), **about}
+        if options.model is not None or options.leave_out is not None:
+            word = "the model" if options.model is not None else "--leave-out"
+            raise HighFiveError(f"a windows file brings its own training part; leave {word} out")
+        return _on_windows(options.windows, preset, options, bar)
+    if options.model is not None and options.leave_out is not None:
+        raise HighFiveError("--leave-out trains models of its own; leave the model out")
+    assert options.data is not None
+    return _on_trials(options.data, preset, options, bar)
+
+
+def _summary(runs: list[Scored]) -> dict[str, Scored]:
+    return {"scores": _over(runs, np.median), "smallest": _over(runs, np.min), "largest": _over(runs, np.max)}
 
 
 def _over(runs: list[Scored], summary: Callable[[list[float]], Any]) -> Scored:
@@ -70,7 +75,7 @@ def _over(runs: list[Scored], summary: Callable[[list[float]], Any]) -> Scored:
     }
 
 
-def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> tuple[list[Scored], dict[str, Any]]:
+def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     learn, test = windows.read_windows(path)
     chosen = windows.window_preset(preset)
     task = problem(windows.window_set(learn), chosen)
@@ -83,10 +88,12 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) 
             scores[name] = windows.window_scores(windows.predicted(predictor, task.feature_map, test), test)
         runs.append(scores)
     unit = "m" if windows.is_person(test) else "rad²"
-    return runs, {"windows": str(path), "unit": unit, "seeds": options.seeds, "points": len(learn.target)}
+    about = {"windows": str(path), "unit": unit, "seeds": options.seeds, "points": len(learn.target)}
+    result = {**_summary(runs), **about, "preset": preset.name, "inducing": options.inducing}
+    return _reported(result, options.out, None, ())
 
 
-def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> tuple[list[Scored], dict[str, Any]]:
+def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
     pairs = load_trials(
         folder,
@@ -97,18 +104,36 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
         lambda total: bar("solving markers", total),
     )
     trials = [pair.trial for pair in pairs]
-    if not any(trial.test for trial in trials):
-        raise HighFiveError(f"{folder} has no held-out trial; mark some with split test in trials.csv")
-    runs: list[Scored] = []
+    folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
+    kept = None if options.out is None else options.out / "models"
+    runs: list[Run] = []
     for seed in range(options.seeds):
-        step = training_bars(bar, f"seed {seed}, ")
-        fitted = model or _train(trials, preset, options.inducing, seed, step)
-        scores = evaluation.evaluate(fitted, trials, avatar_skeleton(), PALM_IN_RIGHT_WRIST, seed, step)
-        runs.append({name: asdict(score) for name, score in scores.items()})
-    held = sum(trial.test for trial in trials)
-    about = {"data": str(folder), "model": None if options.model is None else str(options.model)}
-    return runs, {**about, "seeds": options.seeds, "trials": len(trials) - held, "held_out_trials": held}
+        named = partial(_fold_steps, bar, seed)
+        runs.append(run_protocol(folds, options.leave_out, preset, options.inducing, seed, kept, named, model))
+    about = {
+        "data": str(folder),
+        "model": None if options.model is None else str(options.model),
+        "preset": preset.name if model is None else model.preset.name,
+        "inducing": options.inducing if model is None else int(model.avatar.inducing.shape[0]),
+        "seeds": options.seeds,
+        "trials": len(trials) if options.leave_out else sum(not trial.test for trial in trials),
+        "held_out_trials": len(runs[0].trials),
+        "recorded": evaluation.recorded_smoothness(runs[0].trials),
+    }
+    if options.leave_out is not None:
+        about |= {"leave_out": options.leave_out, "folds": len(folds), "by_fold": runs[0].by_fold()}
+    result = {**_summary([run.scores for run in runs]), **about}
+    return _reported(result, options.out, runs[0], folds[0].trials)
 
 
-def _train(trials: list[Trial], preset: Preset, inducing: int, seed: int, progress: ProgressCallback) -> HGPDM:
-    return training.train(trials, preset, None, inducing, seed, avatar_skeleton().hash, progress)
+def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials: Sequence[Trial]) -> dict[str, Any]:
+    """The result, once its report is written, if one is asked for."""
+    if out is None:
+        return result
+    from hil.evaluation_report import write_evaluation  # noqa: PLC0415 (matplotlib takes a second)
+
+    return {**result, "report": str(write_evaluation(out, result, run, trials))}
+
+
+def _fold_steps(bar: Bar, seed: int, fold: str) -> ProgressCallback:
+    return training_bars(bar, f"seed {seed}, without {fold}, " if fold else f"seed {seed}, ")

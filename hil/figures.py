@@ -1,32 +1,24 @@
-"""The figures of a report: matplotlib figures in one style, as SVG that follows the page's colours and as PNG."""
+"""The figures of a session's report."""
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from hil.avatar import Pose, avatar_skeleton
 from hil.colours import PARTNER, PERSON, colour_of, mark_of
+from hil.drawing import FAINT, HINGES, INK, Drawing, draw, new_figure
 from hil.moments import contact_tick, moments_of
 from hil.sim.actors import CELLS, RATE_HZ
 from hil.summary import MM, emotion_of, emotions_of
 from hil.trial import TrialResult
 from model.rotations import Array
 
-INK, FAINT = "#20262c", "#8a9199"
-"""Text and axes, which become the page's own colour in SVG; and what stands back, readable on light and dark."""
 _TRACES = 12
 """Trials an emotion that are drawn as lines: more hide each other."""
 _MARGIN_S, _AFTER_S = 0.2, 1.0
@@ -34,32 +26,6 @@ _MARGIN_S, _AFTER_S = 0.2, 1.0
 _STEP = 3
 """Ticks between points of a drawn line, 25 ms: all that 300 pixels show."""
 _FLOOR_MM = 0.02
-_STYLE: Any = {
-    "font.size": 10, "font.family": "DejaVu Sans", "axes.titlesize": 11, "axes.titleweight": "bold",
-    "axes.labelsize": 10,
-    "axes.edgecolor": INK, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK, "ytick.color": INK,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.8, "legend.frameon": False,
-    "figure.facecolor": "none", "axes.facecolor": "none", "svg.fonttype": "none", "svg.hashsalt": "high-five",
-    "path.simplify": True, "path.simplify_threshold": 0.3, "lines.linewidth": 1.2,
-}  # fmt: skip
-_HINGES = (
-    ("right_shoulder", 0, "shoulder\nflexion", -1.0),
-    ("right_shoulder", 1, "shoulder\nabduction", -1.0),
-    ("right_shoulder", 2, "shoulder\nrotation", -1.0),
-    ("right_elbow", 0, "elbow\nflexion", -1.0),
-    ("right_elbow", 2, "forearm\nrotation", 1.0),
-    ("right_wrist", 0, "wrist\nflexion", 1.0),
-)
-"""Joint, hinge, name and the sign that makes the named movement positive."""
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A figure with its name (for a file) and the sentence below it."""
-
-    name: str
-    caption: str
-    figure: Figure
 
 
 def draw_all(results: Sequence[TrialResult]) -> list[Drawing]:
@@ -69,41 +35,13 @@ def draw_all(results: Sequence[TrialResult]) -> list[Drawing]:
     painters: list[Callable[[Sequence[TrialResult]], Drawing | None]] = [
         contact_error, error_by_cell, palm_distance, palm_paths, joint_angles, latency
     ]  # fmt: skip
-    with mpl.rc_context(_STYLE):
-        drawings = [drawing for painter in painters if (drawing := painter(results)) is not None]
-        for drawing in drawings:
-            # Laid out once: every later drawing would do it again, at most of its cost.
-            drawing.figure.draw_without_rendering()
-            drawing.figure.set_layout_engine("none")
-    return drawings
-
-
-def to_svg(figure: Figure) -> str:
-    """The figure as an SVG element to put into a page; its ink takes the colour of the text around it."""
-    buffer = io.StringIO()
-    with mpl.rc_context(_STYLE):
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
-    text = buffer.getvalue()
-    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
-    text = re.sub(r'<g id="[^"]*"', "<g", text)
-    text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text).replace("xlink:href", "href")
-    text = re.sub(r"(\d\.\d\d)\d+", r"\1", text)  # a hundredth of a point
-    text = re.sub(r'<svg [^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" role="img">', text, count=1)
-    return text.replace(INK, "currentColor").replace("'DejaVu Sans'", "inherit").strip()
-
-
-def to_png(figure: Figure) -> bytes:
-    """The figure as a PNG on white, twice the size on the page."""
-    buffer = io.BytesIO()
-    with mpl.rc_context(_STYLE):
-        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "high-five"}, pil_kwargs={"optimize": True})
-    return buffer.getvalue()
+    return draw(partial(painter, results) for painter in painters)
 
 
 def contact_error(results: Sequence[TrialResult]) -> Drawing:
     """Palm-to-palm error by emotion, before and after correction: a dot a trial, a bar the median."""
     emotions = emotions_of(results)
-    figure = _figure(9.0, 3.4)
+    figure = new_figure(9.0, 3.4)
     axes = figure.subplots()
     for place, emotion in enumerate(emotions):
         group = [r for r in results if emotion_of(r) == emotion]
@@ -142,7 +80,7 @@ def error_by_cell(results: Sequence[TrialResult]) -> Drawing | None:
     if not any(r.cell in CELLS for r in results):
         return None
     emotions = emotions_of(results)
-    figure = _figure(9.0, 4.1)
+    figure = new_figure(9.0, 4.1)
     grid = figure.subplots(2, max(len(emotions), 2), squeeze=False)
     norm = LogNorm(0.1, 100.0)
     image = None
@@ -190,7 +128,7 @@ def _cells(axes: Axes, results: Sequence[TrialResult], value: Callable[[TrialRes
 def palm_distance(results: Sequence[TrialResult]) -> Drawing:
     """Distance of the palms and speed of the avatar's hand over time."""
     emotions = emotions_of(results)
-    figure = _figure(9.0, 4.6)
+    figure = new_figure(9.0, 4.6)
     rows = figure.subplots(2, len(emotions), squeeze=False, sharex="col", sharey="row")
     for (upper, lower), emotion in zip(rows.T, emotions, strict=True):
         for result in _shown(results, emotion):
@@ -219,7 +157,7 @@ def palm_distance(results: Sequence[TrialResult]) -> Drawing:
 def palm_paths(results: Sequence[TrialResult]) -> Drawing:
     """Paths of the palms from the side and from above, until contact and a little beyond."""
     emotions = emotions_of(results)
-    figure = _figure(9.0, 4.2)
+    figure = new_figure(9.0, 4.2)
     rows = figure.subplots(2, len(emotions), squeeze=False, sharex=True, sharey="row")
     partner = not all(r.simulated for r in results)
     for column, emotion in zip(rows.T, emotions, strict=True):
@@ -253,21 +191,21 @@ def palm_paths(results: Sequence[TrialResult]) -> Drawing:
 def joint_angles(results: Sequence[TrialResult]) -> Drawing:
     """Angles of the right shoulder, elbow and wrist, generated and played."""
     emotions = emotions_of(results)
-    figure = _figure(9.0, 8.0)
-    rows = figure.subplots(len(_HINGES), len(emotions), squeeze=False, sharex="col", sharey="row")
+    figure = new_figure(9.0, 8.0)
+    rows = figure.subplots(len(HINGES), len(emotions), squeeze=False, sharex="col", sharey="row")
     index = avatar_skeleton().index
     for column, emotion in zip(rows.T, emotions, strict=True):
         for result in _shown(results, emotion):
             time, part = _around_contact(result)
             generated, played = _degrees(result.generated[part]), _degrees(result.poses[part])
-            for axes, (joint, hinge, _, sign) in zip(column, _HINGES, strict=True):
+            for axes, (joint, hinge, _, sign) in zip(column, HINGES, strict=True):
                 axes.plot(time, sign * generated[:, index(joint), hinge], color=FAINT, lw=0.7, alpha=0.7)
                 axes.plot(time, sign * played[:, index(joint), hinge], color=colour_of(emotion), alpha=0.8)
         column[0].set_title(emotion, color=colour_of(emotion))
         column[-1].set_xlabel("s from contact")
         for axes in column:
             axes.axvline(0.0, color=FAINT, lw=0.8)
-    for axes, (_, _, name, _) in zip(rows[:, 0], _HINGES, strict=True):
+    for axes, (_, _, name, _) in zip(rows[:, 0], HINGES, strict=True):
         axes.set_ylabel(f"{name}, °")
     caption = "Joint angles of the avatar's right arm: grey as generated, in colour as played. Time 0 is contact."
     return Drawing("joint_angles", caption, figure)
@@ -282,7 +220,7 @@ def latency(results: Sequence[TrialResult]) -> Drawing:
         np.concatenate([np.linspace(0, len(ticks) - 1, 300), np.arange(max(len(ticks) - 60, 0), len(ticks))])
     )
     kept = kept.astype(int)
-    figure = _figure(9.0, 2.8)
+    figure = new_figure(9.0, 2.8)
     axes = figure.subplots()
     axes.step(ticks[kept], 100.0 * share[kept], where="post", color=colour_of("sad"), lw=1.6)
     for percent in (50.0, 99.0):
@@ -303,10 +241,6 @@ def latency(results: Sequence[TrialResult]) -> Drawing:
     axes.set_ylim(0, 103)
     caption = "Time of one tick, from markers to the corrected pose, on the machine that made this report."
     return Drawing("latency", caption, figure)
-
-
-def _figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width, height), layout="constrained", dpi=160)
 
 
 def _shown(results: Sequence[TrialResult], emotion: str) -> list[TrialResult]:

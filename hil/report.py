@@ -5,29 +5,22 @@ The page needs nothing but itself: pictures are inside, there is no script, and 
 
 from __future__ import annotations
 
-import base64
-import io
 import json
-import os
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from html import escape
 from pathlib import Path
-from string import Template
 from typing import Any
 
-from PIL import Image as Pictures
-
 from hil.colours import colour_of
-from hil.figures import Drawing, draw_all, to_png, to_svg
+from hil.drawing import Drawing, to_png
+from hil.figures import draw_all
 from hil.film import Strip
-from hil.sim.rendering import Image, NoPictures
+from hil.page import figures, jpeg, render, section, table, write_file
+from hil.sim.rendering import NoPictures
 from hil.summary import SessionSettings, Target, targets
 from hil.trial import TrialResult
-from model.errors import HighFiveError
 
 PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
-_TEMPLATE = Path(__file__).with_name("report_template.html")
 _SIMULATED = (
     "The people in this report are simulated. They stand in for people to test the chain from markers to contact; no "
     "figure here is a finding about people."
@@ -69,25 +62,6 @@ def write_report(
     return folder / PAGE
 
 
-def write_file(path: Path, content: bytes) -> None:
-    """Writes a file in one piece: after a failure the old one, or none, is there.
-
-    Raises:
-        HighFiveError: it cannot be written.
-    """
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        os.replace(partial, path)
-    except OSError as error:
-        with suppress(OSError):  # what kept it from being written may keep it from being removed
-            partial.unlink(missing_ok=True)
-        raise HighFiveError(
-            f"cannot write {path}: {error.strerror or error}; choose another place or make room"
-        ) from None
-
-
 def render_page(
     summary: dict[str, Any],
     settings: SessionSettings,
@@ -99,19 +73,16 @@ def render_page(
     drawn = {drawing.name: drawing for drawing in drawings}
     sections = [
         _headline(targets(summary)),
-        _section("Findings", _findings(summary)),
-        _section("Moments", _strips(pictures) + _film(film, pictures)),
-        _section("Contact error", _figures(drawn, "contact_error", "error_by_cell") + _by_emotion(summary)),
-        _section("Movement", _figures(drawn, "palm_distance", "palm_paths", "joint_angles")),
-        _section("Latency", _figures(drawn, "latency")),
-        _section("Trials", _trials(summary)),
-        _section("Do it again", _reproduce(summary, settings)),
+        section("Findings", _findings(summary)),
+        section("Moments", _strips(pictures) + _film(film, pictures)),
+        section("Contact error", figures(drawn, "contact_error", "error_by_cell") + _by_emotion(summary)),
+        section("Movement", figures(drawn, "palm_distance", "palm_paths", "joint_angles")),
+        section("Latency", figures(drawn, "latency")),
+        section("Trials", _trials(summary)),
+        section("Do it again", _reproduce(summary, settings)),
     ]
     title = "High Five: a simulated session" if summary["simulated"] else "High Five: recorded people"
-    template = Template(_TEMPLATE.read_text(encoding="utf-8"))
-    return template.substitute(
-        title=title, subtitle=_subtitle(summary), badges=_badges(summary), body="\n".join(s for s in sections if s)
-    )
+    return render(title, _subtitle(summary), _badges(summary), sections)
 
 
 def _subtitle(summary: dict[str, Any]) -> str:
@@ -145,10 +116,6 @@ def _headline(listed: Sequence[Target]) -> str:
         for t in listed
     )
     return f'<div class="headline">{"".join(cards)}</div>'
-
-
-def _section(name: str, content: str) -> str:
-    return f"<section><h2>{escape(name)}</h2>\n{content}</section>" if content else ""
 
 
 def _findings(summary: dict[str, Any]) -> str:
@@ -207,7 +174,7 @@ def _unwanted(summary: dict[str, Any]) -> str:
     ]
     heads = ["avatar's", "touched", "trials", "deepest, mm", "in"]
     count = summary["unwanted_contacts"]
-    return f"<p>Unwanted contacts: {count}, one a trial and pair of body parts.</p>" + _table(
+    return f"<p>Unwanted contacts: {count}, one a trial and pair of body parts.</p>" + table(
         heads, rows, words={0, 1, 4}
     )
 
@@ -236,7 +203,7 @@ def _film(film: Path | NoPictures | None, pictures: Sequence[Strip] | NoPictures
 
 def _strip(strip: Strip) -> str:
     frames = "".join(
-        f'<figure><img alt="{escape(label)}" src="{_jpeg(image)}"><figcaption>{escape(label)}</figcaption></figure>'
+        f'<figure><img alt="{escape(label)}" src="{jpeg(image)}"><figcaption>{escape(label)}</figcaption></figure>'
         for label, image in strip.pictures
     )
     return (
@@ -244,22 +211,8 @@ def _strip(strip: Strip) -> str:
     )
 
 
-def _jpeg(image: Image) -> str:
-    buffer = io.BytesIO()
-    Pictures.fromarray(image).save(buffer, "JPEG", quality=86)
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
 def _dot(emotion: str | None) -> str:
     return f'<span class="dot" style="background:{colour_of(emotion or "")}"></span>'
-
-
-def _figures(drawn: dict[str, Drawing], *names: str) -> str:
-    return "".join(
-        f"<figure>{to_svg(drawn[name].figure)}<figcaption>{escape(drawn[name].caption)}</figcaption></figure>"
-        for name in names
-        if name in drawn
-    )
 
 
 def _by_emotion(summary: dict[str, Any]) -> str:
@@ -274,7 +227,7 @@ def _by_emotion(summary: dict[str, Any]) -> str:
         values = [error["median"], error["max"], generated["median"], generated["max"], angle["median"], angle["max"]]
         shown = [_show(v) for v in values] + [_show(late["median"], 0), _show(speed["median"])]
         rows.append([f"{_dot(emotion)}{escape(emotion)}", str(count), *shown])
-    return _table(heads, rows, words={0}, escaped=True) if rows else ""
+    return table(heads, rows, words={0}, escaped=True) if rows else ""
 
 
 def _trials(summary: dict[str, Any]) -> str:
@@ -301,20 +254,7 @@ def _trials(summary: dict[str, Any]) -> str:
     last = len(heads) - 1
     if not any(row[-1] for row in rows):
         heads, rows = heads[:-1], [row[:-1] for row in rows]
-    return _table(heads, rows, words={1, 2, 3, last}, escaped=True) + f'<p class="soft">{_COLUMNS}</p>'
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], words: set[int], *, escaped: bool = False) -> str:
-    def cells(tag: str, row: Sequence[str], *, clean: bool) -> str:
-        classes = [
-            ' class="words notes"' if heads[i] == "notes" else ' class="words"' * (i in words) for i in range(len(row))
-        ]
-        texts = row if clean else [escape(text) for text in row]
-        return "<tr>" + "".join(f"<{tag}{c}>{t}</{tag}>" for c, t in zip(classes, texts, strict=True)) + "</tr>"
-
-    body = "\n".join(cells("td", row, clean=escaped) for row in rows)
-    head = cells("th", heads, clean=False)
-    return f'<div class="scroll"><table><thead>{head}</thead><tbody>\n{body}\n</tbody></table></div>'
+    return table(heads, rows, words={1, 2, 3, last}, escaped=True) + f'<p class="soft">{_COLUMNS}</p>'
 
 
 def _show(value: float | None, digits: int = 2) -> str:

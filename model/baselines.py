@@ -13,7 +13,7 @@ from model.hierarchy import Problem
 from model.kernels import initial_style, motion_kernel
 from model.optimise import ProgressCallback, minimise
 from model.rotations import Array
-from model.sparse import Layer
+from model.sparse import Layer, Posterior
 
 Predictor = Callable[[Array, Array], Array]
 """From hand features (T, F) and one-hot styles (T, K) to avatar channels (T, channels)."""
@@ -75,7 +75,7 @@ def nearest_neighbours(task: Problem) -> Predictor:
 
 def sparse_gp(
     task: Problem, inducing: int, rng: np.random.Generator, progress: ProgressCallback | None = None
-) -> Predictor:
+) -> Posterior:
     """Plain sparse GP regression, motion × style kernel, with as many inducing inputs as a layer of the model."""
     features, styles, targets = jnp.asarray(task.features), jnp.asarray(task.data.styles), task.avatar_targets
     chosen = np.sort(rng.choice(len(features), size=min(inducing, len(features)), replace=False))
@@ -91,5 +91,9 @@ def sparse_gp(
     scaled = jnp.asarray((task.data.outputs - task.avatar_offset) / task.avatar_scale)
     noise = sparse.noise_variance(layer.raw_noise, GP_NOISE)
     offset, scale = jnp.asarray(task.avatar_offset), jnp.asarray(task.avatar_scale)
-    posterior = sparse.fit(layer, features, scaled, noise, styles, offset, scale)
+    return sparse.fit(layer, features, scaled, noise, styles, offset, scale)
+
+
+def regression(posterior: Posterior) -> Predictor:
+    """The means of a sparse GP with styles."""
     return lambda inputs, wanted: np.asarray(sparse.means(posterior, jnp.asarray(inputs), jnp.asarray(wanted)))

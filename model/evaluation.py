@@ -1,4 +1,7 @@
-"""Errors of a model and of the baselines on held-out trials, all from the same hand and emotion."""
+"""Scores of what the model and the baselines answer to held-out trials: errors, calibration, smoothness, lag.
+
+Names and units of the metrics are in docs/evaluation.md.
+"""
 
 from __future__ import annotations
 
@@ -8,180 +11,163 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model import baselines, rotations
-from model.dataset import CLOCK_SCALE, Channels, hand_history, output_channels, training_set
+from model import baselines, metrics, rotations
+from model.answers import Answer, Body
+from model.dataset import CLOCK_SCALE, STILL, Channels, output_channels
 from model.errors import HighFiveError
-from model.hgpdm import HGPDM
-from model.hierarchy import Problem, problem
+from model.hierarchy import Problem
 from model.optimise import ProgressCallback
-from model.presets import DEFAULT
-from model.responder import Responder, Response
 from model.rotations import Array
-from model.skeleton import Skeleton
 from model.trials import Trial
 
-SCORED_RATE = 30.0  # Hz, of the frames that count, beside each trial's contact frame
-
-
-@dataclass(frozen=True)
-class Scores:
-    """Errors on held-out trials.
-
-    Attributes:
-        all_joints: m, distance of the joints, by forward kinematics of generated and recorded angles, mean over joints
-            and frames.
-        joint_angle: rad, angle between generated and recorded joint rotation, mean over joints and frames.
-        palm: m, distance of the right palm, by forward kinematics too, mean over frames.
-        palm_at_contact: m, the same at the frame of contact, mean over trials.
-        palm_at_contact_median: m, median over trials.
-        contact_point: m, error of the generated contact point in the last 0.3 s before contact, mean over frames.
-        time_to_contact: s, absolute error of the time to contact in the last 0.3 s, mean over frames.
-    """
-
-    all_joints: float
-    joint_angle: float
-    palm: float
-    palm_at_contact: float
-    palm_at_contact_median: float
-    contact_point: float
-    time_to_contact: float
+SOON = 0.3  # s before contact in which contact point and time to contact are scored
+CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond it tells nothing
+CALIBRATED = {"pose": 1, "palm": 3, "contact_point": 3, "time_to_contact": 1}
+"""What calibration is about, and its dimensions."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """The frames that count.
+    """What was recorded at the frames that count.
 
     Attributes:
-        history: (T, H + 1, 6) m, hand histories for the baselines.
-        styles: (T, K) one-hot.
-        outputs: (T, channels) what was recorded.
-        contact: (T,) bool, the frame is its trial's contact.
-        frames: for each trial, the indices of its frames that count.
+        outputs: (F, channels).
+        joints: (F, J, 3) m.
+        contact: (F,) bool, the frame is its trial's contact.
+        soon: (F,) bool, the palms will meet within :data:`SOON`.
+        moving: (D,) bool, the joint channels that move at all.
     """
 
-    history: Array
-    styles: Array
     outputs: Array
+    joints: Array
     contact: NDArray[np.bool_]
-    frames: tuple[NDArray[np.int64], ...]
+    soon: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
 
 
-def held_out(trials: Sequence[Trial], emotions: Sequence[str], history: Sequence[float]) -> HeldOut:
-    """Gathers the frames that count of the given trials."""
+def held_out(trials: Sequence[Trial], answers: Sequence[Answer], body: Body) -> HeldOut:
+    """Gathers what was recorded where the answers count; any method's answers will do."""
     if not trials:
         raise HighFiveError("no held-out trials; give at least one trial whose split is 'test'")
-    frames, parts = [], []
-    for trial in trials:
-        if trial.emotion not in emotions:
-            raise HighFiveError(f"a trial of emotion {trial.emotion!r}; the model knows {', '.join(emotions)}")
-        stride = max(1, round(trial.rate_hz / SCORED_RATE))
-        chosen = np.union1d(np.arange(0, len(trial.joints), stride), trial.contact_frame)
-        times = chosen / trial.rate_hz
-        style = np.tile(np.eye(len(emotions))[list(emotions).index(trial.emotion)], (len(chosen), 1))
-        frames.append(chosen)
-        at_contact = chosen == trial.contact_frame
-        parts.append((hand_history(trial, times, history), style, output_channels(trial, times), at_contact))
-    return HeldOut(*(np.concatenate(part) for part in zip(*parts, strict=True)), frames=tuple(frames))
+    pairs = list(zip(trials, answers, strict=True))
+    outputs = np.concatenate([output_channels(t, a.frames / t.rate_hz) for t, a in pairs])
+    to_go = np.concatenate([(t.contact_frame - a.frames) / t.rate_hz for t, a in pairs])
+    moving = outputs[:, : 3 * len(body.skeleton)].std(axis=0) > STILL
+    joints, _ = body.positions(outputs)
+    return HeldOut(outputs, joints, to_go == 0.0, (to_go > 0.0) & (to_go <= SOON), moving)
 
 
-def to_channels(response: Response) -> Array:
-    """A response as the avatar channels (channels,) that it came from."""
-    clock = np.tanh(response.time_to_contact / CLOCK_SCALE)
-    parts = [response.joints, response.root, [clock], response.palm, response.contact_point]
-    return np.concatenate(parts)
+def surprises(answers: Sequence[Answer], held: HeldOut) -> dict[str, Array]:
+    """Squared normalised errors of each kind of :data:`CALIBRATED`; nothing for a method without doubt."""
+    doubts = [answer.doubt for answer in answers if answer.doubt is not None]
+    if len(doubts) < len(answers):
+        return {}
+    error = np.concatenate([answer.outputs for answer in answers]) - held.outputs
+    deviations = np.concatenate([doubt.deviations for doubt in doubts])
+    joints, soon = len(held.moving), held.soon
+    where, pose = Channels(joints), np.flatnonzero(held.moving)
+    palm, contact = (np.concatenate(parts) for parts in ([d.palm for d in doubts], [d.contact for d in doubts]))
+    return {
+        "pose": metrics.surprise(error[:, pose], deviations[:, pose]).ravel(),
+        "palm": metrics.region_surprise(error[:, where.palm], palm),
+        "contact_point": metrics.region_surprise(error[soon, where.contact], contact[soon]),
+        "time_to_contact": metrics.surprise(error[soon, where.clock], deviations[soon, where.clock]),
+    }
 
 
-def respond(model: HGPDM, trials: Sequence[Trial], frames: Sequence[NDArray[np.int64]]) -> Array:
-    """Avatar channels (T, channels) that the model answers online to recorded hands, at given frames of the trials."""
-    responders: dict[float, Responder] = {}
-    answers = []
-    for trial, chosen in zip(trials, frames, strict=True):
-        if trial.rate_hz not in responders:
-            responders[trial.rate_hz] = Responder(model, trial.emotion, trial.rate_hz)
-        responder = responders[trial.rate_hz]
-        responder.set_style(trial.emotion)
-        responder.reset()
-        wanted = set(chosen.tolist())
-        for frame, hand in enumerate(trial.hand_points):
-            response = responder.step(hand)
-            if frame in wanted:
-                answers.append(to_channels(response))
-    return np.array(answers)
+def score(trials: Sequence[Trial], answers: Sequence[Answer], held: HeldOut, body: Body) -> dict[str, float]:
+    """Scores of one method's answers to held-out trials, by metric."""
+    palms = [np.linalg.norm(answer.palm - trial.palm, axis=1) for trial, answer in zip(trials, answers, strict=True)]
+    palm = np.concatenate([error[answer.frames] for error, answer in zip(palms, answers, strict=True)])
+    at_contact = contact_errors(trials, answers)
+    predicted = np.concatenate([answer.outputs for answer in answers])
+    scores = {
+        **_pose_errors(predicted, held, body),
+        "palm": float(palm.mean()),
+        "palm_at_contact": float(at_contact.mean()),
+        "palm_at_contact_median": float(np.median(at_contact)),
+        **_contact_errors(predicted, held),
+    }
+    for kind, squares in surprises(answers, held).items():
+        if len(squares):
+            found = metrics.calibration(squares, CALIBRATED[kind])
+            scores[f"{kind}_within_50"], scores[f"{kind}_within_90"] = found.within_50, found.within_90
+            scores[f"{kind}_z2"] = found.mean_square
+    tracks = [answer.palm for answer in answers]
+    return {**scores, **smoothness(trials, tracks), **_lag(trials, tracks)}
 
 
-def body_positions(outputs: Array, skeleton: Skeleton, palm_in_wrist: Array) -> tuple[Array, Array]:
-    """Joints (T, J, 3) and right palm (T, 3), m, by forward kinematics of avatar channels (T, channels)."""
-    where, wrist = Channels(3 * len(skeleton)), skeleton.index("right_wrist")
-    pose = skeleton.from_rotation_vectors(outputs[:, : where.joints])
-    positions, orientations = skeleton.forward_kinematics(outputs[:, where.root], pose)
-    return positions, positions[:, wrist] + rotations.rotate(orientations[:, wrist], palm_in_wrist)
+def contact_errors(trials: Sequence[Trial], answers: Sequence[Answer]) -> Array:
+    """Distance (n,), m, of generated and recorded palm at each trial's contact."""
+    apart = [(a.palm - t.palm)[t.contact_frame] for t, a in zip(trials, answers, strict=True)]
+    return np.linalg.norm(np.array(apart), axis=1)
 
 
-def score(predicted: Array, held: HeldOut, skeleton: Skeleton, palm_in_wrist: Array) -> Scores:
-    """Scores of predicted avatar channels (T, channels)."""
-    where = Channels(3 * len(skeleton))
+def smoothness(trials: Sequence[Trial], tracks: Sequence[Array]) -> dict[str, float]:
+    """Mean spectral arc length, and median RMS jerk, m/s³, of palms (T, 3), m."""
+    arcs = [
+        metrics.spectral_arc_length(metrics.speeds(track, trial.rate_hz), trial.rate_hz)
+        for trial, track in zip(trials, tracks, strict=True)
+    ]
+    jerks = [metrics.rms_jerk(track, trial.rate_hz) for trial, track in zip(trials, tracks, strict=True)]
+    known = [arc for arc in arcs if np.isfinite(arc)]
+    scores = {"spectral_arc_length": float(np.mean(known))} if known else {}
+    return {**scores, "rms_jerk": float(np.median(jerks))}
+
+
+def recorded_smoothness(trials: Sequence[Trial]) -> dict[str, float]:
+    """The smoothness of the recorded palms, to compare with."""
+    return smoothness(trials, [trial.palm for trial in trials])
+
+
+def _lag(trials: Sequence[Trial], tracks: Sequence[Array]) -> dict[str, float]:
+    """Median time by which the generated palm's speed is behind the recorded one's; a still palm has none."""
+    lags = [
+        metrics.lag(metrics.speeds(track, t.rate_hz), metrics.speeds(t.palm, t.rate_hz), t.rate_hz)
+        for t, track in zip(trials, tracks, strict=True)
+        if np.any(np.ptp(track, axis=0) > STILL)
+    ]
+    return {"lag_ms": 1e3 * float(np.median(lags))} if lags else {}
+
+
+def _pose_errors(predicted: Array, held: HeldOut, body: Body) -> dict[str, float]:
+    joints = 3 * len(body.skeleton)
     wanted, got = (
-        rotations.from_rotation_vector(outputs[:, : where.joints].reshape(len(outputs), -1, 3))
+        rotations.from_rotation_vector(outputs[:, :joints].reshape(len(outputs), -1, 3))
         for outputs in (held.outputs, predicted)
     )
     turn = rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(wanted), got))
-    (got_joints, got_palm), (wanted_joints, wanted_palm) = (
-        body_positions(outputs, skeleton, palm_in_wrist) for outputs in (predicted, held.outputs)
+    positions, _ = body.positions(predicted)
+    return {
+        "all_joints": float(np.linalg.norm(positions - held.joints, axis=-1).mean()),
+        "joint_angle": float(np.linalg.norm(turn, axis=-1).mean()),
+    }
+
+
+def _contact_errors(predicted: Array, held: HeldOut) -> dict[str, float]:
+    """Where and when the palms will meet; nothing if no trial has a frame soon before contact."""
+    if not np.any(held.soon):
+        return {}
+    where = Channels(len(held.moving))
+    point = np.linalg.norm((predicted - held.outputs)[held.soon, where.contact], axis=1)
+    got, wanted = (
+        CLOCK_SCALE * np.arctanh(np.clip(outputs[held.soon, where.clock], -CLOCK_LIMIT, CLOCK_LIMIT))
+        for outputs in (predicted, held.outputs)
     )
-    palm = np.linalg.norm(got_palm - wanted_palm, axis=1)
-    point = np.linalg.norm(predicted[:, where.contact] - held.outputs[:, where.contact], axis=1)
-    clocks = [
-        CLOCK_SCALE * np.arctanh(np.clip(outputs[:, where.clock], -0.98, 0.98)) for outputs in (predicted, held.outputs)
-    ]
-    soon = (clocks[1] > 0.0) & (clocks[1] <= 0.3)
-    return Scores(
-        all_joints=float(np.linalg.norm(got_joints - wanted_joints, axis=-1).mean()),
-        joint_angle=float(np.mean(np.linalg.norm(turn, axis=-1))),
-        palm=float(palm.mean()),
-        palm_at_contact=float(palm[held.contact].mean()),
-        palm_at_contact_median=float(np.median(palm[held.contact])),
-        contact_point=float(point[soon].mean()),
-        time_to_contact=float(np.abs(clocks[0] - clocks[1])[soon].mean()),
-    )
-
-
-def evaluate(
-    model: HGPDM,
-    trials: Sequence[Trial],
-    skeleton: Skeleton,
-    palm_in_wrist: Array,
-    seed: int = 0,
-    progress: ProgressCallback | None = None,
-) -> dict[str, Scores]:
-    """Scores of the model, online, and of the baselines trained on the same training trials.
-
-    Args:
-        model: the trained model.
-        trials: all trials; the baselines learn from those that are not held out, and all are scored on those that are.
-        skeleton: the avatar's skeleton.
-        palm_in_wrist: (3,) m, palm centre in the frame of the right wrist.
-        seed: seed of the sparse GP's inducing inputs.
-        progress: called while the sparse GP trains.
-
-    Returns:
-        Scores by method: ``hgpdm``, ``sparse_gp``, ``knn``, ``ridge``, ``mean``.
-    """
-    task = problem(training_set(trials, DEFAULT, model.emotions), DEFAULT)
-    test = [trial for trial in trials if trial.test]
-    held = held_out(test, model.emotions, DEFAULT.history)
-    scores = {"hgpdm": score(respond(model, test, held.frames), held, skeleton, palm_in_wrist)}
-    features = task.feature_map(held.history)
-    for name, predictor in baseline_predictors(task, model.avatar.inducing.shape[0], seed, progress).items():
-        scores[name] = score(predictor(features, held.styles), held, skeleton, palm_in_wrist)
-    return scores
+    return {"contact_point": float(point.mean()), "time_to_contact": float(np.abs(got - wanted).mean())}
 
 
 def baseline_predictors(
     task: Problem, inducing: int, seed: int, progress: ProgressCallback | None = None
 ) -> dict[str, baselines.Predictor]:
     """All baselines, fitted."""
+    layer = baselines.sparse_gp(task, inducing, np.random.default_rng(seed), progress)
+    return {"sparse_gp": baselines.regression(layer), **plain_baselines(task)}
+
+
+def plain_baselines(task: Problem) -> dict[str, baselines.Predictor]:
+    """The baselines that need no training."""
     return {
-        "sparse_gp": baselines.sparse_gp(task, inducing, np.random.default_rng(seed), progress),
         "knn": baselines.nearest_neighbours(task),
         "ridge": baselines.ridge(task),
         "mean": baselines.constant_mean(task),

@@ -104,6 +104,31 @@ def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
     return model
 
 
+def save_layer(layer: Posterior, path: Path | str) -> None:
+    """Writes one trained layer in one piece."""
+    arrays = {key: np.ascontiguousarray(value) for key, value in _layer_arrays("layer", layer).items()}
+    partial = Path(path).with_name(Path(path).name + ".partial")
+    try:
+        partial.write_bytes(save(arrays))
+        os.replace(partial, path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise HighFiveError(f"cannot write {path}: {error.strerror}") from None
+
+
+def load_layer(path: Path | str) -> Posterior:
+    """Reads what :func:`save_layer` wrote.
+
+    Raises:
+        HighFiveError: the file is missing or damaged.
+    """
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            return _layer("layer", {name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
+    except (SafetensorError, OSError, KeyError) as error:
+        raise HighFiveError(f"{path} is not a trained layer ({error}); delete it to train it again") from None
+
+
 def _layer_arrays(name: str, layer: Posterior) -> dict[str, Array]:
     values = {f"{name}.{key}": value for key, value in layer._asdict().items() if key != "kernel"}
     values |= {f"{name}.kernel.{key}": value for key, value in layer.kernel._asdict().items()}

@@ -54,6 +54,8 @@ def test_a_windows_file_gives_scores_of_all_methods(file: Path):
         (["{folder}", "{folder}"], "one data folder"),
         (["model.safetensors", "{file}"], "leave the model out"),
         (["{folder}"], "cannot read"),
+        (["{file}", "--leave-out", "cell"], "leave --leave-out out"),
+        (["model.safetensors", "{folder}", "--leave-out", "cell"], "trains models of its own"),
         (["missing.safetensors", "{folder}"], "no model file"),
         (["--windows", "missing.npz"], "not a windows file"),
         (["{file}", "--preset", "best"], "no preset called"),
@@ -65,3 +67,27 @@ def test_what_cannot_be_scored_is_said_in_one_line(file: Path, arguments: list[s
     assert isinstance(error, HighFiveError)
     assert message in str(error)
     assert "\n" not in str(error)
+
+
+@pytest.mark.slow
+def test_repetitions_left_out_in_turn_give_a_report_and_go_on_where_they_were(tmp_path: Path):
+    capture = ["capture", "--emotion", "angry", "--repetitions", "2", "--seed", "5", "--out", str(tmp_path / "lab")]
+    assert CliRunner().invoke(app, capture).exit_code == 0
+    words = [tmp_path / "lab", "--leave-out", "repetition", "--seeds", 1, "--inducing", 12, "--json"]
+    first = run(*words, "--out", tmp_path / "out")
+    assert first.exit_code == 0, first.output
+    found = json.loads(first.stdout)
+    assert found["held_out_trials"] == found["trials"] == 18
+    assert list(found["by_fold"]) == ["1", "2"]
+    assert all(isinstance(value, float) for values in found["scores"].values() for value in values.values())
+    assert found["scores"]["hgpdm"]["palm"] < found["scores"]["mean"]["palm"]
+    assert "contact_point_within_90" in found["scores"]["sparse_gp"].keys() - found["scores"]["knn"].keys()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "http" not in page and "<script" not in page
+    figures = {path.stem for path in (tmp_path / "out" / "figures").glob("*.png")}
+    assert figures >= {"errors", "calibration", "left_out", "by_horizon", "trajectories", "latent_spaces"}
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "models").iterdir()}
+    assert len(kept) == 4
+    again = json.loads(run(*words, "--out", tmp_path / "out").stdout)
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "models").iterdir()} == kept
+    assert again["scores"]["hgpdm"]["palm"] == found["scores"]["hgpdm"]["palm"]

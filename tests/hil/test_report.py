@@ -11,7 +11,8 @@ from trial_results import some_results
 
 from hil.colours import colour_of, mark_of
 from hil.film import Strip
-from hil.report import render_page, write_file, write_report
+from hil.page import write_file
+from hil.report import render_page, write_report
 from hil.sim.emotions import EMOTIONS
 from hil.sim.rendering import NoPictures
 from hil.summary import SessionSettings, summarise

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from model.answers import Body
 from model.hgpdm import HGPDM
 from model.presets import DEFAULT
+from model.skeleton import skeleton_from_table
 from model.training import train
 from model.trials import Trial
 
@@ -48,3 +50,12 @@ def trials() -> list[Trial]:
 @pytest.fixture(scope="session")
 def model(trials: list[Trial]) -> HGPDM:
     return train(trials, SMALL, inducing=40, skeleton_hash="0123456789abcdef")
+
+
+@pytest.fixture(scope="session")
+def body() -> Body:
+    """Three joints in a row, the last of them the wrist."""
+    table = [("hips", None, (0.0, 0.0, 0.9)), ("shoulder", "hips", (0.0, 0.0, 1.4)),
+             ("right_wrist", "shoulder", (0.0, 0.0, 0.9))]  # fmt: skip
+    hinges = {name: ("xyz", [(-180.0, 180.0)] * 3) for name, _, _ in table}
+    return Body(skeleton_from_table(table, hinges, {}), np.array([0.0, 0.0, -0.1]))

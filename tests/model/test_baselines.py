@@ -2,30 +2,35 @@ import numpy as np
 import pytest
 
 from model import baselines
-from model.dataset import training_set
-from model.evaluation import held_out, respond
+from model.answers import Body, online, regressed
+from model.dataset import output_channels, training_set
 from model.hgpdm import HGPDM
 from model.hierarchy import problem
 from model.trials import Trial
 
 
 @pytest.fixture(scope="module")
-def errors(trials: list[Trial], model: HGPDM) -> dict[str, float]:
+def errors(trials: list[Trial], model: HGPDM, body: Body) -> dict[str, float]:
     """Mean joint error, rad, of each method on the held-out trials."""
     task = problem(training_set(trials, model.preset), model.preset)
-    test = [trial for trial in trials if trial.test]
-    held = held_out(test, model.emotions, model.preset.history)
-    features = task.feature_map(held.history)
     predictors = {
         "mean": baselines.constant_mean(task),
         "ridge": baselines.ridge(task),
         "knn": baselines.nearest_neighbours(task),
-        "sparse_gp": baselines.sparse_gp(task, 40, np.random.default_rng(0)),
+        "sparse_gp": baselines.regression(baselines.sparse_gp(task, 40, np.random.default_rng(0))),
     }
-    answers = {name: predictor(features, held.styles) for name, predictor in predictors.items()}
-    answers["hgpdm"] = respond(model, test, held.frames)
-    joints = slice(0, model.joints)
-    return {name: float(np.abs(a[:, joints] - held.outputs[:, joints]).mean()) for name, a in answers.items()}
+    methods = {name: regressed(predictor, task, body) for name, predictor in predictors.items()}
+    methods["hgpdm"] = online(model, body)
+    found = {}
+    for name, method in methods.items():
+        off = []
+        for trial in trials:
+            if trial.test:
+                answer = method(trial)
+                wanted = output_channels(trial, answer.frames / trial.rate_hz)
+                off.append(np.abs(answer.outputs - wanted)[:, : model.joints].mean())
+        found[name] = float(np.mean(off))
+    return found
 
 
 def test_every_method_beats_the_mean(errors: dict[str, float]):

@@ -1,0 +1,106 @@
+"""What is trained for an evaluation, kept in a folder so that an interrupted evaluation goes on where it was."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hil.avatar import avatar_skeleton
+from model import baselines, training
+from model.dataset import training_set
+from model.errors import HighFiveError
+from model.hgpdm import HGPDM
+from model.hierarchy import Problem, problem
+from model.optimise import ProgressCallback
+from model.presets import DEFAULT, Preset
+from model.sparse import Posterior
+from model.store import load_layer, load_model, save_layer, save_model
+from model.trials import Trial
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The model and the trained baseline of one training.
+
+    Attributes:
+        model: the model.
+        task: the training points as the baselines see them.
+        sparse_gp: the plain sparse GP.
+    """
+
+    model: HGPDM
+    task: Problem
+    sparse_gp: Posterior
+
+
+def fit(
+    trials: Sequence[Trial],
+    preset: Preset,
+    inducing: int,
+    seed: int,
+    kept: Path | None = None,
+    progress: ProgressCallback | None = None,
+    model: HGPDM | None = None,
+) -> Fitted:
+    """Trains on the trials that are not held out.
+
+    Args:
+        trials: all trials.
+        preset: of the model.
+        inducing: inducing inputs of each layer and of the sparse GP.
+        seed: seed of the choice of inducing inputs.
+        kept: folder in which what was trained before is looked for, and to which it goes; None trains afresh.
+        progress: called after every step.
+        model: a model that is trained already.
+
+    Raises:
+        HighFiveError: the data cannot be learned from, or the folder cannot be used.
+    """
+    if kept is not None:
+        try:
+            kept.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise HighFiveError(f"cannot make {kept}: {error.strerror}; choose another --out") from None
+    if model is None:
+        model = _model(trials, preset, inducing, seed, kept, progress)
+    task = problem(training_set(trials, DEFAULT, model.emotions), DEFAULT)
+    inducing = model.avatar.inducing.shape[0]
+    path = _path(kept, "sparse_gp", f"{DEFAULT!r} {inducing} {seed} {task.data.data_hash}")
+    if path is not None and path.is_file():
+        return Fitted(model, task, load_layer(path))
+    layer = baselines.sparse_gp(task, inducing, np.random.default_rng(seed), progress)
+    if path is not None:
+        save_layer(layer, path)
+    return Fitted(model, task, layer)
+
+
+def _model(
+    trials: Sequence[Trial],
+    preset: Preset,
+    inducing: int,
+    seed: int,
+    kept: Path | None,
+    progress: ProgressCallback | None,
+) -> HGPDM:
+    skeleton = avatar_skeleton().hash
+    data = training_set(trials, preset)
+    path = _path(kept, "hgpdm", f"{preset!r} {inducing} {seed} {data.data_hash} {data.emotions}")
+    if path is None:
+        return training.train_on(data, preset, inducing, seed, skeleton, progress)
+    if path.is_file():
+        return load_model(path, skeleton)
+    checkpoint = path.with_suffix(".checkpoint.npz")
+    model = training.train_on(data, preset, inducing, seed, skeleton, progress, checkpoint)
+    save_model(model, path)
+    checkpoint.unlink(missing_ok=True)
+    return model
+
+
+def _path(kept: Path | None, method: str, key: str) -> Path | None:
+    if kept is None:
+        return None
+    return kept / f"{method}_{hashlib.sha256(key.encode()).hexdigest()[:16]}.safetensors"

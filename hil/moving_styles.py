@@ -1,0 +1,71 @@
+"""One hand answered in mixtures of two styles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.colors import to_hex, to_rgb
+
+from hil.avatar import avatar_skeleton
+from hil.colours import colour_of
+from model import metrics
+from model.hgpdm import HGPDM
+from model.responder import Responder
+from model.rotations import Array
+from model.trials import Trial
+
+WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+MOMENTS = (-0.6, -0.4, -0.2, 0.0, 0.3, 0.6)  # s from contact
+
+
+@dataclass(frozen=True)
+class Morph:
+    """The answer in one mixture.
+
+    Attributes:
+        label: the mixture.
+        colour: between those of the two emotions.
+        source: whose hand it is.
+        moments: s from the recorded contact.
+        joints: (M, J, 3) m, the avatar's joints at these moments.
+        hands: (M, 2, 3) m, the person's wrist and knuckle centre.
+        peak_speed: m/s, of the avatar's palm until contact.
+    """
+
+    label: str
+    colour: str
+    source: str
+    moments: tuple[float, ...]
+    joints: Array
+    hands: Array
+    peak_speed: float
+
+
+def morphs(model: HGPDM, trials: Sequence[Trial]) -> list[Morph]:
+    """Answers to one trial's hand from one style to another; none if the model knows but one."""
+    if len(model.emotions) < 2:
+        return []
+    start = "neutral" if "neutral" in model.emotions else model.emotions[0]
+    end = "angry" if "angry" in model.emotions and start != "angry" else next(e for e in model.emotions if e != start)
+    mine = [trial for trial in trials if trial.emotion == start] or list(trials)
+    trial = next((t for t in mine if t.cell == "B2"), mine[len(mine) // 2])
+    return [_morph(model, trial, start, end, weight) for weight in WEIGHTS]
+
+
+def _morph(model: HGPDM, trial: Trial, start: str, end: str, weight: float) -> Morph:
+    responder = Responder(model, {start: 1.0 - weight, end: weight}, trial.rate_hz)
+    responses = [responder.step(hand) for hand in trial.hand_points]
+    frames = trial.contact_frame + np.round(np.array(MOMENTS) * trial.rate_hz).astype(int)
+    frames = frames.clip(0, len(responses) - 1)
+    skeleton = avatar_skeleton()
+    pose = skeleton.from_rotation_vectors(np.array([responses[f].joints for f in frames]))
+    joints, _ = skeleton.forward_kinematics(np.array([responses[f].root for f in frames]), pose)
+    until = max(2, trial.contact_frame + 1)
+    speed = metrics.speeds(np.array([r.palm for r in responses])[:until], trial.rate_hz)
+    blend = (1.0 - weight) * np.array(to_rgb(colour_of(start))) + weight * np.array(to_rgb(colour_of(end)))
+    label = f"{start} {100 * (1 - weight):.0f} %\n{end} {100 * weight:.0f} %"
+    source = f"{trial.emotion}{trial.cell and ', cell ' + trial.cell}"
+    hands = trial.hand_points[frames]
+    return Morph(label, to_hex(blend.tolist()), source, MOMENTS, joints, hands, float(speed.max()))

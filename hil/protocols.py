@@ -1,0 +1,184 @@
+"""Runs a protocol: trains once for each fold, and scores each held-out trial by a training that did not see it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hil.avatar import PALM_IN_RIGHT_WRIST, avatar_skeleton
+from hil.fitted import Fitted, fit
+from hil.score_table import Scored
+from hil.step_times import step_times
+from hil.training_data import tell
+from model import baselines, evaluation
+from model.answers import Answer, Body, Method, online, regressed
+from model.errors import HighFiveError
+from model.hgpdm import HGPDM
+from model.optimise import ProgressCallback
+from model.presets import Preset
+from model.rotations import Array
+from model.splits import Fold, leave_out
+from model.trials import Trial
+
+Steps = Callable[[str], ProgressCallback]
+"""From the name of a fold to what is called after each of its steps."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A protocol with one seed.
+
+    Attributes:
+        fitted: the training of the first fold.
+        trials: the held-out trials of all folds.
+        folds: which fold each of them is from.
+        answers: method → answer to each trial.
+        held: what was recorded.
+        scores: method → metric → value.
+        seen: method → (n,) m, error at contact of each trial by a training that saw its cell, where that was asked for.
+    """
+
+    fitted: Fitted
+    trials: list[Trial]
+    folds: list[str]
+    answers: dict[str, list[Answer]]
+    held: evaluation.HeldOut
+    scores: Scored
+    seen: dict[str, Array]
+
+    def by_fold(self) -> dict[str, Scored]:
+        """Fold → method → mean distance of the palms at contact, m, and the same when the cell was seen."""
+        table: dict[str, Scored] = {}
+        for fold in dict.fromkeys(self.folds):
+            chosen = [name == fold for name in self.folds]
+            table[fold] = {}
+            for method, answers in self.answers.items():
+                errors = evaluation.contact_errors(self.trials, answers)[chosen]
+                table[fold][method] = {"palm_at_contact": float(errors.mean())}
+                seen = self.seen[method][chosen] if method in self.seen else np.zeros(0)
+                if np.any(np.isfinite(seen)):
+                    table[fold][method]["palm_at_contact_seen"] = float(np.nanmean(seen))
+        return table
+
+
+def body() -> Body:
+    """The avatar's body."""
+    return Body(avatar_skeleton(), PALM_IN_RIGHT_WRIST)
+
+
+def methods(fitted: Fitted) -> dict[str, Method]:
+    """The model and all baselines of one training."""
+    task, avatar = fitted.task, body()
+    plain = evaluation.plain_baselines(task)
+    return {
+        "hgpdm": online(fitted.model, avatar),
+        "sparse_gp": regressed(baselines.regression(fitted.sparse_gp), task, avatar, fitted.sparse_gp),
+        **{name: regressed(regression, task, avatar) for name, regression in plain.items()},
+    }
+
+
+def run_protocol(
+    folds: Sequence[Fold],
+    what: str | None,
+    preset: Preset,
+    inducing: int,
+    seed: int,
+    kept: Path | None,
+    steps: Steps,
+    model: HGPDM | None = None,
+) -> Run:
+    """Trains and scores with one seed.
+
+    Args:
+        folds: trainings and what they do not see.
+        what: ``repetition`` or ``cell``, what is left out in turn, or None.
+        preset: of the model.
+        inducing: inducing inputs of each layer.
+        seed: seed of the training.
+        kept: folder of trainings, see :func:`hil.fitted.fit`.
+        steps: makes the progress bars.
+        model: a model that is trained already, scored instead.
+
+    Raises:
+        HighFiveError: the data cannot be learned from, or no held-out trial is of an emotion that was learned.
+    """
+
+    def train(fold: Fold) -> Fitted:
+        return fit(fold.trials, preset, inducing, seed, kept, steps(fold.name), model)
+
+    found = [_Scored(fold, fitted := train(fold), *_answered(fold, fitted)) for fold in folds]
+    trials = [part.fold.trials[index] for part in found for index in part.indices]
+    if not trials:
+        raise HighFiveError("no held-out trial is of an emotion that was learned")
+    fitted = found[0].fitted
+    answers = {name: [a for part in found for a in part.answers[name]] for name in found[0].answers}
+    held = evaluation.held_out(trials, answers["hgpdm"], body())
+    scores = {name: evaluation.score(trials, given, held, body()) for name, given in answers.items()}
+    for name, times in step_times(fitted, evaluation.plain_baselines(fitted.task), trials[0]).items():
+        scores[name] |= {f"step_ms_p{part}": float(np.percentile(times, part)) for part in (50, 99)}
+    seen: dict[str, Array] = {}
+    if what == "cell":
+        order = [index for part in found for index in part.indices]
+        seen = {name: errors[order] for name, errors in _errors_when_seen(folds[0].trials, train).items()}
+        for name, errors in seen.items():
+            scores[name] |= _against_seen(evaluation.contact_errors(trials, answers[name]), errors)
+    names = [part.fold.name for part in found for _ in part.indices]
+    return Run(fitted, trials, names, answers, held, scores, seen)
+
+
+@dataclass(frozen=True)
+class _Scored:
+    """A fold, its training, the indices of its held-out trials that can be scored, and each method's answers."""
+
+    fold: Fold
+    fitted: Fitted
+    indices: list[int]
+    answers: dict[str, list[Answer]]
+
+
+def _answered(fold: Fold, fitted: Fitted) -> tuple[list[int], dict[str, list[Answer]]]:
+    """The held-out trials of emotions that were learned, and each method's answers."""
+    emotions, trials = fitted.model.emotions, fold.trials
+    known = [index for index in fold.held_out if trials[index].emotion in emotions]
+    if missing := {trials[index].emotion for index in fold.held_out} - set(emotions):
+        tell(f"without {fold.name or 'the held-out trials'} there is no trial of {', '.join(sorted(missing))}")
+    return known, {name: [method(trials[i]) for i in known] for name, method in methods(fitted).items()}
+
+
+def _errors_when_seen(trials: Sequence[Trial], train: Callable[[Fold], Fitted]) -> dict[str, Array]:
+    """Errors (trials,), m, at contact, each by a training that saw other repetitions of the trial's cell, else NaN.
+
+    Where no repetitions are known there is nothing to say: {}.
+    """
+    try:
+        folds = leave_out(trials, "repetition")
+    except HighFiveError:
+        return {}
+    seen: dict[str, Array] = {}
+    for fold in folds:
+        fitted = train(fold)
+        learned = {(trial.cell, trial.emotion) for trial in fold.trials if not trial.test}
+        for name, method in methods(fitted).items():
+            errors = seen.setdefault(name, np.full(len(trials), np.nan))
+            for index in fold.held_out:
+                trial = fold.trials[index]
+                if (trial.cell, trial.emotion) in learned:
+                    errors[index] = evaluation.contact_errors([trial], [method(trial)])[0]
+    return seen
+
+
+def _against_seen(unseen: Array, seen: Array) -> dict[str, float]:
+    """The same trials' errors at contact when their cell was seen, and the ratios of means and medians."""
+    both = np.isfinite(seen)
+    if not np.any(both):
+        return {}
+    unseen, seen = unseen[both], seen[both]
+    return {
+        "palm_at_contact_seen": float(seen.mean()),
+        "palm_at_contact_median_seen": float(np.median(seen)),
+        "unseen_over_seen": float(unseen.mean() / seen.mean()),
+        "unseen_over_seen_median": float(np.median(unseen) / np.median(seen)),
+    }

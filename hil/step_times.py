@@ -1,0 +1,53 @@
+"""How long each method takes for one answer on this machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from hil.fitted import Fitted
+from model.answers import one_hot
+from model.baselines import Predictor as Regression
+from model.dataset import hand_history
+from model.predictor import Predictor
+from model.responder import Responder
+from model.rotations import Array
+from model.trials import Trial
+
+WARM_UP = 30  # steps that do not count
+
+
+def step_times(fitted: Fitted, plain: dict[str, Regression], trial: Trial) -> dict[str, Array]:
+    """Time of each step, ms, of each method over a trial: from the hand to the pose and, if it says so, its doubt.
+
+    Args:
+        fitted: the model and the sparse GP.
+        plain: the baselines without doubt.
+        trial: whose hand is answered.
+    """
+    responder = Responder(fitted.model, trial.emotion, trial.rate_hz)
+    style, task = one_hot(trial, fitted.task.data.emotions), fitted.task
+    times = np.arange(len(trial.joints)) / trial.rate_hz
+    histories = hand_history(trial, times, task.preset.history)
+    layer = Predictor(fitted.sparse_gp)
+
+    def of(regression: Regression) -> Callable[[int], object]:
+        return lambda frame: regression(task.feature_map(histories[frame : frame + 1]), style[None])
+
+    steps: dict[str, Callable[[int], object]] = {
+        "hgpdm": lambda frame: responder.step(trial.hand_points[frame]).joints_std,
+        "sparse_gp": lambda frame: layer(task.feature_map(histories[frame]), style).doubt(),
+        **{name: of(regression) for name, regression in plain.items()},
+    }
+    return {name: _times(step, len(times)) for name, step in steps.items()}
+
+
+def _times(step: Callable[[int], object], frames: int) -> Array:
+    measured = []
+    for frame in range(frames):
+        start = time.perf_counter_ns()
+        step(frame)
+        measured.append(1e-6 * (time.perf_counter_ns() - start))
+    return np.array(measured[WARM_UP:] or measured)

@@ -1,0 +1,164 @@
+"""What the model and the baselines answer to the hand of a recorded trial, and how sure they say they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model import rotations
+from model.baselines import Predictor as Regression
+from model.belief import Generated
+from model.dataset import AUXILIARY, CLOCK_SCALE, Channels, hand_history
+from model.errors import HighFiveError
+from model.hgpdm import HGPDM
+from model.hierarchy import Problem
+from model.predictor import Predictor
+from model.responder import Responder, Response
+from model.rotations import Array
+from model.skeleton import Skeleton
+from model.sparse import Posterior
+from model.trials import Trial
+
+SCORED_RATE = 30.0  # Hz, of the frames that count, beside each trial's contact frame
+
+
+@dataclass(frozen=True)
+class Body:
+    """The avatar's body: a skeleton, and where on its right wrist the palm is.
+
+    Attributes:
+        skeleton: the skeleton.
+        palm_in_wrist: (3,) m, palm centre in the frame of the right wrist.
+    """
+
+    skeleton: Skeleton
+    palm_in_wrist: Array
+
+    def positions(self, outputs: Array) -> tuple[Array, Array]:
+        """Joints (T, J, 3) and right palm (T, 3), m, by forward kinematics of avatar channels (T, channels)."""
+        where, wrist = Channels(3 * len(self.skeleton)), self.skeleton.index("right_wrist")
+        pose = self.skeleton.from_rotation_vectors(outputs[:, : where.joints])
+        positions, orientations = self.skeleton.forward_kinematics(outputs[:, where.root], pose)
+        return positions, positions[:, wrist] + rotations.rotate(orientations[:, wrist], self.palm_in_wrist)
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """How sure a method says it is at the frames that count.
+
+    Attributes:
+        deviations: (F, channels) standard deviations.
+        palm: (F, 3, 3) m², covariance of the palm as generated directly.
+        contact: (F, 3, 3) m², of the contact point.
+    """
+
+    deviations: Array
+    palm: Array
+    contact: Array
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method says to one trial.
+
+    Attributes:
+        frames: (F,) the trial's frames that count.
+        outputs: (F, channels) avatar channels at these frames.
+        palm: (T, 3) m, the right palm at every frame, by forward kinematics.
+        doubt: None for a method that does not say how sure it is.
+    """
+
+    frames: NDArray[np.int64]
+    outputs: Array
+    palm: Array
+    doubt: Doubt | None
+
+
+Method = Callable[[Trial], Answer]
+
+
+def scored_frames(trial: Trial) -> NDArray[np.int64]:
+    """The frames that count: about thirty a second, and contact."""
+    stride = max(1, round(trial.rate_hz / SCORED_RATE))
+    return np.union1d(np.arange(0, len(trial.joints), stride), trial.contact_frame)
+
+
+def one_hot(trial: Trial, emotions: Sequence[str]) -> Array:
+    """Style weights (K,) of the trial's emotion.
+
+    Raises:
+        HighFiveError: the emotion is not among those of the training.
+    """
+    if trial.emotion not in emotions:
+        raise HighFiveError(f"a trial of emotion {trial.emotion!r}; the model knows {', '.join(emotions)}")
+    return np.eye(len(emotions))[list(emotions).index(trial.emotion)]
+
+
+def to_channels(response: Response) -> Array:
+    """A response as the avatar channels (channels,) that it came from."""
+    clock = np.tanh(response.time_to_contact / CLOCK_SCALE)
+    parts = [response.joints, response.root, [clock], response.palm, response.contact_point]
+    return np.concatenate(parts)
+
+
+def channel_covariance(generated: Generated, channels: slice) -> Array:
+    """Covariance (D', D') of some avatar channels: what they share through the latents, and the doubt of each."""
+    slope = generated.avatar.slope(channels)
+    return slope @ generated.avatar_spread @ slope.T + np.diag(generated.avatar.doubt(channels))
+
+
+def online(model: HGPDM, body: Body) -> Method:
+    """The model, tick by tick at the trial's rate."""
+    responders: dict[float, Responder] = {}
+
+    def answer(trial: Trial) -> Answer:
+        one_hot(trial, model.emotions)  # known?
+        if trial.rate_hz not in responders:
+            responders[trial.rate_hz] = Responder(model, trial.emotion, trial.rate_hz)
+        responder, where = responders[trial.rate_hz], model.channels
+        responder.set_style(trial.emotion)
+        responder.reset()
+        responses = [responder.step(hand) for hand in trial.hand_points]
+        outputs, frames = np.array([to_channels(r) for r in responses]), scored_frames(trial)
+        counted = [responses[frame].generated for frame in frames]
+        doubt = Doubt(
+            np.array([generated.channel_deviations() for generated in counted]),
+            np.array([channel_covariance(generated, where.palm) for generated in counted]),
+            np.array([channel_covariance(generated, where.contact) for generated in counted]),
+        )
+        return Answer(frames, outputs[frames], body.positions(outputs)[1], doubt)
+
+    return answer
+
+
+def regressed(regression: Regression, task: Problem, body: Body, posterior: Posterior | None = None) -> Method:
+    """A baseline, frame by frame from the recorded hand and its history.
+
+    Args:
+        regression: the baseline.
+        task: the training points that it was fitted to.
+        body: the avatar's body.
+        posterior: the same baseline as a sparse GP, where it is one: it says how sure it is.
+    """
+    predictor = None if posterior is None else Predictor(posterior)
+
+    def answer(trial: Trial) -> Answer:
+        style = one_hot(trial, task.data.emotions)
+        times = np.arange(len(trial.joints)) / trial.rate_hz
+        features = task.feature_map(hand_history(trial, times, task.preset.history))
+        outputs = regression(features, np.tile(style, (len(features), 1)))
+        frames = scored_frames(trial)
+        doubt = None if predictor is None else _doubt(predictor, features[frames], style)
+        return Answer(frames, outputs[frames], body.positions(outputs)[1], doubt)
+
+    return answer
+
+
+def _doubt(predictor: Predictor, features: Array, style: Array) -> Doubt:
+    variances = np.array([predictor(point, style).doubt() for point in features])
+    where = Channels(variances.shape[1] - AUXILIARY)
+    palm, contact = (variances[:, part, None] * np.eye(3) for part in (where.palm, where.contact))
+    return Doubt(np.sqrt(variances), palm, contact)

@@ -120,7 +120,7 @@ class Session:
         generated = self._pose(response, familiar)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None
-        expectation = Expectation(response.time_to_contact, response.time_to_contact_std, familiar)
+        expectation = _expectation(response, familiar)
         target = self._reach.step(palm, seen, expectation, self._correction.shoulder, 1.0 / RATE_HZ)
         if not self._correct or target.phase is Phase.IDLE:
             return Tick(markers, person, response, generated, palm, target, generated, palm, 0.0, False)
@@ -159,3 +159,10 @@ class Session:
         skeleton = avatar_skeleton()
         hinges = skeleton.to_hinges(skeleton.from_rotation_vectors(response.joints))
         return Pose(response.root, skeleton.clamp(hinges))
+
+
+def _expectation(response: Response, familiar: bool) -> Expectation:
+    contact = response.contact
+    if contact is None:
+        return Expectation(response.time_to_contact, response.time_to_contact_std, familiar)
+    return Expectation(contact.time, contact.deviation, familiar, contact.point, contact.covariance[:3, :3])

@@ -13,14 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from model.dataset import KNUCKLES
 from model.errors import HighFiveError
+from model.forecast import ContactForecast
 from model.hgpdm import HGPDM
 from model.hierarchy import dynamics_input, dynamics_mean
 from model.rotations import Array
 from model.sparse import Posterior
-from model.tick import Belief, Generated, Moving, Plan, generated, measured, moved, ticked
+from model.tick import Belief, Generated, Moving, Plan, foreseen, generated, measured, moved, ticked
 
-TRUST_TIME = 0.1  # s over which a hand that comes back regains its full weight
 STYLE_TIME = 0.1  # s, time constant of each of the two smoothings of the style weights
 
 
@@ -30,11 +31,14 @@ def lagrange(fraction: float) -> Array:
     return np.array([0.5 * s * (s - 1.0), 1.0 - s * s, 0.5 * s * (s + 1.0)])
 
 
-def tick_weights(history: tuple[float, ...], rate_hz: float) -> Array:
-    """Matrix (H + 1, L) that interpolates the hand now and at each ``history`` s ago from its last L ticks."""
-    ticks = np.array([0.0, *history]) * rate_hz
+def tick_weights(history: tuple[float, ...], rate_hz: float, ago: float = 0.0, span: float = 0.0) -> Array:
+    """Matrix (H + 1, L) that interpolates the hand ``ago`` s ago and each ``history`` s before that.
+
+    From its last L ticks, which reach back ``span`` s, or as far as needed if that is more.
+    """
+    ticks = (ago + np.array([0.0, *history])) * rate_hz
     low = np.floor(ticks + 1e-9).astype(int)
-    weights = np.zeros((len(ticks), math.ceil(ticks.max()) + 2))
+    weights = np.zeros((len(ticks), math.ceil(max(ticks.max(), span * rate_hz)) + 2))
     rows = np.arange(len(ticks))
     weights[rows, low], weights[rows, low + 1] = 1.0 - (ticks - low), ticks - low
     return weights
@@ -96,16 +100,18 @@ class Filter:
             inputs=np.array(inputs, order="C"),
             features=np.array(model.feature_map.matrix, order="C"),
             feature_offset=np.array(model.feature_map.offset),
-            ticks=tick_weights(preset.history, rate_hz),
+            ticks=tick_weights(preset.history, rate_hz, span=model.lag + max((0.0, *preset.history))),
+            earlier=tick_weights(preset.history, rate_hz, ago=model.lag),
             repeats=max(1.0, model.lag * rate_hz),
             avatar_first=0,
             human_first=preset.avatar_dims,
             tick=self._moving_by(self._seconds),
-            trust_change=self._seconds / TRUST_TIME,
             style_share=1.0 - math.exp(-self._seconds / STYLE_TIME),
         )
         self._start = np.tile(model.start_mean, 2)
         self._start_covariance = np.kron(np.ones((2, 2)), model.start_covariance) + 1e-6 * np.eye(2 * dims)
+        self._contact = model.contact
+        self._contact_layer = None if model.contact is None else packed(model.contact.posterior)
         self._compile()
 
     def _compile(self) -> None:
@@ -115,12 +121,13 @@ class Filter:
         self.predict(belief.latent, belief.covariance, self.lag)
         self.measure(belief.hands)
         self.step(belief, belief.generated_hand, np.ones(self._coordinates), style)
+        self.foresee(belief)
 
     def initial(self, style: Array) -> Belief:
         """The belief before any hand was seen: where training trials begin."""
         hand = self.generate(self._start, self._start_covariance, style).human
         hands = np.tile(np.stack([hand, np.full(len(hand), 1e-2)]), (self._plan.ticks.shape[1], 1, 1))
-        return Belief(self._start, self._start_covariance, hands, hand, np.tile(style, (2, 1)), 1.0, False)
+        return Belief(self._start, self._start_covariance, hands, 0, hand, np.tile(style, (2, 1)), False)
 
     def predict(self, latent: Array, covariance: Array, seconds: float) -> tuple[Array, Array]:
         """The belief over (I now, I one lag ago) a time later: the dynamics, linearised, in steps of at most one lag.
@@ -136,7 +143,7 @@ class Filter:
         The uncertainty of the hand passes through; the back projection adds its own, which is large far from the
         training data. That part stays the same from tick to tick, so it is counted once a lag and not once a tick.
         """
-        return measured(self._plan, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
+        return measured(self._plan, self._plan.ticks, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
 
     def generate(self, latent: Array, covariance: Array, style: Array) -> Generated:
         """Down the hierarchy from a belief over (I now, I one lag ago): I → X¹, X² → Y¹, Y², linearised."""
@@ -148,6 +155,14 @@ class Filter:
         seen = belief.generated_hand if hand is None else _own(hand, self._coordinates)
         variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
         return ticked(self._plan, belief, hand is not None, seen, variance, weights)
+
+    def foresee(self, belief: Belief) -> ContactForecast | None:
+        """Where and when the palms will meet, as the hand's last ticks say; None where nothing was learned of it."""
+        if self._contact is None or self._contact_layer is None:
+            return None
+        left, covariance = foreseen(self._plan, self._contact_layer, belief.hands)
+        time = float(left[3])
+        return ContactForecast(belief.hands[0, 0, KNUCKLES] + left[:3], time, self._contact.calibrated(time, covariance))
 
     def _moving_by(self, seconds: float) -> Moving:
         """How ``seconds`` pass: in steps of at most one lag.

@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 from model.belief import Filter
 from model.dataset import CLOCK_SCALE, HAND_DIMS, Channels
 from model.errors import HighFiveError
+from model.forecast import ContactForecast
 from model.hgpdm import HGPDM
+from model.inertia import Inertia
 from model.rotations import Array
 from model.style import style_weights
 from model.tick import Generated
@@ -33,10 +35,12 @@ class Response:
         joints: (D,) rad, rotation vectors relative to the rest pose.
         root: (3,) m, pelvis in the world.
         palm: (3,) m, the avatar's palm as generated directly (beside what the joints give).
-        contact_point: (3,) m, where the palms will meet, or met last.
-        time_to_contact, time_to_contact_std: s, negative after contact; informative within about ±0.9 s.
+        contact_point: (3,) m, where the palms will meet, or met last, as the avatar layer has it beside the pose.
+        time_to_contact, time_to_contact_std: s, negative after contact, from the same layer; within about ±0.9 s.
         hand: (2, 3) m, the person's hand as the human layer generates it.
         latent, latent_covariance: (q,) and (q, q) of the interaction latent I.
+        contact: where and when the palms will meet, as the contact layer forecasts it, better and with a covariance;
+            None in a response ahead, or where the model has no such layer.
         ahead: s, how far after the last tick this holds; 0 for the answer of a tick.
         generated: the channels and the hand, with their deviations.
     """
@@ -50,6 +54,7 @@ class Response:
     hand: Array
     latent: Array
     latent_covariance: Array
+    contact: ContactForecast | None
     ahead: float
     generated: Generated = field(repr=False, compare=False)
 
@@ -99,7 +104,7 @@ class Responder:
             raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks a second")
         self._model, self._where = model, model.channels
         self._style = _checked(style_weights, model)
-        self._filter = Filter(model, rate_hz)
+        self._filter, self._inertia = Filter(model, rate_hz), Inertia(1.0 / rate_hz)
         self.reset()
 
     @property
@@ -110,6 +115,7 @@ class Responder:
     def reset(self) -> None:
         """Forgets the person: the next hand seen begins a new interaction."""
         self._belief = self._filter.initial(self._style)
+        self._inertia.reset()
 
     def set_style(self, weights: str | Mapping[str, float] | ArrayLike) -> None:
         """Changes the style; the answer moves there smoothly within a few tenths of a second."""
@@ -137,8 +143,12 @@ class Responder:
             if not math.isfinite(hand.sum() + variance.sum()):
                 raise HighFiveError("the hand points hold NaN or infinity; pass None while the hand is hidden")
             hand = hand.reshape(HAND_DIMS)
+        changed = self._belief.started and (hand is None) == (self._belief.away == 0)
         self._belief, generated = self._filter.step(self._belief, hand, variance, self._style)
-        return self._response(self._belief.latent, self._belief.covariance, generated, 0.0)
+        # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
+        generated = generated._replace(avatar=self._inertia.step(generated.avatar, changed))
+        contact = self._filter.foresee(self._belief)
+        return self._response(self._belief.latent, self._belief.covariance, generated, contact, 0.0)
 
     def forecast(self, horizon_s: float) -> list[Response]:
         """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
@@ -148,10 +158,12 @@ class Responder:
         for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
             latent, covariance = self._filter.predict(latent, covariance, lag)
             generated = self._filter.generate(latent, covariance, self._belief.style[1])
-            responses.append(self._response(latent, covariance, generated, number * lag))
+            responses.append(self._response(latent, covariance, generated, None, number * lag))
         return responses
 
-    def _response(self, latent: Array, covariance: Array, generated: Generated, ahead: float) -> Response:
+    def _response(
+        self, latent: Array, covariance: Array, generated: Generated, contact: ContactForecast | None, ahead: float
+    ) -> Response:
         where, dims, mean = self._where, self._model.preset.interaction_dims, generated.avatar
         clock = min(max(float(mean[where.clock]), -CLOCK_LIMIT), CLOCK_LIMIT)
         deviation = float(generated.avatar_deviations[where.clock])
@@ -165,6 +177,7 @@ class Responder:
             hand=generated.human.reshape(2, 3),
             latent=latent[:dims],
             latent_covariance=covariance[:dims, :dims],
+            contact=contact,
             ahead=ahead,
             generated=generated,
         )

@@ -14,6 +14,7 @@ import numpy as np
 from model.compiled import compiled, compiled_entry
 from model.rotations import Array
 
+SPEED_SPAN = 4  # ticks over which the speed of a hand is taken that is about to be hidden: fewer are too noisy
 COVARIANCE_LIMIT = 10.0  # variance of a latent beyond which more doubt means nothing (the data have variance 1)
 
 
@@ -40,11 +41,10 @@ class Plan(NamedTuple):
         back: the back projections, one after the other.
         inputs: (2 q, 2 q) from (I now, I one lag ago) to the dynamics' input.
         features, feature_offset: (F, P (H + 1)) and (F,), the feature map.
-        ticks: (H + 1, L) interpolates the hand's history from its last L ticks.
+        ticks, earlier: (H + 1, L) interpolate the hand's history, and that of one lag ago, from its last L ticks.
         repeats: ticks a lag: how often a back projection's own doubt is met.
         avatar_first, human_first: where X¹ and X² begin in the interaction layer's output.
         tick: one tick.
-        trust_change: how much a tick adds to the trust in a hand, or takes from it.
         style_share: how far each smoothing of the style goes in a tick.
     """
 
@@ -57,11 +57,11 @@ class Plan(NamedTuple):
     features: Array
     feature_offset: Array
     ticks: Array
+    earlier: Array
     repeats: float
     avatar_first: int
     human_first: int
     tick: Moving
-    trust_change: float
     style_share: float
 
 
@@ -71,19 +71,19 @@ class Belief(NamedTuple):
     Attributes:
         latent: (2 q,) mean of I now and one lag ago.
         covariance: (2 q, 2 q).
-        hands: (L, 2, P) the hand of the last L ticks, m, and its variances, m², newest first; predicted where unseen.
+        hands: (L, 2, P) the hand of the last L ticks, m, and its variances, m², newest first; predicted while unseen.
+        away: ticks since the hand was last seen.
         generated_hand: (P,) m, the hand as the human layer generates it.
         style: (2, K) the style weights after one and after two smoothings.
-        trust: from 0 (the hand has been away) to 1 (it is in steady view).
         started: a hand has been seen.
     """
 
     latent: Array
     covariance: Array
     hands: Array
+    away: int
     generated_hand: Array
     style: Array
-    trust: float
     started: bool
 
 
@@ -282,25 +282,34 @@ def moved(plan: Plan, moving: Moving, latent: Array, covariance: Array) -> tuple
     return latent, covariance
 
 
-@compiled_entry
-def measured(plan: Plan, hands: Array) -> tuple[Array, Array]:
-    """I as the back projections see it: mean (q,) and covariance (q, q) from the hand's last ticks (L, 2, P)."""
-    times, coordinates = len(plan.ticks), hands.shape[2]
+@compiled
+def featured(plan: Plan, ticks: Array, hands: Array) -> tuple[Array, Array]:
+    """Features (F,) of the hand's last ticks (L, 2, P), and their covariance (F, F)."""
+    times, coordinates = len(ticks), hands.shape[2]
     value, doubts = plan.feature_offset.copy(), np.zeros(times * coordinates)
     for time in range(times):
         for p in range(coordinates):
             place, point = time * coordinates + p, 0.0
             for tick in range(len(hands)):
-                point += plan.ticks[time, tick] * hands[tick, 0, p]
-                doubts[place] += plan.ticks[time, tick] * hands[tick, 1, p]
+                point += ticks[time, tick] * hands[tick, 0, p]
+                doubts[place] += ticks[time, tick] * hands[tick, 1, p]
             for f in range(len(value)):
                 value[f] += plan.features[f, place] * point
     scaled = plan.features.copy()
     for f in range(len(value)):
         for place in range(len(doubts)):
             scaled[f, place] *= doubts[place]
-    covariance, none = _rows(scaled, plan.features), np.ones(1)
-    begin = 0
+    return value, _rows(scaled, plan.features)
+
+
+@compiled_entry
+def measured(plan: Plan, ticks: Array, hands: Array) -> tuple[Array, Array]:
+    """I as the back projections see it: mean (q,) and covariance (q, q) from the hand's last ticks (L, 2, P).
+
+    With the plan's ``ticks`` I now, with its ``earlier`` ones I one lag ago.
+    """
+    value, covariance = featured(plan, ticks, hands)
+    none, begin = np.ones(1), 0
     while begin < len(plan.back):
         layer = plan.back[begin:]
         value, slope, doubt = predicted(layer, value, none)
@@ -310,12 +319,8 @@ def measured(plan: Plan, hands: Array) -> tuple[Array, Array]:
 
 
 @compiled_entry
-def updated(latent: Array, covariance: Array, value: Array, noise: Array, trust: float) -> tuple[Array, Array]:
-    """Kalman update of (I now, I one lag ago) by a measurement of I now, with the gain scaled by ``trust``.
-
-    With S the covariance of the surprise and K = trust · P S⁻¹ the gain, Joseph's form, which is right for any gain, is
-    covariance − (2 − trust) K Pᵀ.
-    """
+def updated(latent: Array, covariance: Array, value: Array, noise: Array) -> tuple[Array, Array]:
+    """Kalman update of (I now, I one lag ago) by a measurement of I now: mean (2 q,) and covariance (2 q, 2 q)."""
     size, dims = len(latent), len(value)
     mean, remaining, lower, gain = latent.copy(), covariance.copy(), np.zeros((dims, dims)), np.empty(dims)
     for j in range(dims):  # Cholesky factor of S
@@ -337,9 +342,9 @@ def updated(latent: Array, covariance: Array, value: Array, noise: Array, trust:
                 total -= lower[k, i] * gain[k]
             gain[i] = total / lower[i, i]
         for i in range(dims):
-            mean[row] += trust * gain[i] * (value[i] - latent[i])
+            mean[row] += gain[i] * (value[i] - latent[i])
             for column in range(size):
-                remaining[row, column] -= (2.0 - trust) * trust * gain[i] * covariance[column, i]
+                remaining[row, column] -= gain[i] * covariance[column, i]
     return mean, remaining
 
 
@@ -356,14 +361,49 @@ def generated(plan: Plan, latent: Array, covariance: Array, style: Array) -> Gen
 
 
 @compiled_entry
+def foreseen(plan: Plan, contact: Array, hands: Array) -> tuple[Array, Array]:
+    """The ``contact`` layer, packed, at the hand's last ticks (L, 2, P): mean (D,) and covariance (D, D)."""
+    value, covariance = featured(plan, plan.ticks, hands)
+    mean, slope, doubt = predicted(contact, value, np.ones(1))
+    return mean, _spread(slope, covariance, doubt, 1.0)
+
+
+@compiled
+def remembered(belief: Belief, seen: bool, hand: Array, variance: Array, carried_on: Array, doubt: Array) -> Array:
+    """The hand's last ticks (L, 2, P), one tick later.
+
+    A hidden hand is ``carried_on`` with its ``doubt``. Once it is back, what was made up is replaced: the ticks in between
+    lie on the parabola that leaves the last one seen with the speed it had then, and are doubted as a Brownian bridge
+    is. Left in place, they would mislead the features for as long as these look back.
+    """
+    count, gap = len(belief.hands), belief.away
+    hands = np.empty_like(belief.hands)
+    for p in range(len(hand)):
+        hands[0, 0, p], hands[0, 1, p] = (hand[p], variance[p]) if seen else (carried_on[p], doubt[p])
+        for n in range(1, count):
+            for row in range(2):
+                hands[n, row, p] = belief.hands[n - 1, row, p] if belief.started else hands[0, row, p]
+        if not belief.started or not seen or gap == 0:
+            continue
+        last = min(gap + 1, count - 1)  # the last tick that was seen, or the oldest known
+        span = min(SPEED_SPAN, count - 1 - last)
+        speed = (hands[last, 0, p] - hands[last + span, 0, p]) / span if span > 0 else 0.0
+        bend = (hand[p] - hands[last, 0, p] - speed * last) / last**2
+        for n in range(1, last):
+            passed = last - n
+            hands[n, 0, p] = hands[last, 0, p] + speed * passed + bend * passed**2
+            hands[n, 1, p] = max(hands[n, 1, p] * (1.0 - passed / last), variance[p])
+    return hands
+
+
+@compiled_entry
 def ticked(
     plan: Plan, belief: Belief, seen: bool, hand: Array, variance: Array, style: Array
 ) -> tuple[Belief, Generated]:
     """One tick: predict, measure the hand (P,), of variances (P,), if it was ``seen``, and generate.
 
-    An unseen hand moves on as the human layer generates it at the predicted I, from where it was last seen. A hand
-    that comes back is blended in, value and doubt: otherwise each of the features' earlier times would meet the
-    edge of the gap in one tick, and the pose would jump each time.
+    An unseen hand moves on as the human layer generates it at the predicted I, from where it was last seen; see
+    :func:`remembered` for one that comes back.
     """
     styles, blend = belief.style.copy(), np.empty(len(style))
     for k in range(len(style)):
@@ -373,31 +413,30 @@ def ticked(
     latent, covariance, first = belief.latent, belief.covariance, seen and not belief.started
     if belief.started:
         latent, covariance = moved(plan, plan.tick, latent, covariance)
-    change = plan.trust_change if seen else -plan.trust_change
-    trust = 1.0 if first else min(max(belief.trust + change, 0.0), 1.0)
-    weight, answer = trust**2 * (3.0 - 2.0 * trust) if seen else 0.0, Generated(hand, variance, hand, variance)
-    if weight < 1.0:
+    carried_on, doubt = hand, variance
+    if not seen:
         answer = generated(plan, latent, covariance, blend)
-    hands = np.empty_like(belief.hands)
-    for p in range(len(hand)):
-        carried_on = belief.hands[0, 0, p] + answer.human[p] - belief.generated_hand[p]
-        hands[0, 0, p] = weight * hand[p] + (1.0 - weight) * carried_on
-        hands[0, 1, p] = weight * variance[p] + (1.0 - weight) * answer.human_deviations[p] ** 2
-        for n in range(1, len(hands)):
-            hands[n, 0, p] = hands[0, 0, p] if first else belief.hands[n - 1, 0, p]
-            hands[n, 1, p] = hands[0, 1, p] if first else belief.hands[n - 1, 1, p]
+        carried_on = belief.hands[0, 0] + answer.human - belief.generated_hand
+        doubt = answer.human_deviations**2
+    hands = remembered(belief, seen, hand, variance, carried_on, doubt)
     if seen:
-        value, noise = measured(plan, hands)
+        value, noise = measured(plan, plan.ticks, hands)
         if first:
             latent, covariance = np.concatenate((value, value)), np.zeros_like(covariance)
             for i in range(len(value)):
                 for j in range(len(value)):
                     covariance[i, j] = covariance[len(value) + i, len(value) + j] = noise[i, j]
+        elif belief.away > 0:  # where it is and where it came from: otherwise its speed would take a lag to be found
+            before, blur = measured(plan, plan.earlier, hands)
+            both, dims = np.zeros_like(covariance), len(value)
+            both[:dims, :dims], both[dims:, dims:] = noise, blur
+            latent, covariance = updated(latent, covariance, np.concatenate((value, before)), both)
         else:
-            latent, covariance = updated(latent, covariance, value, noise, trust**2)
+            latent, covariance = updated(latent, covariance, value, noise)
     symmetric = np.empty_like(covariance)
     for i in range(len(latent)):
         for j in range(len(latent)):
             symmetric[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
     answer = generated(plan, latent, symmetric, blend)
-    return Belief(latent, symmetric, hands, answer.human, styles, trust, belief.started or seen), answer
+    away, started = 0 if seen else belief.away + 1, belief.started or seen
+    return Belief(latent, symmetric, hands, away, answer.human, styles, started), answer

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from model import kernels, sparse
-from model.belief import STYLE_TIME, TRUST_TIME, lagrange, tick_weights
+from model.belief import STYLE_TIME, lagrange, tick_weights
 from model.hgpdm import HGPDM
 from model.hierarchy import dynamics_input, dynamics_mean
 from model.rotations import Array
 from model.sparse import Posterior
-from model.tick import COVARIANCE_LIMIT, Belief, Generated
+from model.tick import COVARIANCE_LIMIT, SPEED_SPAN, Belief, Generated
 
 
 @jax.jit
@@ -25,7 +25,7 @@ def predicted(posterior: Posterior, point: Array, style: Array | None = None) ->
     if style is not None:
         cross, own = cross * (posterior.style @ style), own * (style @ posterior.style_covariance @ style)
     variance = jnp.maximum(own - cross @ posterior.reduction @ cross, 0.0)
-    return mean(point), jax.jacfwd(mean)(point), (variance + posterior.noise) * posterior.scale**2
+    return mean(point), jax.jacrev(mean)(point), (variance + posterior.noise) * posterior.scale**2
 
 
 def carried(slope: Array, spread: Array, doubt: Array) -> Array:
@@ -51,9 +51,10 @@ def moved(model: HGPDM, latent: Array, covariance: Array, seconds: float) -> tup
     return np.concatenate(means), covariance * min(1.0, COVARIANCE_LIMIT / np.diag(covariance).max())
 
 
-def measured(model: HGPDM, hands: Array, rate: float) -> tuple[Array, Array]:
-    """I and its covariance as the back projections see it."""
-    history = np.einsum("hl,lvp->vhp", tick_weights(model.preset.history, rate), hands)
+def measured(model: HGPDM, hands: Array, rate: float, ago: float = 0.0) -> tuple[Array, Array]:
+    """I, now or some time ago, and its covariance as the back projections see it."""
+    longest = model.lag + max((0.0, *model.preset.history))
+    history = np.einsum("hl,lvp->vhp", tick_weights(model.preset.history, rate, ago, longest), hands)
     matrix = model.feature_map.matrix
     value, covariance = model.feature_map(history[0]), matrix @ np.diag(history[1].reshape(-1)) @ matrix.T
     for stage in model.back:
@@ -62,10 +63,10 @@ def measured(model: HGPDM, hands: Array, rate: float) -> tuple[Array, Array]:
     return value, covariance
 
 
-def updated(latent: Array, covariance: Array, value: Array, noise: Array, trust: float) -> tuple[Array, Array]:
-    """Joseph's form of the Kalman update, with the gain scaled by ``trust``."""
+def updated(latent: Array, covariance: Array, value: Array, noise: Array) -> tuple[Array, Array]:
+    """Joseph's form of the Kalman update by a measurement of the first latents."""
     seen = np.eye(len(value), len(latent))
-    gain = trust * covariance @ seen.T @ np.linalg.inv(seen @ covariance @ seen.T + noise)
+    gain = covariance @ seen.T @ np.linalg.inv(seen @ covariance @ seen.T + noise)
     remaining = np.eye(len(latent)) - gain @ seen
     return latent + gain @ (value - seen @ latent), remaining @ covariance @ remaining.T + gain @ noise @ gain.T
 
@@ -81,6 +82,22 @@ def generated(model: HGPDM, latent: Array, covariance: Array, style: Array) -> G
     return Generated(avatar, deviations, human, np.sqrt(np.diag(carried(slope, spread[split:, split:], doubt))))
 
 
+def remembered(belief: Belief, newest: Array, gap: int) -> Array:
+    """The hand's last ticks, those of a ``gap`` that has just ended bridged by a parabola."""
+    hands = np.concatenate([newest[None], belief.hands[:-1]])
+    if gap == 0:
+        return hands
+    last = min(gap + 1, len(hands) - 1)
+    span = min(SPEED_SPAN, len(hands) - 1 - last)
+    speed = (hands[last, 0] - hands[last + span, 0]) / span if span else np.zeros(len(newest[0]))
+    far = newest[0] - hands[last, 0] - speed * last
+    for n in range(1, last):
+        passed = last - n
+        hands[n, 0] = hands[last, 0] + speed * passed + far * (passed / last) ** 2
+        hands[n, 1] = np.maximum(hands[n, 1] * n / last, newest[1])
+    return hands
+
+
 def ticked(
     model: HGPDM, rate: float, belief: Belief, hand: Array | None, variance: Array, style: Array
 ) -> tuple[Belief, Generated]:
@@ -89,25 +106,26 @@ def ticked(
     if belief.started:
         latent, covariance = moved(model, latent, covariance, 1.0 / rate)
     first = hand is not None and not belief.started
-    trust = belief.trust + (1.0 if hand is not None else -1.0) / rate / TRUST_TIME
-    trust = 1.0 if first else min(max(trust, 0.0), 1.0)
     expected = generated(model, latent, covariance, style)
     newest = np.stack([belief.hands[0, 0] + expected.human - belief.generated_hand, expected.human_deviations**2])
     if hand is not None:
-        weight = 3.0 * trust**2 - 2.0 * trust**3
-        newest = weight * np.stack([hand, variance]) + (1.0 - weight) * newest
-    hands = np.concatenate([newest[None], belief.hands[:-1]])
-    if first:
+        newest = np.stack([hand, variance])
+    hands = remembered(belief, newest, 0 if hand is None else belief.away)
+    if not belief.started:
         hands = np.tile(newest, (len(hands), 1, 1))
     if hand is not None:
         value, noise = measured(model, hands, rate)
         if first:
             latent, covariance = np.tile(value, 2), np.kron(np.eye(2), noise)
+        elif belief.away:
+            before, blur = measured(model, hands, rate, model.lag)
+            both = np.block([[noise, np.zeros_like(noise)], [np.zeros_like(noise), blur]])
+            latent, covariance = updated(latent, covariance, np.concatenate([value, before]), both)
         else:
-            latent, covariance = updated(latent, covariance, value, noise, trust**2)
+            latent, covariance = updated(latent, covariance, value, noise)
     share = 1.0 - np.exp(-1.0 / rate / STYLE_TIME)
     once = belief.style[0] + share * (style - belief.style[0])
     styles = np.stack([once, belief.style[1] + share * (once - belief.style[1])])
     answer = generated(model, latent, covariance, styles[1])
-    started = belief.started or hand is not None
-    return Belief(latent, covariance, hands, answer.human, styles, trust, started), answer
+    started, away = belief.started or hand is not None, 0 if hand is not None else belief.away + 1
+    return Belief(latent, covariance, hands, away, answer.human, styles, started), answer

@@ -13,7 +13,8 @@ from hil import cli
 from hil.avatar import avatar_skeleton
 from hil.pairs import Role, read_pairs
 from hil.sim.capture import write_table
-from hil.training_data import SolvedPair, contact_frame, load_trials, read_table, unwrapped
+from hil.training_data import SolvedPair, contact_frame, load_trials, unwrapped
+from hil.trial_table import read_table
 from mocap_bridge.c3d import read_c3d, write_c3d
 from model import presets, rotations
 from model.errors import HighFiveError

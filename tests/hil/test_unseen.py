@@ -120,7 +120,7 @@ def test_two_people_of_other_names_are_found_where_nobody_was_asked_for(tmp_path
     assert any("p1 is taken for the person, p2 for the avatar's actor" in line for line in said)
     turned = read_pairs(files, Role("p2", None), Role("p1", None), said.append)
     np.testing.assert_array_equal(turned.pairs[0][0].valid, read.pairs[0][1].valid)
-    with pytest.raises(HighFiveError, match="no labels of 'robot'"):
+    with pytest.raises(HighFiveError, match="no labels of 'human'"):
         read_pairs(files, Role("human", None), Role("robot", None), said.append)
 
 

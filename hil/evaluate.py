@@ -109,8 +109,6 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
         hold_out=model is None and options.leave_out is None,
     )
     trials = [pair.trial for pair in pairs]
-    if options.leave_out is None and not any(trial.test for trial in trials):
-        raise HighFiveError(f"no held-out trial of {folder} can be used; the reasons are above")
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
     kept = None if options.out is None else options.out / "models"
     runs: list[Run] = []

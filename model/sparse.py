@@ -1,7 +1,6 @@
 """Sparse Gaussian process layers: the DTC likelihood, its variational bound, and the posterior used online.
 
-Sources: Seeger et al. 2003 and Lawrence 2007 (DTC for GP-LVMs); Titsias 2009 (the trace term); Hensman et al. 2013,
-appendix, for the form through A = I + β L⁻¹ K_uf K_fu L⁻ᵀ that stays well conditioned.
+Sources: Seeger et al. 2003 and Lawrence 2007 (DTC for GP-LVMs); Titsias 2009 (the trace term).
 """
 
 from __future__ import annotations
@@ -12,8 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 
-from model import kernels
+from model import kernels, likelihood
 from model.kernels import MotionKernel, StyleFactor
+from model.likelihood import Covariance, Points
 
 
 class Layer(NamedTuple):
@@ -85,36 +85,23 @@ def raw_noise(deviation: float, bounds: tuple[float, float]) -> jax.Array:
     return jnp.log(fraction / (1.0 - fraction))
 
 
-@jax.custom_vjp
-def gram(factor: jax.Array) -> jax.Array:
-    """factor · factorᵀ for (M, N); its derivative costs one large product instead of two."""
-    return factor @ factor.T
-
-
-def _gram_forward(factor: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return factor @ factor.T, factor
-
-
-def _gram_backward(factor: jax.Array, cotangent: jax.Array) -> tuple[jax.Array]:
-    return ((cotangent + cotangent.T) @ factor,)
-
-
-gram.defvjp(_gram_forward, _gram_backward)
-
-
-def covariances(layer: Layer, inputs: jax.Array, styles: jax.Array | None) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """K_uu (M, M) with jitter, K_uf (M, N) and the diagonal of K_ff (N,) at inputs (N, q) and style weights (N, K)."""
+def inducing_covariance(layer: Layer) -> jax.Array:
+    """K_uu (M, M), jitter included."""
     k_uu = kernels.cross(layer.kernel, layer.inducing, layer.inducing)
-    k_uf = kernels.cross(layer.kernel, layer.inducing, inputs)
-    k_ff = kernels.diagonal(layer.kernel, inputs)
+    if layer.style is not None:
+        k_uu = k_uu * (layer.style.inducing @ kernels.style_covariance(layer.style) @ layer.style.inducing.T)
+    return kernels.add_jitter(k_uu)
+
+
+def cross_covariance(layer: Layer, inputs: jax.Array, styles: jax.Array | None) -> tuple[jax.Array, jax.Array]:
+    """K_uf (M, N) and the diagonal of K_ff (N,) at inputs (N, q) and style weights (N, K)."""
+    k_uf, k_ff = kernels.cross(layer.kernel, layer.inducing, inputs), kernels.diagonal(layer.kernel, inputs)
     if layer.style is not None:
         assert styles is not None
         between = kernels.style_covariance(layer.style)
-        inducing_between = layer.style.inducing @ between
-        k_uu = k_uu * (inducing_between @ layer.style.inducing.T)
-        k_uf = k_uf * (inducing_between @ styles.T)
+        k_uf = k_uf * (layer.style.inducing @ between @ styles.T)
         k_ff = k_ff * jnp.sum((styles @ between) * styles, axis=1)
-    return kernels.add_jitter(k_uu), k_uf, k_ff
+    return k_uf, k_ff
 
 
 def negative_log_likelihood(
@@ -124,25 +111,22 @@ def negative_log_likelihood(
     noise: jax.Array,
     styles: jax.Array | None = None,
     variational: bool = False,
+    weights: jax.Array | None = None,
+    shards: int = 1,
 ) -> jax.Array:
     """−log N(Y; 0, Q + noise I) summed over channels, Q = K_fu K_uu⁻¹ K_uf; plus the trace term if ``variational``.
 
-    The work that grows with N is K_uf, K_uf K_fu and K_uf Y and their transposes in the gradient.
+    Points whose ``weights`` (N,) are 0 do not count. The sums over points are taken in ``shards`` equal parts.
     """
-    k_uu, k_uf, k_ff = covariances(layer, inputs, styles)
-    points, precision = inputs.shape[0], 1.0 / noise
-    lower = jnp.linalg.cholesky(k_uu)
-    half = solve_triangular(lower, gram(k_uf), lower=True)
-    projected = solve_triangular(lower, half.T, lower=True)  # L⁻¹ K_uf K_fu L⁻ᵀ
-    inner = jnp.linalg.cholesky(jnp.eye(lower.shape[0]) + precision * projected)
-    explained = solve_triangular(inner, solve_triangular(lower, k_uf @ targets.thin, lower=True), lower=True)
-    squares = jnp.sum(targets.thin**2) + targets.discarded
-    log_determinant = points * jnp.log(noise) + 2.0 * jnp.sum(jnp.log(jnp.diag(inner)))
-    quadratic = precision * squares - precision**2 * jnp.sum(explained**2)
-    value = 0.5 * (targets.channels * (log_determinant + points * jnp.log(2.0 * jnp.pi)) + quadratic)
-    if variational:
-        value = value + 0.5 * targets.channels * precision * (jnp.sum(k_ff) - jnp.trace(projected))
-    return value
+    weights = jnp.ones(inputs.shape[0]) if weights is None else weights
+    points = Points(inputs, targets.thin, None if layer.style is None else styles, weights)
+    value = likelihood.negative_log_likelihood(
+        COVARIANCE, targets.channels, variational, shards, layer, points, noise
+    )
+    return value + 0.5 * targets.discarded / noise
+
+
+COVARIANCE = Covariance(inducing_covariance, cross_covariance)
 
 
 def fit(
@@ -155,12 +139,12 @@ def fit(
     scale: jax.Array | None = None,
 ) -> Posterior:
     """The posterior of a layer given inputs (N, q) and values (N, D); it predicts ``offset + scale · value``."""
-    k_uu, k_uf, _ = covariances(layer, inputs, styles)
+    k_uu, (k_uf, _) = inducing_covariance(layer), cross_covariance(layer, inputs, styles)
     size, channels = k_uu.shape[0], values.shape[1]
     lower = jnp.linalg.cholesky(k_uu)
     inverse = solve_triangular(lower, jnp.eye(size), lower=True)
     projected = inverse @ k_uf
-    inner = jnp.linalg.cholesky(jnp.eye(size) + gram(projected) / noise)
+    inner = jnp.linalg.cholesky(jnp.eye(size) + projected @ projected.T / noise)
     inner_inverse = solve_triangular(inner, inverse, lower=True)
     scale = jnp.ones(channels) if scale is None else scale
     offset = jnp.zeros(channels) if offset is None else offset

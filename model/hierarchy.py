@@ -21,6 +21,7 @@ from model import kernels, sparse
 from model.dataset import TrainingSet
 from model.features import FeatureMap, fit_feature_map
 from model.kernels import MotionKernel
+from model.likelihood import in_blocks, from_blocks
 from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Layer, Targets
@@ -178,9 +179,13 @@ def latents(parameters: Parameters, task: Problem) -> Latents:
         raw = (parameters.interaction_latent, parameters.human_latent, parameters.avatar_latent)
     else:
         back, preset = parameters.back, task.preset
-        k_fu = kernels.cross(back.kernel, jnp.asarray(task.features), back.inducing)
+        weights = back_weights(back)
+
+        @jax.checkpoint
+        def block(part): return kernels.cross(back.kernel, part, back.inducing) @ weights
+        found = from_blocks(jax.vmap(lambda part: jax.lax.map(block, part))(in_blocks(jnp.asarray(task.features), 1)), len(task.features))
         split = (preset.interaction_dims, preset.interaction_dims + preset.human_dims)
-        raw = jnp.split(k_fu @ back_weights(back), split, axis=1)
+        raw = jnp.split(found, split, axis=1)
     interaction, human, avatar = (standardised(latent) for latent in raw if latent is not None)
     if parameters.back is not None and parameters.avatar_latent is not None:
         avatar = standardised(avatar + task.preset.avatar_freedom * parameters.avatar_latent)

@@ -3,8 +3,8 @@
 With L Lᵀ = K_uu, B = L⁻¹ K_uf and A = I + β B Bᵀ all that grows with N are three products of M × M with M × N: B, B Bᵀ
 and one in the gradient. Plain autodiff would go back through Cholesky factors and triangular solves instead.
 
-- The points pass in blocks that stay in the cache. Of size M × N only B is kept; K_uf is worked out again for the
-  gradient, since fresh memory costs more than the exponentials.
+- The points pass in blocks that stay in the cache, and nothing of size M × N is ever kept: working out K_uf and B again
+  for the gradient costs less than fresh memory for them, and the memory needed does not grow with N.
 - The value is a scalar, so the gradient is worked out with it and only scaled afterwards.
 - B is formed rather than L⁻¹ (K_uf K_fu) L⁻ᵀ, which would save a product: there rounding is magnified by the condition
   of K_uu (1e6 and more), here only by its root, and sums over the points in another order give the same value.
@@ -113,7 +113,7 @@ def negative_log_likelihood(
         noise: () variance of the noise.
     """
     inverse = _inverse_factor(covariance.inducing(parameters))
-    moments, _ = _sum_up(covariance, shards, parameters, points, inverse)
+    moments = _sum_up(covariance, shards, parameters, points, inverse)
     return _solve(channels, variational, moments, inverse, noise)[0]
 
 
@@ -129,21 +129,20 @@ def _forward(
     """The value, and its derivatives by parameters, points and noise."""
     k_uu, pull = jax.vjp(covariance.inducing, parameters)
     inverse = _inverse_factor(k_uu)
-    moments, whitened = _sum_up(covariance, shards, parameters, points, inverse)
+    moments = _sum_up(covariance, shards, parameters, points, inverse)
     value, slopes = _solve(channels, variational, moments, inverse, noise)
     onto_whitened, onto_thin = 2.0 * inverse.T @ slopes.second, inverse.T @ slopes.first
 
-    def block(total: Any, given: tuple[Points, jax.Array]) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-        part, b = given
-        _, pull_cross = jax.vjp(lambda p, x: covariance.cross(p, x, part.styles), parameters, part.inputs)
-        to_k_uf = (onto_whitened @ b + onto_thin @ part.thin.T) * part.weights
+    def block(total: Any, part: Points) -> tuple[Any, tuple[jax.Array, jax.Array]]:
+        (k_uf, _), pull_cross = jax.vjp(lambda p, x: covariance.cross(p, x, part.styles), parameters, part.inputs)
+        to_k_uf = (onto_whitened @ _lower_product(inverse, k_uf) + onto_thin @ part.thin.T) * part.weights
         to_parameters, to_inputs = pull_cross((to_k_uf, slopes.k_ff * part.weights))
-        to_thin = 2.0 * slopes.squares * part.thin + b.T @ slopes.first
+        to_thin = 2.0 * slopes.squares * part.thin + k_uf.T @ onto_thin
         return jax.tree.map(jnp.add, total, to_parameters), (to_inputs, to_thin * part.weights[:, None])
 
     start = jax.tree.map(jnp.zeros_like, parameters)
     blocks = jax.tree.map(lambda array: in_blocks(array, shards), points)
-    to_parameters, (to_inputs, to_thin) = jax.vmap(lambda *given: jax.lax.scan(block, start, given))(blocks, whitened)
+    to_parameters, (to_inputs, to_thin) = jax.vmap(lambda part: jax.lax.scan(block, start, part))(blocks)
     to_parameters = jax.tree.map(lambda own, many: own + jnp.sum(many, axis=0), pull(slopes.k_uu)[0], to_parameters)
     size = points.inputs.shape[0]
     to_points = jax.tree.map(jnp.zeros_like, points)
@@ -165,24 +164,37 @@ def _inverse_factor(matrix: jax.Array) -> jax.Array:
     return solve_triangular(jnp.linalg.cholesky(matrix), jnp.eye(matrix.shape[0]), lower=True)
 
 
+def _lower_product(lower: jax.Array, other: jax.Array) -> jax.Array:
+    """lower · other for a lower triangle (M, M), with three quarters of the work."""
+    half = lower.shape[0] // 2
+    return jnp.concatenate([lower[:half, :half] @ other[:half], lower[half:] @ other])
+
+
+def _gram(factor: jax.Array) -> jax.Array:
+    """factor · factorᵀ, with three quarters of the work."""
+    half = factor.shape[0] // 2
+    first, second = factor[:half], factor[half:]
+    between = second @ first.T
+    return jnp.block([[first @ first.T, between.T], [between, second @ second.T]])
+
+
 def _sum_up(
     covariance: Covariance, shards: int, parameters: Any, points: Points, inverse: jax.Array
-) -> tuple[_Moments, jax.Array]:
-    """The sums, and B in blocks (shards, blocks, M, points a block)."""
+) -> _Moments:
 
-    def block(total: _Moments, part: Points) -> tuple[_Moments, jax.Array]:
+    def block(total: _Moments, part: Points) -> tuple[_Moments, None]:
         k_uf, k_ff = covariance.cross(parameters, part.inputs, part.styles)
-        b, thin = inverse @ (k_uf * part.weights), part.thin * part.weights[:, None]
+        b, thin = _lower_product(inverse, k_uf * part.weights), part.thin * part.weights[:, None]
         here = _Moments(
-            b @ b.T, b @ thin, jnp.sum(k_ff * part.weights), jnp.sum(thin**2), jnp.sum(part.weights)
+            _gram(b), b @ thin, jnp.sum(k_ff * part.weights), jnp.sum(thin**2), jnp.sum(part.weights)
         )
-        return jax.tree.map(jnp.add, total, here), b
+        return jax.tree.map(jnp.add, total, here), None
 
     size, scalar = inverse.shape[0], jnp.zeros(())
     start = _Moments(jnp.zeros((size, size)), jnp.zeros((size, points.thin.shape[1])), scalar, scalar, scalar)
     blocks = jax.tree.map(lambda array: in_blocks(array, shards), points)
-    moments, whitened = jax.vmap(lambda part: jax.lax.scan(block, start, part))(blocks)
-    return jax.tree.map(lambda many: jnp.sum(many, axis=0), moments), whitened
+    moments, _ = jax.vmap(lambda part: jax.lax.scan(block, start, part))(blocks)
+    return jax.tree.map(lambda many: jnp.sum(many, axis=0), moments)
 
 
 def _solve(

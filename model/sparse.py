@@ -120,9 +120,7 @@ def negative_log_likelihood(
     """
     weights = jnp.ones(inputs.shape[0]) if weights is None else weights
     points = Points(inputs, targets.thin, None if layer.style is None else styles, weights)
-    value = likelihood.negative_log_likelihood(
-        COVARIANCE, targets.channels, variational, shards, layer, points, noise
-    )
+    value = likelihood.negative_log_likelihood(COVARIANCE, targets.channels, variational, shards, layer, points, noise)
     return value + 0.5 * targets.discarded / noise
 
 

@@ -152,7 +152,7 @@ def assemble(
     lat = latents(parameters, task)
     below = jnp.concatenate([lat.avatar, lat.human], axis=1)
     interaction = sparse.fit(parameters.interaction, lat.interaction, below, noise["interaction"])
-    now, previous, before = lat.steps
+    now, previous, before = lat.steps[:, task.successors]
     dynamics = sparse.fit(
         parameters.dynamics,
         dynamics_input(previous, before, data.lag),

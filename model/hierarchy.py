@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import solve_triangular
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from numpy.typing import NDArray
 
 from model import kernels, sparse
@@ -26,6 +27,7 @@ from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Layer, Targets
 
+POINTS = "points"  # the axis of a mesh over which points are spread
 VELOCITY_UNIT = (
     0.1  # s; latent velocities enter the dynamics' kernel as the change in this time, of the latents' own size
 )
@@ -123,7 +125,7 @@ class Problem:
         successors: indices (T,) of points with two predecessors in their trial.
         first, last: (trials,) indices of each trial's first and last point.
         points: what the objective reads of the points.
-        shards: equal parts of ``points`` whose sums are taken separately, one a device.
+        mesh: the devices over which ``points`` are spread (model/sharding.py), or None.
     """
 
     preset: Preset
@@ -141,7 +143,12 @@ class Problem:
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     points: PointArrays
-    shards: int = 1
+    mesh: Mesh | None = None
+
+    @property
+    def shards(self) -> int:
+        """Equal parts of the points whose sums are taken separately, one a device."""
+        return 1 if self.mesh is None else self.mesh.size
 
 
 def problem(data: TrainingSet, preset: Preset) -> Problem:
@@ -301,4 +308,6 @@ def terms(parameters: Parameters, task: Problem, points: PointArrays | None = No
 
 def objective(parameters: Parameters, task: Problem, points: PointArrays | None = None) -> jax.Array:
     """Negative log joint density a training point, from the points given, or from those of the task."""
+    if task.mesh is not None:  # the gradient, too, is wanted whole on every device
+        parameters = jax.lax.with_sharding_constraint(parameters, NamedSharding(task.mesh, PartitionSpec()))
     return sum(terms(parameters, task, points).values(), start=jnp.zeros(())) / len(task.data.trial)

@@ -36,6 +36,7 @@ from model.optimise import ProgressCallback, State, minimise
 from model.presets import Preset, preset_named
 from model.restarts import Best, Say, best_of
 from model.rotations import Array
+from model.sharding import spread
 from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
 
@@ -95,6 +96,7 @@ def train_on(
     if restarts < 1 or chosen.iterations < 1:
         raise HighFiveError(f"{restarts} restarts of {chosen.iterations} steps; at least one of each is needed")
     task = problem(data, chosen)
+    spread_task = spread(task)
     owner = {"preset": chosen.name, "steps": chosen.iterations, "inducing": inducing, "seed": seed}
     owner |= {"restarts": restarts, "data": data.data_hash, "values": f"{zlib.crc32(repr(chosen).encode()):08x}"}
 
@@ -102,7 +104,7 @@ def train_on(
         start: Parameters, stage: str, resume: State | None, keep: Callable[[State], None]
     ) -> tuple[Parameters, list[float]]:
         return minimise(
-            lambda p: objective(p, task),
+            lambda p, points: objective(p, spread_task, points),
             start,
             chosen.iterations,
             chosen.adam_steps,
@@ -110,6 +112,7 @@ def train_on(
             progress=progress,
             resume=resume,
             keep=keep,
+            arguments=(spread_task.points,),
         )
 
     best = best_of(

@@ -36,7 +36,7 @@ def test_mean_and_slope_are_those_of_the_batch_prediction(style: np.ndarray | No
     for point in np.random.default_rng(5).normal(size=(4, 3)):
         got = Predictor(posterior)(point, style)
         np.testing.assert_allclose(got.mean, mean(posterior, jnp.asarray(point), style), atol=1e-11)
-        slope = jax.jacfwd(lambda p: mean(posterior, p, style))(jnp.asarray(point))
+        slope = jax.jacrev(lambda p: mean(posterior, p, style))(jnp.asarray(point))
         np.testing.assert_allclose(got.slope(), slope, atol=1e-10)
         np.testing.assert_allclose(got.slope(slice(2, 4)), slope[2:4], atol=1e-10)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,7 +18,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from model.hierarchy import POINTS, PointArrays, Problem
 
 
-def points_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
+def points_mesh(devices: Sequence[Any] | None = None) -> Mesh:
     """Devices in a row, by default all of all hosts."""
     return Mesh(np.array(jax.devices() if devices is None else devices), (POINTS,))
 

@@ -15,17 +15,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import solve_triangular
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from numpy.typing import NDArray
 
 from model import kernels, sparse
 from model.dataset import TrainingSet
 from model.features import FeatureMap, fit_feature_map
 from model.kernels import MotionKernel
-from model.likelihood import in_blocks, from_blocks
+from model.likelihood import from_blocks, in_blocks, over_shards
 from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Layer, Targets
 
+POINTS = "points"  # the axis of a mesh over which points are spread
 VELOCITY_UNIT = (
     0.1  # s; latent velocities enter the dynamics' kernel as the change in this time, of the latents' own size
 )
@@ -78,13 +80,33 @@ class Latents(NamedTuple):
 
     Attributes:
         avatar, human, interaction: (N, q) X¹, X² and I.
-        steps: (3, T, q) I at the points that have two predecessors, one lag before, and two lags before.
+        steps: (3, N, q) I at the points, one lag before, and two lags before; of use at ``Problem.successors``.
     """
 
     avatar: jax.Array
     human: jax.Array
     interaction: jax.Array
     steps: jax.Array
+
+
+class PointArrays(NamedTuple):
+    """What the objective reads of the N points. There may be more rows, of zeros, so that N divides by the shards.
+
+    Attributes:
+        features: (N, F).
+        styles: (N, K).
+        avatar: (N, R) thin factor of the scaled Y¹.
+        human: (N, P) the scaled Y².
+        counts: (N,) 1 for points, 0 for filling.
+        follows: (N,) 1 for points with two predecessors in their trial, else 0.
+    """
+
+    features: jax.Array
+    styles: jax.Array
+    avatar: jax.Array
+    human: jax.Array
+    counts: jax.Array
+    follows: jax.Array
 
 
 @dataclass(frozen=True)
@@ -102,6 +124,8 @@ class Problem:
         avatar_targets, human_targets: what the likelihoods see.
         successors: indices (T,) of points with two predecessors in their trial.
         first, last: (trials,) indices of each trial's first and last point.
+        points: what the objective reads of the points.
+        mesh: the devices over which ``points`` are spread (model/sharding.py), or None.
     """
 
     preset: Preset
@@ -118,6 +142,13 @@ class Problem:
     successors: NDArray[np.int64]
     first: NDArray[np.int64]
     last: NDArray[np.int64]
+    points: PointArrays
+    mesh: Mesh | None = None
+
+    @property
+    def shards(self) -> int:
+        """Equal parts of the points whose sums are taken separately, one a device."""
+        return 1 if self.mesh is None else self.mesh.size
 
 
 def problem(data: TrainingSet, preset: Preset) -> Problem:
@@ -136,33 +167,38 @@ def problem(data: TrainingSet, preset: Preset) -> Problem:
     feature_map = fit_feature_map(data.history)
     starts = np.flatnonzero(np.diff(data.trial, prepend=-1))
     position = np.arange(len(data.trial)) - starts[data.trial]
+    features, human = feature_map(data.history), (hand - hand_offset) / hand_scale
+    follows = (position >= 2).astype(float)
+    points = (features, data.styles, thin, human, np.ones(len(position)), follows)
     return Problem(
         preset,
         data,
         feature_map,
-        feature_map(data.history),
+        features,
         data.outputs.mean(axis=0),
         total / data.weights,
         hand_offset,
         hand_scale,
         basis[:, keep],
         Targets(jnp.asarray(thin), scaled.shape[1], discarded),
-        Targets(jnp.asarray((hand - hand_offset) / hand_scale), hand.shape[1], 0.0),
+        Targets(jnp.asarray(human), hand.shape[1], 0.0),
         np.flatnonzero(position >= 2),
         starts,
         np.append(starts[1:], len(data.trial)) - 1,
+        PointArrays(*(jnp.asarray(array) for array in points)),
     )
 
 
-def gauge(latent: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Mean and standard deviation (q,) of latents (N, q)."""
-    centre = jnp.mean(latent, axis=0)
-    return centre, jnp.sqrt(jnp.mean((latent - centre) ** 2, axis=0) + 1e-12)
+def gauge(latent: jax.Array, counts: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+    """Mean and standard deviation (q,) of latents (N, q), of those that count (N,)."""
+    counts = jnp.ones(latent.shape[0]) if counts is None else counts
+    centre = counts @ latent / jnp.sum(counts)
+    return centre, jnp.sqrt(counts @ (latent - centre) ** 2 / jnp.sum(counts) + 1e-12)
 
 
-def standardised(latent: jax.Array) -> jax.Array:
+def standardised(latent: jax.Array, counts: jax.Array | None = None) -> jax.Array:
     """Latents (N, q) with zero mean and unit variance in each dimension."""
-    centre, deviation = gauge(latent)
+    centre, deviation = gauge(latent, counts)
     return (latent - centre) / deviation
 
 
@@ -173,24 +209,38 @@ def back_weights(back: BackConstraint) -> jax.Array:
     return solve_triangular(lower.T, whitened, lower=False)
 
 
-def latents(parameters: Parameters, task: Problem) -> Latents:
-    """X¹, X² and I at the training points, and I along the dynamics' steps."""
+def _learned(back: BackConstraint, features: jax.Array, shards: int) -> jax.Array:
+    """K_fu · weights (N, q_I + q_2 + q_1) in blocks; the gradient works K_fu out again."""
+    weights = back_weights(back)
+
+    @jax.checkpoint
+    def block(part: jax.Array) -> jax.Array:
+        return kernels.cross(back.kernel, part, back.inducing) @ weights
+
+    found = over_shards(lambda part: jax.lax.map(block, part), in_blocks(features, shards), shards)
+    return from_blocks(found, features.shape[0])
+
+
+def latents(parameters: Parameters, task: Problem, points: PointArrays | None = None) -> Latents:
+    """X¹, X² and I at the points (by default those of the task), and I along the dynamics' steps."""
+    points = task.points if points is None else points
+
+    def filled(latent: jax.Array) -> jax.Array:
+        return jnp.pad(latent, ((0, points.counts.shape[0] - latent.shape[0]), (0, 0)))
+
     if parameters.back is None:
         raw = (parameters.interaction_latent, parameters.human_latent, parameters.avatar_latent)
+        raw = [filled(latent) for latent in raw if latent is not None]
     else:
-        back, preset = parameters.back, task.preset
-        weights = back_weights(back)
-
-        @jax.checkpoint
-        def block(part): return kernels.cross(back.kernel, part, back.inducing) @ weights
-        found = from_blocks(jax.vmap(lambda part: jax.lax.map(block, part))(in_blocks(jnp.asarray(task.features), 1)), len(task.features))
+        preset = task.preset
         split = (preset.interaction_dims, preset.interaction_dims + preset.human_dims)
-        raw = jnp.split(found, split, axis=1)
-    interaction, human, avatar = (standardised(latent) for latent in raw if latent is not None)
+        raw = jnp.split(_learned(parameters.back, points.features, task.shards), split, axis=1)
+    interaction, human, avatar = (standardised(latent, points.counts) for latent in raw)
     if parameters.back is not None and parameters.avatar_latent is not None:
-        avatar = standardised(avatar + task.preset.avatar_freedom * parameters.avatar_latent)
-    after = task.successors
-    steps = jnp.stack([interaction[after], interaction[after - 1], interaction[after - 2]])
+        own = task.preset.avatar_freedom * filled(parameters.avatar_latent)
+        avatar = standardised(avatar + own, points.counts)
+    # Rolled rather than gathered: the gradient of a gather goes back point by point.
+    steps = jnp.stack([interaction, jnp.roll(interaction, 1, axis=0), jnp.roll(interaction, 2, axis=0)])
     return Latents(avatar, human, interaction, steps)
 
 
@@ -223,38 +273,27 @@ def noises(parameters: Parameters, preset: Preset) -> dict[str, jax.Array]:
     }
 
 
-def terms(parameters: Parameters, task: Problem) -> dict[str, jax.Array]:
+def terms(parameters: Parameters, task: Problem, points: PointArrays | None = None) -> dict[str, jax.Array]:
     """The parts of the negative log joint density, in nats; training minimises their sum."""
-    preset, noise, lat = task.preset, noises(parameters, task.preset), latents(parameters, task)
+    points = task.points if points is None else points
+    preset, noise, lat = task.preset, noises(parameters, task.preset), latents(parameters, task, points)
     now, previous, before = lat.steps
     below = jnp.concatenate([lat.avatar, lat.human], axis=1)
     step = now - dynamics_mean(previous, before, task.data.lag, preset)
+
+    def layer(name: str, inputs: jax.Array, targets: Targets, counts: jax.Array, styles: jax.Array | None) -> jax.Array:
+        return sparse.negative_log_likelihood(
+            getattr(parameters, name), inputs, targets, noise[name], styles, preset.variational, counts, task.shards
+        )
+
+    avatar = task.avatar_targets._replace(thin=points.avatar)
+    human = task.human_targets._replace(thin=points.human)
+    following = dynamics_input(previous, before, task.data.lag)
     parts = {
-        "avatar": sparse.negative_log_likelihood(
-            parameters.avatar,
-            lat.avatar,
-            task.avatar_targets,
-            noise["avatar"],
-            jnp.asarray(task.data.styles),
-            preset.variational,
-        ),
-        "human": sparse.negative_log_likelihood(
-            parameters.human, lat.human, task.human_targets, noise["human"], variational=preset.variational
-        ),
-        "interaction": sparse.negative_log_likelihood(
-            parameters.interaction,
-            lat.interaction,
-            Targets(below, below.shape[1], 0.0),
-            noise["interaction"],
-            variational=preset.variational,
-        ),
-        "dynamics": sparse.negative_log_likelihood(
-            parameters.dynamics,
-            dynamics_input(previous, before, task.data.lag),
-            Targets(step, step.shape[1], 0.0),
-            noise["dynamics"],
-            variational=preset.variational,
-        ),
+        "avatar": layer("avatar", lat.avatar, avatar, points.counts, points.styles),
+        "human": layer("human", lat.human, human, points.counts, None),
+        "interaction": layer("interaction", lat.interaction, Targets(below, below.shape[1], 0.0), points.counts, None),
+        "dynamics": layer("dynamics", following, Targets(step, step.shape[1], 0.0), points.follows, None),
     }
     if parameters.back is not None:  # the GP prior of the back constraint, in whitened weights
         whitened = (parameters.back.interaction, parameters.back.human, parameters.back.avatar)
@@ -267,6 +306,8 @@ def terms(parameters: Parameters, task: Problem) -> dict[str, jax.Array]:
     return parts
 
 
-def objective(parameters: Parameters, task: Problem) -> jax.Array:
-    """Negative log joint density a training point."""
-    return sum(terms(parameters, task).values(), start=jnp.zeros(())) / len(task.data.trial)
+def objective(parameters: Parameters, task: Problem, points: PointArrays | None = None) -> jax.Array:
+    """Negative log joint density a training point, from the points given, or from those of the task."""
+    if task.mesh is not None:  # the gradient, too, is wanted whole on every device
+        parameters = jax.lax.with_sharding_constraint(parameters, NamedSharding(task.mesh, PartitionSpec()))
+    return sum(terms(parameters, task, points).values(), start=jnp.zeros(())) / len(task.data.trial)

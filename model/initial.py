@@ -85,7 +85,7 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
         interaction_latent=free_interaction,
         human_latent=free_human,
     )
-    _, previous, before = latents(parameters, task).steps
+    _, previous, before = latents(parameters, task).steps[:, task.successors]
     inputs = dynamics_input(previous, before, task.data.lag)
     steps = inputs[np.sort(rng.choice(len(inputs), size=min(inducing, len(inputs)), replace=False))]
     return parameters._replace(dynamics=parameters.dynamics._replace(inducing=steps))

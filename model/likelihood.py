@@ -91,6 +91,13 @@ def from_blocks(blocks: jax.Array, points: int) -> jax.Array:
     return array.reshape(points, *blocks.shape[3:])
 
 
+def over_shards(function: Callable[[Any], Any], blocks: Any, shards: int) -> Any:
+    """The function's trees for each shard, (shards, …), from trees of what :func:`in_blocks` gives."""
+    if shards == 1:  # the products of a batch of one would be transposed first
+        return jax.tree.map(lambda array: array[None], function(jax.tree.map(lambda array: array[0], blocks)))
+    return jax.vmap(function)(blocks)
+
+
 @partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2, 3))
 def negative_log_likelihood(
     covariance: Covariance,
@@ -142,7 +149,7 @@ def _forward(
 
     start = jax.tree.map(jnp.zeros_like, parameters)
     blocks = jax.tree.map(lambda array: in_blocks(array, shards), points)
-    to_parameters, (to_inputs, to_thin) = jax.vmap(lambda part: jax.lax.scan(block, start, part))(blocks)
+    to_parameters, (to_inputs, to_thin) = over_shards(lambda part: jax.lax.scan(block, start, part), blocks, shards)
     to_parameters = jax.tree.map(lambda own, many: own + jnp.sum(many, axis=0), pull(slopes.k_uu)[0], to_parameters)
     size = points.inputs.shape[0]
     to_points = jax.tree.map(jnp.zeros_like, points)
@@ -178,22 +185,18 @@ def _gram(factor: jax.Array) -> jax.Array:
     return jnp.block([[first @ first.T, between.T], [between, second @ second.T]])
 
 
-def _sum_up(
-    covariance: Covariance, shards: int, parameters: Any, points: Points, inverse: jax.Array
-) -> _Moments:
+def _sum_up(covariance: Covariance, shards: int, parameters: Any, points: Points, inverse: jax.Array) -> _Moments:
 
     def block(total: _Moments, part: Points) -> tuple[_Moments, None]:
         k_uf, k_ff = covariance.cross(parameters, part.inputs, part.styles)
         b, thin = _lower_product(inverse, k_uf * part.weights), part.thin * part.weights[:, None]
-        here = _Moments(
-            _gram(b), b @ thin, jnp.sum(k_ff * part.weights), jnp.sum(thin**2), jnp.sum(part.weights)
-        )
+        here = _Moments(_gram(b), b @ thin, jnp.sum(k_ff * part.weights), jnp.sum(thin**2), jnp.sum(part.weights))
         return jax.tree.map(jnp.add, total, here), None
 
     size, scalar = inverse.shape[0], jnp.zeros(())
     start = _Moments(jnp.zeros((size, size)), jnp.zeros((size, points.thin.shape[1])), scalar, scalar, scalar)
     blocks = jax.tree.map(lambda array: in_blocks(array, shards), points)
-    moments, _ = jax.vmap(lambda part: jax.lax.scan(block, start, part))(blocks)
+    moments, _ = over_shards(lambda part: jax.lax.scan(block, start, part), blocks, shards)
     return jax.tree.map(lambda many: jnp.sum(many, axis=0), moments)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -88,7 +88,7 @@ class _Run:
 
     def __init__(
         self,
-        evaluate: Callable[[jax.Array], tuple[jax.Array, jax.Array]],
+        evaluate: Callable[[Array], tuple[jax.Array, jax.Array]],
         stage: str,
         iterations: int,
         progress: ProgressCallback | None,
@@ -98,7 +98,7 @@ class _Run:
         self.progress, self.keep = progress, keep
 
     def value_and_gradient(self, point: Array) -> tuple[float, Array]:
-        value, gradient = self.evaluate(jnp.asarray(point))
+        value, gradient = self.evaluate(point)
         value, gradient = float(value), np.asarray(gradient)
         if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
             return UNUSABLE, np.zeros_like(gradient)
@@ -173,7 +173,7 @@ def _lbfgs(run: _Run, state: State) -> State:
 
 
 def minimise(
-    function: Callable[[Tree], jax.Array],
+    function: Callable[..., jax.Array],
     start: Tree,
     iterations: int,
     adam_steps: int = 0,
@@ -182,11 +182,12 @@ def minimise(
     progress: ProgressCallback | None = None,
     resume: State | None = None,
     keep: Callable[[State], None] | None = None,
+    arguments: tuple[Any, ...] = (),
 ) -> tuple[Tree, list[float]]:
     """Parameters that minimise ``function``, and its value after every step.
 
     Args:
-        function: a scalar of a tree of float64 arrays, traceable by JAX.
+        function: a scalar of a tree of float64 arrays, and of ``arguments``, traceable by JAX.
         start: where to start.
         iterations: steps at most, Adam's included.
         adam_steps: how many of them are Adam's.
@@ -196,13 +197,14 @@ def minimise(
         resume: a state that ``keep`` was given in a run with the same arguments; goes on from there on the same way.
         keep: called with a state to resume from every few steps of Adam, after each stretch of L-BFGS, and when
             Ctrl-C interrupts Adam.
+        arguments: trees of arrays handed on to ``function``; they may be spread over devices.
 
     Raises:
         Diverged: the start is unusable, or the steps lead where a covariance is not positive definite.
     """
     vector, unravel = ravel_pytree(start)
-    evaluate = jax.jit(jax.value_and_grad(lambda flat: function(unravel(flat))))
-    run = _Run(evaluate, stage, iterations, progress, keep)
+    evaluate = jax.jit(jax.value_and_grad(lambda flat, *given: function(unravel(flat), *given)))
+    run = _Run(lambda flat: evaluate(flat, *arguments), stage, iterations, progress, keep)
     first = np.asarray(vector)
     state = resume or State(first, np.zeros_like(first), np.zeros_like(first), 1.0, ())
     run.report(state.trace)

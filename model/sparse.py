@@ -5,7 +5,7 @@ Sources: Seeger et al. 2003 and Lawrence 2007 (DTC for GP-LVMs); Titsias 2009 (t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -120,7 +120,7 @@ def negative_log_likelihood(
     """
     weights = jnp.ones(inputs.shape[0]) if weights is None else weights
     points = Points(inputs, targets.thin, None if layer.style is None else styles, weights)
-    value = likelihood.negative_log_likelihood(
+    value: Any = likelihood.negative_log_likelihood(
         COVARIANCE, targets.channels, variational, shards, layer, points, noise
     )
     return value + 0.5 * targets.discarded / noise

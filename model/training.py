@@ -37,6 +37,7 @@ from model.optimise import ProgressCallback, State, minimise
 from model.presets import Preset, preset_named
 from model.restarts import Best, Say, best_of
 from model.rotations import Array
+from model.sharding import spread
 from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
 
@@ -99,6 +100,7 @@ def train_on(
     if restarts < 1 or chosen.iterations < 1:
         raise HighFiveError(f"{restarts} restarts of {chosen.iterations} steps; at least one of each is needed")
     task = problem(data, chosen)
+    spread_task = spread(task)
     owner = {"preset": chosen.name, "steps": chosen.iterations, "inducing": inducing, "seed": seed}
     owner |= {"restarts": restarts, "data": data.data_hash, "values": f"{zlib.crc32(repr(chosen).encode()):08x}"}
 
@@ -106,7 +108,7 @@ def train_on(
         start: Parameters, stage: str, resume: State | None, keep: Callable[[State], None]
     ) -> tuple[Parameters, list[float]]:
         return minimise(
-            lambda p: objective(p, task),
+            lambda p, points: objective(p, spread_task, points),
             start,
             chosen.iterations,
             chosen.adam_steps,
@@ -114,6 +116,7 @@ def train_on(
             progress=progress,
             resume=resume,
             keep=keep,
+            arguments=(spread_task.points,),
         )
 
     best = best_of(
@@ -156,7 +159,7 @@ def assemble(
     lat = latents(parameters, task)
     below = jnp.concatenate([lat.avatar, lat.human], axis=1)
     interaction = sparse.fit(parameters.interaction, lat.interaction, below, noise["interaction"])
-    now, previous, before = lat.steps
+    now, previous, before = lat.steps[:, task.successors]
     dynamics = sparse.fit(
         parameters.dynamics,
         dynamics_input(previous, before, data.lag),

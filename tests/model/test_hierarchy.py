@@ -41,7 +41,7 @@ def test_back_constrained_latents_have_unit_variance_and_step_from_point_to_poin
     for latent in (found.avatar, found.human, found.interaction):
         np.testing.assert_allclose(np.std(latent, axis=0), 1.0, rtol=1e-6)
     for back in range(3):
-        np.testing.assert_array_equal(found.steps[back], found.interaction[task.successors - back])
+        np.testing.assert_array_equal(found.steps[back][task.successors], found.interaction[task.successors - back])
     assert np.all(task.data.trial[task.successors] == task.data.trial[task.successors - 2])
 
 

@@ -32,7 +32,8 @@ def dense(kernel, style, a, a_styles, b, b_styles) -> np.ndarray:
 def test_dtc_value_equals_the_naive_dense_one(setting):
     inputs, styles, values, kernel = setting
     some = layer(kernel, inputs, styles, slice(0, 12))
-    k_uu, k_uf, k_ff = (np.asarray(k) for k in sparse.covariances(some, jnp.asarray(inputs), jnp.asarray(styles)))
+    k_uu = np.asarray(sparse.inducing_covariance(some))
+    k_uf, k_ff = (np.asarray(k) for k in sparse.cross_covariance(some, jnp.asarray(inputs), jnp.asarray(styles)))
     low_rank = k_uf.T @ np.linalg.solve(k_uu, k_uf)
     targets = Targets(jnp.asarray(values), 5, 0.0)
     got = sparse.negative_log_likelihood(some, inputs, targets, jnp.asarray(NOISE), jnp.asarray(styles))

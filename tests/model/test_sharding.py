@@ -1,0 +1,55 @@
+"""Points spread over devices and processes: the objective and the gradient of one device."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def begin(preset: str, devices: int, processes: int = 1, number: int = 0, port: int = 0) -> subprocess.Popen[str]:
+    environment = os.environ | {
+        "XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}",
+        "JAX_PLATFORMS": "cpu",
+        "OMP_NUM_THREADS": "1",
+        "PYTHONPATH": str(ROOT),
+    }
+    command = [sys.executable, "-m", "tests.model.objective_over_devices", preset, str(processes), str(number)]
+    return subprocess.Popen(
+        [*command, f"127.0.0.1:{port}"], env=environment, cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> dict:
+    output, _ = process.communicate()
+    assert process.returncode == 0
+    return json.loads(output.splitlines()[-1])
+
+
+def assert_same(found: dict, expected: dict) -> None:
+    np.testing.assert_allclose(found["value"], expected["value"], rtol=1e-9)
+    for got, wanted in zip(found["gradient"], expected["gradient"], strict=True):
+        np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9 * np.max(np.abs(wanted)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_eight_devices_and_two_processes_give_objective_and_gradient_of_one_device(preset: str) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    one, eight = begin(preset, 1), begin(preset, 8)
+    pair = [begin(preset, 2, processes=2, number=number, port=port) for number in range(2)]
+    expected, spread = finish(one), finish(eight)
+    assert (expected["devices"], spread["devices"]) == (1, 8)
+    assert spread["points"] % 8 != 0  # so that rows that do not count fill them up
+    assert_same(spread, expected)
+    for found in map(finish, pair):
+        assert found["devices"] == 4
+        assert_same(found, expected)

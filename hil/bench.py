@@ -127,9 +127,7 @@ def _by_points(preset: Preset, options: BenchOptions, bar: Bar) -> list[dict[str
     return rows
 
 
-def _training(
-    trials: list[Trial], preset: Preset, options: BenchOptions, bar: Bar
-) -> tuple[HGPDM, dict[str, float]]:
+def _training(trials: list[Trial], preset: Preset, options: BenchOptions, bar: Bar) -> tuple[HGPDM, dict[str, float]]:
     """A whole training: how long it takes, and when it is within ``CLOSE`` of its final objective."""
     begun, advance = time.perf_counter(), bar("training", preset.iterations)
     when: list[tuple[float, float]] = []
@@ -189,3 +187,22 @@ def _peer(options: BenchOptions) -> Iterator[tuple[dict[str, str] | None, Callab
             yield json.loads(answers.readline() or "null"), evaluate
         finally:
             process.kill()
+
+
+def print_bench(result: dict[str, Any]) -> None:
+    """The figures for people."""
+    peer = result["peer"]
+    print(f"{result['points']} points, {result['channels']} channels, {result['inducing']} inducing inputs a layer")
+    print(f"  objective and gradient, four layers  {result['objective_gradient_s']:.3f} s")
+    if peer is None:
+        print(f"  {result['peer_advice']}")
+    else:
+        label = f"the same, one layer of {peer['name']} {peer['version']}"
+        print(f"  {label:<37}{result['peer_objective_gradient_s']:.3f} s")
+    for row in result["by_points"]:
+        per_point = 1e6 * row["s_per_point"]
+        print(f"    {row['points']:>6} points  {row['objective_gradient_s']:8.3f} s  {per_point:6.1f} µs a point")
+    if "training_s" in result:
+        arrived = result["training_to_0.1_percent_s"]
+        print(f"  training  {result['training_s']:.0f} s, {arrived:.0f} s to within 0.1 % of its final objective")
+        print(f"  online step  p50 {result['step_ms']['p50']:.3f} ms, p99 {result['step_ms']['p99']:.3f} ms")

@@ -42,9 +42,7 @@ def made_up_trials(points: int, channels: int, seed: int) -> list[Trial]:
     ]
 
 
-def _trial(
-    frames: int, emotion: int, mix: Array, styles: Array, onto_joints: Array, rng: np.random.Generator
-) -> Trial:
+def _trial(frames: int, emotion: int, mix: Array, styles: Array, onto_joints: Array, rng: np.random.Generator) -> Trial:
     times, goal = np.arange(frames) / RATE, 0.15 * rng.normal(size=3)
     contact = min(rng.uniform(0.75, 1.1), times[-1])
     rise = _minimum_jerk((times - contact + 0.6) / 0.6) - _minimum_jerk((times - contact - 0.2) / 0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -18,6 +19,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+bench = typer.Typer(help="Measure how fast High Five is on this machine.", no_args_is_help=True)
+app.add_typer(bench, name="bench")
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
@@ -182,6 +186,35 @@ def evaluate(
         print_scores(result)
         if out is not None:
             print(f"Open {result['report']}")
+
+
+@bench.command("model")
+def bench_model(
+    points: Annotated[int, typer.Option(min=200, help="Training points.")] = 5605,
+    channels: Annotated[int, typer.Option(min=3, help="Joint angles of the avatar.")] = 159,
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    preset: Annotated[str, typer.Option(help="default or paper.")] = "default",
+    peer_python: Annotated[
+        Path | None, typer.Option(help="Interpreter with GPflow or GPy, if this one has neither.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="No training; only up to 2,000 points.")] = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Time objective and gradient, whole training and the online step on made-up motion, beside GPflow or GPy."""
+    from hil.bench import BenchOptions, bench_model, print_bench  # noqa: PLC0415
+
+    options = BenchOptions(points, channels, inducing, preset=preset, seed=seed)
+    if peer_python is not None:
+        options = replace(options, peer_python=peer_python)
+    if quick:
+        options = replace(options, sizes=(500, 1000, 2000), repeats=3, training=False)
+    with progress_bars() as bar:
+        result = bench_model(options, bar)
+    if json:
+        print_json(result)
+    else:
+        print_bench(result)
 
 
 def _style(text: str) -> dict[str, float]:

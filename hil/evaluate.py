@@ -15,6 +15,7 @@ from hil.console import Bar, training_bars
 from hil.protocols import Run, run_protocol
 from hil.score_table import Scored
 from hil.training_data import load_trials
+from hil.trial_table import read_table
 from model import evaluation, training, windows
 from model.errors import HighFiveError
 from model.hierarchy import problem
@@ -95,6 +96,9 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) 
 
 def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
+    if model is not None and not any(row.test for row in read_table(folder)):
+        advice = "mark some with split test in trials.csv and train again, or leave the model out"
+        raise HighFiveError(f"{folder} has no held-out trial; {advice}")
     pairs = load_trials(
         folder,
         options.human,
@@ -102,6 +106,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
         options.human_set,
         options.avatar_set,
         lambda total: bar("solving markers", total),
+        hold_out=model is None and options.leave_out is None,
     )
     trials = [pair.trial for pair in pairs]
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from calibration.hands import meeting_hands, mirrored
 from calibration.pair_frame import Pair, find_frame, place_trial
 from mocap_bridge.c3d import read_c3d
@@ -18,6 +20,9 @@ from model.errors import HighFiveError
 
 SHORTEST_S = 0.3
 """A trial that lasts less shows no reaching."""
+
+DEFAULT_PREFIXES = ("human", "avatar")
+"""What the two people are called where nobody says otherwise."""
 
 _LOOKED_AT = 12  # recordings, where points are told by how they move
 
@@ -61,7 +66,9 @@ def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[
         HighFiveError: a file cannot be read, a person is not in it, the points are not those of a body, or no trial is
             left.
     """
-    pairs = [_read_pair(path, human.prefix, avatar.prefix) for path in paths]
+    whole = [read_c3d(path, trust_unit=False) for path in paths]
+    human, avatar = _roles(whole, human, avatar, say)
+    pairs = [_together(_person(recording, human.prefix), _person(recording, avatar.prefix)) for recording in whole]
     people = _set_of([one for one, _ in pairs], [other for _, other in pairs], human, say)
     actors = _set_of([other for _, other in pairs], [one for one, _ in pairs], avatar, say)
     if (known := canonical_names(actors)) and not known.keys() & {"pelvis", "left_hip", "right_hip"}:
@@ -106,9 +113,35 @@ def _placed(
     return placed
 
 
-def _read_pair(path: Path, human: str, avatar: str) -> Pair:
-    recording = read_c3d(path, trust_unit=False)
-    return _person(recording, human), _person(recording, avatar)
+def _roles(recordings: Sequence[Recording], human: Role, avatar: Role, say: Callable[[str], None]) -> tuple[Role, Role]:
+    """The roles as asked for; or, if nothing was asked for and all files name the same two others, those two."""
+    found = {tuple(sorted({name.partition(":")[0] for name in r.names if ":" in name})) for r in recordings}
+    if (human.prefix, avatar.prefix) != DEFAULT_PREFIXES or len(found) != 1 or len(names := found.pop()) != 2:
+        return human, avatar
+    if {name.lower() for name in names}.intersection(DEFAULT_PREFIXES):
+        return human, avatar
+    one, other = names
+    swapped = f"--human {other} --avatar {one} is the other way round"
+    say(f"nobody is called human or avatar: {one} is taken for the person, {other} for the avatar's actor; {swapped}")
+    return replace(human, prefix=one), replace(avatar, prefix=other)
+
+
+def _repeated(names: Sequence[str]) -> set[str]:
+    return {name for name in names if names.count(name) > 1}
+
+
+def _together(person: Recording, actor: Recording) -> Pair:
+    """The pair from the first to the last frame that shows both; as it is if none does."""
+    both = np.flatnonzero(person.valid.any(axis=1) & actor.valid.any(axis=1))
+    if not len(both) or len(both) == len(person):
+        return person, actor
+    kept = slice(both[0], both[-1] + 1)
+    return _cut(person, kept), _cut(actor, kept)
+
+
+def _cut(recording: Recording, kept: slice) -> Recording:
+    names = ("points", "valid", "unlabelled", "unlabelled_valid")
+    return replace(recording, **{name: getattr(recording, name)[kept] for name in names})
 
 
 def _person(recording: Recording, prefix: str) -> Recording:
@@ -132,10 +165,14 @@ def _set_of(
     if role.marker_set:
         return load_marker_set(role.marker_set)
     labels = tuple(dict.fromkeys(name for recording in recordings for name in recording.names))
+    if twice := sorted({name for r in recordings if len(set(r.names)) < len(r.names) for name in _repeated(r.names)}):
+        say(f"{role.prefix}: of labels that are there twice the first counts: {', '.join(twice)}")
     try:
         marker_set = find_marker_set(labels)
     except HighFiveError as no_names:
         alike = [recording for recording in (*recordings, *partners) if recording.names == labels]
+        if not alike:
+            raise HighFiveError(f"{role.prefix}: {no_names}") from None
         try:
             known = recognise_shape(alike[:: max(1, len(alike) // _LOOKED_AT)])
         except HighFiveError as no_shape:

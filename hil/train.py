@@ -75,7 +75,11 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
         restarts=options.restarts,
         say=tell,
     )
-    save_model(model, options.out)
+    try:
+        save_model(model, options.out)
+    except HighFiveError as error:
+        kept = f"; make room, and the same command goes on from {options.checkpoint}"
+        raise HighFiveError(f"{error}{kept if options.checkpoint.exists() else ''}") from None
     options.checkpoint.unlink(missing_ok=True)
     rms = _marker_rms(pairs)
     fall = fall_at_the_end(model.learning_curve.tolist())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,8 @@ from calibration.subject import Subject, fit_subject, same_bodies
 from hil.avatar import avatar_skeleton, right_palm
 from hil.console import STDERR
 from hil.pairs import Role, read_pairs
-from hil.sim.capture import COLUMNS, TABLE
 from hil.threads import parallel_map, use_one_blas_thread
+from hil.trial_table import TrialRow, read_table, with_held_out
 from mocap_bridge.body_solver import solve_body
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.joint_centres import canonical_names
@@ -46,17 +45,6 @@ def tell(line: str) -> None:
 
 
 @dataclass(frozen=True)
-class TrialRow:
-    """A row of ``trials.csv``."""
-
-    file: str
-    emotion: str
-    cell: str
-    repetition: int
-    test: bool
-
-
-@dataclass(frozen=True)
 class SolvedPair:
     """A trial as the model sees it, and how well the avatar actor's markers were met.
 
@@ -71,45 +59,6 @@ class SolvedPair:
     rms: Array
 
 
-def read_table(folder: Path) -> list[TrialRow]:
-    """The trials of a folder.
-
-    Raises:
-        HighFiveError: no folder, no table, columns missing, a value that is none, or no trial in it.
-    """
-    path = folder / TABLE
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            rows, columns = list(reader), reader.fieldnames or []
-    except OSError as error:
-        wanted = f"a {TABLE} with the columns {','.join(COLUMNS)}"
-        raise HighFiveError(
-            f"cannot read {path}: {error.strerror}; a data folder holds C3D files and {wanted}"
-        ) from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise HighFiveError(f"{path} is not a table: {error}") from None
-    missing = [name for name in COLUMNS if name not in columns]
-    if missing:
-        raise HighFiveError(f"{path} has the columns {', '.join(columns) or 'none'}; missing are {', '.join(missing)}")
-    if not rows:
-        raise HighFiveError(f"{path} lists no trial")
-    return [_row(path, number, row) for number, row in enumerate(rows, start=2)]
-
-
-def _row(path: Path, line: int, row: dict[str, str | None]) -> TrialRow:
-    text = {key: (row.get(key) or "").strip() for key in COLUMNS}
-    if not text["file"] or not text["emotion"]:
-        raise HighFiveError(f"{path}, line {line}: a trial needs a file and an emotion")
-    if text["split"] not in ("train", "test"):
-        raise HighFiveError(f"{path}, line {line}: split is {text['split']!r}; expected train or test")
-    try:
-        repetition = int(text["repetition"] or -1)
-    except ValueError:
-        raise HighFiveError(f"{path}, line {line}: repetition is {text['repetition']!r}; expected a number") from None
-    return TrialRow(text["file"], text["emotion"], text["cell"], repetition, text["split"] == "test")
-
-
 def load_trials(
     folder: Path,
     human: str = "human",
@@ -119,6 +68,7 @@ def load_trials(
     progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
     say: Callable[[str], None] = tell,
     learn_only: bool = False,
+    hold_out: bool = False,
 ) -> list[SolvedPair]:
     """The trials of a folder, solved, in the avatar's world.
 
@@ -131,12 +81,16 @@ def load_trials(
         progress: called with the number of trials; what comes back is called after each.
         say: called with a line about each thing that had to be found out.
         learn_only: held-out trials are not solved, but still tell where the set's floor, vertical and hands are.
+        hold_out: if the table marks no trial as test, some are held out all the same.
 
     Raises:
         HighFiveError: the folder, a file or the people's points are not what is needed.
     """
     use_one_blas_thread()
-    rows = read_table(folder)
+    rows = read_table(folder, say)
+    rows = with_held_out(rows, say) if hold_out else rows
+    if learn_only and all(row.test for row in rows):
+        raise HighFiveError(f"every trial of {folder} is held out; give those to learn from the split train")
     read = read_pairs([folder / row.file for row in rows], Role(human, human_set), Role(avatar, avatar_set), say)
     subjects = _fit_actors([actor for _, actor in read.pairs], read.actors)
     if (bodies := len({id(subject) for subject in subjects})) > 1:
@@ -146,12 +100,15 @@ def load_trials(
         for n, pair, subject in zip(read.kept, read.pairs, subjects, strict=True)
         if not (learn_only and rows[n].test)
     ]
-    solved = []
+    solved, files = [], []
     for job, pair in zip(jobs, parallel_map(_solve_or_say, jobs, progress), strict=True):
         if isinstance(pair, SolvedPair):
             solved.append(pair)
+            files.append(job.row.file)
         else:
             say(f"{job.row.file} is left out: {pair}")
+    for twin, first in _repeated([pair.trial for pair in solved]):
+        say(f"{files[twin]} shows the very motion of {files[first]}")
     far = sum(_gap_at_contact(pair.trial) > APART for pair in solved)
     if far:
         nowhere = f"in {far} of {len(solved)} trials the palms come no nearer than {APART} m"
@@ -179,6 +136,13 @@ def _fit_or_say(job: tuple[Sequence[Recording], MarkerSet]) -> Subject | str:
         return fit_subject(avatar_skeleton(), marker_set, points, valid)
     except HighFiveError as error:
         return str(error)
+
+
+def _repeated(trials: Sequence[Trial]) -> list[tuple[int, int]]:
+    """Indices of trials that repeat an earlier one, and of that one."""
+    first: dict[bytes, int] = {}
+    known = [first.setdefault(np.round(trial.hand_points, 4).tobytes(), n) for n, trial in enumerate(trials)]
+    return [(n, earlier) for n, earlier in enumerate(known) if n != earlier]
 
 
 def _gap_at_contact(trial: Trial) -> float:

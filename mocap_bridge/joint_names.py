@@ -71,6 +71,7 @@ _PARTS = {
     "toe_tip": "toeend toetip toesend toebaseend footend toend",
 }
 _PART_OF = {name: part for part, names in _PARTS.items() for name in names.split()}
+_CUT_TO = 4  # letters of a name that are left at least, where a label was cut short
 _UNPAIRED = {"pelvis", "trunk", "neck", "upper_neck", "head", "head_top", "nose"}
 _FINGERS = ("index", "middle", "ring", "little", "pinky")
 _DIGITS = {"0": "thumb", "1": "index_1", "2": "middle_1", "3": "ring_1", "4": "little_1"}
@@ -166,7 +167,13 @@ def _part(words: Sequence[str]) -> str:
     for name in ("".join(letters), "".join(kept), *pairs, *reversed(kept)):
         if part := _PART_OF.get(name, ""):
             return _at_its_end(part, words)
-    return ""
+    return _cut_short("".join(kept))
+
+
+def _cut_short(letters: str) -> str:
+    """The part whose name begins with these letters, as in labels that were cut to a length: ``LeftForeA``."""
+    names = [name for name in _PART_OF if name.startswith(letters)] if len(letters) >= _CUT_TO else []
+    return _PART_OF[min(names, key=len)] if names else ""
 
 
 def _at_its_end(part: str, words: Sequence[str]) -> str:

@@ -22,6 +22,8 @@ AUXILIARY = 10  # root (3), contact clock (1), palm (3), contact point (3) follo
 MINIMUM_RATE = 10.0
 MINIMUM_POINTS = 50
 MAXIMUM_SAMPLE_RATE = 30.0
+FURTHEST = 50.0  # m from the origin at most; a hall, not a mistaken unit
+LARGEST_TURN = 50.0  # rad; a mistaken degree, where a joint turns by a few
 STILL = 1e-4  # m or rad; less motion than this in all channels is a constant recording
 
 
@@ -119,6 +121,10 @@ def check_trial(trial: Trial, number: int, joints: int) -> None:
             raise HighFiveError(f"{where}: {name} has shape {values.shape}, expected {shape}")
         if not np.all(np.isfinite(values)):
             raise HighFiveError(f"{where}: {name} holds NaN or infinity; fill or cut the gaps before training")
+        largest, limit = np.abs(values).max(initial=0.0), LARGEST_TURN if name == "joints" else FURTHEST
+        if largest > limit:
+            unit, other = ("rad", "degrees") if name == "joints" else ("m", "millimetres")
+            raise HighFiveError(f"{where}: {name} reaches {largest:.0f}; expected {unit}: are these {other}?")
     if frames < 3:
         raise HighFiveError(f"{where} has {frames} frames; at least 3 are needed")
     if not 0 <= trial.contact_frame < frames:

@@ -116,12 +116,19 @@ def test_after_ctrl_c_and_after_a_kill_the_same_command_goes_on_to_the_same_mode
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_said_in_one_line_and_costs_nothing_that_could_be_kept(lab: Path, tmp_path: Path) -> None:
-    """Files may grow to 64 KiB only, which the model does not fit in; the checkpoint of so few points does."""
+@pytest.mark.parametrize(("kibibytes", "kept"), [(16, False), (200, True)])
+def test_a_full_disk_is_said_in_one_line(lab: Path, tmp_path: Path, kibibytes: int, kept: bool) -> None:
+    """A limit to the size of files is a full disk that needs no disk to fill: for all, or for the model alone."""
     out = tmp_path / "m.safetensors"
-    limits = (1 << 16, resource.getrlimit(resource.RLIMIT_FSIZE)[1])
+    limits = (1024 * kibibytes, resource.getrlimit(resource.RLIMIT_FSIZE)[1])
     environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
-    full = run(lab, out, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limits), env=environment)
-    assert full.returncode == 2, full.stderr
-    assert "cannot write the model to" in full.stderr and "Traceback" not in full.stderr
-    assert not out.exists() and not list(tmp_path.glob("*.partial"))
+    words = ("--inducing", "60", "--iterations", "25")
+    full = run(lab, out, *words, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limits), env=environment)
+    assert full.returncode == 2 and "Traceback" not in full.stderr, full.stderr
+    assert "error: cannot write the model to" in full.stderr
+    assert ("training goes on, but a kill would lose it" in full.stderr) != kept
+    assert ("the same command goes on from" in full.stderr) == kept
+    assert [path.name for path in tmp_path.glob("m*")] == ["m.checkpoint.npz"] * kept
+    if kept:
+        assert run(lab, out, *words).returncode == 0
+        assert [path.name for path in tmp_path.glob("m*")] == ["m.safetensors"]

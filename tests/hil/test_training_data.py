@@ -12,7 +12,8 @@ from hil import cli
 from hil.avatar import avatar_skeleton, right_palm
 from hil.sim.actors import ActorMotion, PairTrial, simulate_pair
 from hil.sim.capture import trial_seed, write_table
-from hil.training_data import SolvedPair, load_trials, read_table, track_hand
+from hil.training_data import SolvedPair, load_trials, track_hand
+from hil.trial_table import read_table
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.marker_sets import load_marker_set
 from model import presets, rotations

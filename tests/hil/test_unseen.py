@@ -13,7 +13,8 @@ from hil import cli
 from hil.avatar import avatar_skeleton
 from hil.pairs import Role, read_pairs
 from hil.sim.capture import write_table
-from hil.training_data import SolvedPair, contact_frame, load_trials, read_table, unwrapped
+from hil.training_data import SolvedPair, contact_frame, load_trials, unwrapped
+from hil.trial_table import read_table
 from mocap_bridge.c3d import read_c3d, write_c3d
 from model import presets, rotations
 from model.errors import HighFiveError
@@ -100,6 +101,46 @@ def test_bad_takes_are_left_out_with_a_word(tmp_path: Path) -> None:
     write_table(tmp_path, [("short.c3d", "neutral", "", "", "train")])
     with pytest.raises(HighFiveError, match="none of the 1 files shows two people"):
         load_trials(tmp_path, say=said.append)
+
+
+def rewritten(path: Path, **changes) -> None:
+    whole = read_c3d(path)
+    none = {"unlabelled": whole.unlabelled[:, :0], "unlabelled_valid": whole.unlabelled_valid[:, :0]}
+    write_c3d(path, replace(whole, **(none | {name: change(whole) for name, change in changes.items()})))
+
+
+def test_two_people_of_other_names_are_found_where_nobody_was_asked_for(tmp_path: Path) -> None:
+    write_set(tmp_path, CELLS, Export("mixamo"), test=0)
+    files = [tmp_path / f"take{n}.c3d" for n in range(2)]
+    for path in files:
+        rewritten(path, names=lambda r: [n.replace("human:", "p1:").replace("avatar:", "p2:") for n in r.names])
+    said: list[str] = []
+    read = read_pairs(files, Role("human", None), Role("avatar", None), said.append)
+    assert read.kept == (0, 1)
+    assert any("p1 is taken for the person, p2 for the avatar's actor" in line for line in said)
+    turned = read_pairs(files, Role("p2", None), Role("p1", None), said.append)
+    np.testing.assert_array_equal(turned.pairs[0][0].valid, read.pairs[0][1].valid)
+    with pytest.raises(HighFiveError, match="no labels of 'human'"):
+        read_pairs(files, Role("human", None), Role("robot", None), said.append)
+
+
+def test_a_trial_lasts_as_long_as_both_are_seen(tmp_path: Path) -> None:
+    write_set(tmp_path, CELLS[:1], Export(), test=0)
+
+    def gone(recording):
+        valid = recording.valid.copy()
+        human = np.array([name.startswith("human") for name in recording.names])
+        valid[:7, human] = valid[-11:, ~human] = False
+        valid[20:25, human] = False  # a gap in between stays one
+        return valid
+
+    frames = len(read_c3d(tmp_path / "take0.c3d"))
+    rewritten(tmp_path / "take0.c3d", valid=gone)
+    read = read_pairs([tmp_path / "take0.c3d"], Role("human", None), Role("avatar", None), lambda line: None)
+    person, actor = read.pairs[0]
+    assert len(person) == len(actor) == frames - 18
+    seen = np.flatnonzero(~person.valid.any(axis=1))
+    assert seen.tolist() == [13, 14, 15, 16, 17]
 
 
 def test_a_person_who_is_not_there_is_named(tmp_path: Path) -> None:

@@ -114,3 +114,11 @@ def test_sets_that_fit_by_name_come_first():
 def test_what_is_missing_is_named():
     with pytest.raises(HighFiveError, match=r"no right_wrist is recognised .*LElbow as left_elbow"):
         find_marker_set(["Neck", "Head", "LShoulder", "LElbow", "LWrist", "RShoulder", "RElbow"])
+
+
+def test_labels_that_were_cut_to_a_length_are_told_from_what_is_left():
+    whole = "Hips Neck Head RightShoulder RightArm RightForeArm RightHand RightUpLeg RightLeg RightFoot RightToeBase"
+    for length in (9, 10, 11):
+        cut = {label: label[:length] for label in whole.split()}
+        found = recognise(list(cut.values()))
+        assert found == {name: cut[label] for name, label in recognise(whole.split()).items()}

@@ -98,6 +98,8 @@ def shortened(trial: Trial, frames: int) -> list[Trial]:
         (lambda t: broken(t, hand_points=np.ones_like(t.hand_points)), "hand never moves"),
         (lambda t: broken(t, joints=np.ones_like(t.joints)), "actor never moves"),
         (lambda t: shortened(t, 20), "at least 50"),
+        (lambda t: broken(t, hand_points=1e3 * t.hand_points), "hand_points reaches .* millimetres"),
+        (lambda t: broken(t, joints=np.degrees(t.joints)), "joints reaches .* degrees"),
         (lambda t: broken(t, emotion="bored"), "emotion bored"),
     ],
 )

@@ -113,7 +113,7 @@ CHILD = """
     from pathlib import Path
     import numpy as np
     sys.path.insert(0, {tests!r})
-    from conftest import SMALL, made_up_trial
+    from made_up import SMALL, made_up_trial
     from model.store import save_model
     from model.training import train
     rng = np.random.default_rng(1)

@@ -1,11 +1,16 @@
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
+from made_up import SMALL
 
+from model.dataset import hand_history, output_channels, training_set
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
-from model.presets import PAPER
+from model.hierarchy import objective, problem
+from model.initial import initial_parameters
+from model.presets import DEFAULT, PAPER
 from model.training import train
 from model.trials import Trial
 
@@ -32,3 +37,57 @@ def test_paper_preset_trains_and_generates(trials: list[Trial]):
 def test_too_few_inducing_inputs_are_named(trials: list[Trial]):
     with pytest.raises(HighFiveError, match="at least 2"):
         train(trials, inducing=1)
+
+
+def still(trial: Trial, joint: int) -> Trial:
+    joints = trial.joints.copy()
+    joints[:, joint] = 0.3
+    return replace(trial, joints=joints)
+
+
+def stuck(trial: Trial, point: int, axes: slice) -> Trial:
+    """One point of the hand, or one axis of it, that the tracker lost for good."""
+    points = trial.hand_points.copy()
+    points[:, point, axes] = 0.5
+    return replace(trial, hand_points=points)
+
+
+def cut(trial: Trial, frames: slice) -> Trial:
+    names = ("hand_points", "joints", "root", "palm", "person_palm")
+    return replace(trial, contact_frame=5, **{name: getattr(trial, name)[frames] for name in names})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda some: [still(t, 3) for t in some], id="a joint never moves"),
+        pytest.param(lambda some: [stuck(t, 1, slice(None)) for t in some], id="the knuckles are stuck"),
+        pytest.param(lambda some: [stuck(stuck(t, 0, slice(2)), 1, slice(2)) for t in some], id="it moves on a line"),
+        pytest.param(lambda some: some[:1] * len(some), id="ten times the same trial"),
+        pytest.param(lambda some: some[:1], id="a single trial", marks=pytest.mark.slow),
+        pytest.param(
+            lambda some: [cut(t, slice(40, 50)) for t in some * 8], id="a tenth of a second", marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_poor_data_have_a_finite_objective_and_gradient_to_start_from(trials: list[Trial], change):
+    preset = replace(DEFAULT, points=70)
+    data = training_set(change([t for t in trials if not t.test]), preset)
+    task = problem(data, preset)
+    start = initial_parameters(task, 100, np.random.default_rng(0))  # more inducing inputs than points
+    value, gradient = jax.value_and_grad(lambda p: objective(p, task))(start)
+    assert np.isfinite(value)
+    assert all(np.all(np.isfinite(part)) for part in jax.tree.leaves(gradient))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 12])
+def test_a_single_trial_even_repeated_gives_a_model(trials: list[Trial], count: int):
+    trained = train(trials[:1] * count, SMALL, inducing=300)
+    assert trained.emotions == (trials[0].emotion,)
+    assert trained.settings["inducing"] == min(300, len(trained.trial))
+    at = np.arange(0.5, 2.0, 0.2)
+    wanted = output_channels(trials[0], at)[:, : trained.joints]
+    history = hand_history(trials[0], at, SMALL.history)
+    got = trained.generate(trained.back_project(history), np.ones(1))[:, : trained.joints]
+    assert np.abs(got - wanted).mean() < 0.3 * wanted.std()

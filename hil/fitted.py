@@ -28,13 +28,18 @@ class Fitted:
 
     Attributes:
         model: the model.
-        task: the training points as the baselines see them.
+        task: the training points as the baselines see them, of the emotions that the trials have.
         sparse_gp: the plain sparse GP.
     """
 
     model: HGPDM
     task: Problem
     sparse_gp: Posterior
+
+    @property
+    def emotions(self) -> list[str]:
+        """What both the model and the baselines have learned."""
+        return [emotion for emotion in self.model.emotions if emotion in self.task.data.emotions]
 
 
 def fit(
@@ -67,7 +72,7 @@ def fit(
             raise HighFiveError(f"cannot make {kept}: {error.strerror}; choose another --out") from None
     if model is None:
         model = _model(trials, preset, inducing, seed, kept, progress)
-    task = problem(training_set(trials, DEFAULT, model.emotions), DEFAULT)
+    task = problem(training_set(trials, DEFAULT), DEFAULT)
     inducing = model.avatar.inducing.shape[0]
     path = _path(kept, "sparse_gp", f"{DEFAULT!r} {inducing} {seed} {task.data.data_hash}")
     if path is not None and path.is_file():

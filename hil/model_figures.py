@@ -117,19 +117,21 @@ def trajectories(run: Run) -> Drawing:
     caption = (
         "Palm and joint angles of the avatar's right arm, before any correction: in colour as generated, with the "
         "interval that is to hold 90 %, dark and dashed as recorded. For each emotion the held-out trial with the "
-        "median error at contact."
+        "median error at contact; of a single emotion also those with the quartiles."
     )
     return Drawing("trajectories", caption, figure)
 
 
 def _typical(run: Run) -> list[Trial]:
-    """For each emotion the trial of the first fold with the median error at contact."""
-    chosen = []
+    """Held-out trials of the first fold: the one with the median error at contact for each emotion; of one, three."""
     errors = evaluation.contact_errors(run.trials, run.answers["hgpdm"])
-    for emotion in run.fitted.model.emotions[:_COLUMNS]:
+    emotions = run.fitted.emotions[:_COLUMNS]
+    quantiles = (0.25, 0.5, 0.75) if len(emotions) == 1 else (0.5,)
+    chosen = []
+    for emotion in emotions:
         mine = [i for i, t in enumerate(run.trials) if t.emotion == emotion and run.folds[i] == run.folds[0]]
-        if mine:
-            chosen.append(run.trials[sorted(mine, key=lambda i: errors[i])[(len(mine) - 1) // 2]])
+        mine.sort(key=lambda i: errors[i])
+        chosen += [run.trials[i] for i in dict.fromkeys(mine[int(q * (len(mine) - 1))] for q in quantiles if mine)]
     return chosen
 
 

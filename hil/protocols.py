@@ -141,7 +141,7 @@ class _Scored:
 
 def _answered(fold: Fold, fitted: Fitted) -> tuple[list[int], dict[str, list[Answer]]]:
     """The held-out trials of emotions that were learned, and each method's answers."""
-    emotions, trials = fitted.model.emotions, fold.trials
+    emotions, trials = fitted.emotions, fold.trials
     known = [index for index in fold.held_out if trials[index].emotion in emotions]
     if missing := {trials[index].emotion for index in fold.held_out} - set(emotions):
         tell(f"without {fold.name or 'the held-out trials'} there is no trial of {', '.join(sorted(missing))}")
@@ -160,7 +160,7 @@ def _errors_when_seen(trials: Sequence[Trial], train: Callable[[Fold], Fitted]) 
     seen: dict[str, Array] = {}
     for fold in folds:
         fitted = train(fold)
-        learned = {(trial.cell, trial.emotion) for trial in fold.trials if not trial.test}
+        learned = {(t.cell, t.emotion) for t in fold.trials if not t.test and t.emotion in fitted.emotions}
         for name, method in methods(fitted).items():
             errors = seen.setdefault(name, np.full(len(trials), np.nan))
             for index in fold.held_out:

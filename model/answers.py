@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +38,39 @@ class Body:
     skeleton: Skeleton
     palm_in_wrist: Array
 
-    def positions(self, outputs: Array) -> tuple[Array, Array]:
-        """Joints (T, J, 3) and right palm (T, 3), m, by forward kinematics of avatar channels (T, channels)."""
-        where, wrist = Channels(3 * len(self.skeleton)), self.skeleton.index("right_wrist")
-        pose = self.skeleton.from_rotation_vectors(outputs[:, : where.joints])
-        positions, orientations = self.skeleton.forward_kinematics(outputs[:, where.root], pose)
-        return positions, positions[:, wrist] + rotations.rotate(orientations[:, wrist], self.palm_in_wrist)
+    def joints(self, outputs: Array) -> Array:
+        """Joints (T, J, 3), m, by forward kinematics of avatar channels (T, channels)."""
+        return _kinematics(self.skeleton, outputs[:, : 3 * len(self.skeleton)], outputs)[0]
+
+    def palm(self, outputs: Array) -> Array:
+        """Right palm (T, 3), m, likewise; only the joints that carry it are worked out."""
+        carriers, arm = self._arm
+        turns = outputs[:, : 3 * len(self.skeleton)].reshape(len(outputs), -1, 3)[:, carriers]
+        positions, orientations = _kinematics(arm, turns.reshape(len(outputs), -1), outputs)
+        return positions[:, -1] + rotations.rotate(orientations[:, -1], self.palm_in_wrist)
+
+    @cached_property
+    def _arm(self) -> tuple[list[int], Skeleton]:
+        """Indices of the joints from the root to the right wrist, and the skeleton that they make."""
+        whole, joint, carriers = self.skeleton, self.skeleton.index("right_wrist"), []
+        while joint >= 0:
+            carriers.insert(0, joint)
+            joint = whole.parents[joint]
+        arm = Skeleton(
+            tuple(whole.names[j] for j in carriers),
+            tuple(range(-1, len(carriers) - 1)),
+            whole.offsets[carriers],
+            tuple(whole.hinge_orders[j] for j in carriers),
+            whole.hinge_limits[carriers],
+            whole.rest[carriers],
+        )
+        return carriers, arm
+
+
+def _kinematics(skeleton: Skeleton, turns: Array, outputs: Array) -> tuple[Array, Array]:
+    """Positions and orientations of a skeleton's joints, whose root is where the pelvis of ``outputs`` is."""
+    root = outputs[:, Channels(outputs.shape[1] - AUXILIARY).root]
+    return skeleton.forward_kinematics(root, skeleton.from_rotation_vectors(turns))
 
 
 @dataclass(frozen=True)
@@ -129,7 +157,7 @@ def online(model: HGPDM, body: Body) -> Method:
             np.array([channel_covariance(generated, where.palm) for generated in counted]),
             np.array([channel_covariance(generated, where.contact) for generated in counted]),
         )
-        return Answer(frames, outputs[frames], body.positions(outputs)[1], doubt)
+        return Answer(frames, outputs[frames], body.palm(outputs), doubt)
 
     return answer
 
@@ -152,7 +180,7 @@ def regressed(regression: Regression, task: Problem, body: Body, posterior: Post
         outputs = regression(features, np.tile(style, (len(features), 1)))
         frames = scored_frames(trial)
         doubt = None if predictor is None else _doubt(predictor, features[frames], style)
-        return Answer(frames, outputs[frames], body.positions(outputs)[1], doubt)
+        return Answer(frames, outputs[frames], body.palm(outputs), doubt)
 
     return answer
 

@@ -53,7 +53,7 @@ def held_out(trials: Sequence[Trial], answers: Sequence[Answer], body: Body) -> 
     outputs = np.concatenate([output_channels(t, a.frames / t.rate_hz) for t, a in pairs])
     to_go = np.concatenate([(t.contact_frame - a.frames) / t.rate_hz for t, a in pairs])
     moving = outputs[:, : 3 * len(body.skeleton)].std(axis=0) > STILL
-    joints, _ = body.positions(outputs)
+    joints = body.joints(outputs)
     return HeldOut(outputs, joints, to_go == 0.0, (to_go > 0.0) & (to_go <= SOON), moving)
 
 
@@ -137,7 +137,7 @@ def _pose_errors(predicted: Array, held: HeldOut, body: Body) -> dict[str, float
         for outputs in (held.outputs, predicted)
     )
     turn = rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(wanted), got))
-    positions, _ = body.positions(predicted)
+    positions = body.joints(predicted)
     return {
         "all_joints": float(np.linalg.norm(positions - held.joints, axis=-1).mean()),
         "joint_angle": float(np.linalg.norm(turn, axis=-1).mean()),

@@ -56,7 +56,7 @@ def palm_errors(model: HGPDM, task: Problem, trials: Sequence[Trial]) -> Errors:
     responders: dict[float, Responder] = {}
     found: dict[str, list[list[float]]] = {"hgpdm": [], "ridge": [], "constant_velocity": []}
     for trial in trials:
-        if not trial.test or trial.emotion not in model.emotions:
+        if not trial.test or trial.emotion not in model.emotions or trial.emotion not in task.data.emotions:
             continue
         responder = responders.setdefault(trial.rate_hz, Responder(model, trial.emotion, trial.rate_hz))
         responder.set_style(trial.emotion)

@@ -26,8 +26,8 @@ def model(trials: list[Trial]) -> HGPDM:
 
 @pytest.fixture(scope="session")
 def body() -> Body:
-    """Three joints in a row, the last of them the wrist."""
-    table = [("hips", None, (0.0, 0.0, 0.9)), ("shoulder", "hips", (0.0, 0.0, 1.4)),
-             ("right_wrist", "shoulder", (0.0, 0.0, 0.9))]  # fmt: skip
+    """Three joints, the last of them the wrist; the second does not carry it."""
+    table = [("hips", None, (0.0, 0.0, 0.9)), ("head", "hips", (0.0, 0.0, 1.6)),
+             ("right_wrist", "hips", (0.0, -0.2, 0.9))]  # fmt: skip
     hinges = {name: ("xyz", [(-180.0, 180.0)] * 3) for name, _, _ in table}
     return Body(skeleton_from_table(table, hinges, {}), np.array([0.0, 0.0, -0.1]))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import baselines, evaluation
+from model import baselines, evaluation, rotations
 from model.answers import Answer, Body, Doubt, online, regressed, scored_frames
 from model.dataset import CLOCK_SCALE, Channels, output_channels, training_set
 from model.errors import HighFiveError
@@ -95,3 +95,14 @@ def test_a_sparse_gp_doubts_more_where_it_has_seen_nothing(trials: list[Trial], 
 def test_an_unknown_emotion_is_said(held: list[Trial], model: HGPDM, body: Body):
     with pytest.raises(HighFiveError, match="'bored'; the model knows neutral, angry"):
         online(model, body)(replace(held[0], emotion="bored"))
+
+
+def test_the_palm_is_where_the_whole_body_puts_it(body: Body):
+    skeleton, rng = body.skeleton, np.random.default_rng(0)
+    outputs = rng.normal(size=(5, Channels(9).size))
+    pose = skeleton.from_rotation_vectors(outputs[:, :9])
+    positions, orientations = skeleton.forward_kinematics(outputs[:, Channels(9).root], pose)
+    wrist = skeleton.index("right_wrist")
+    palm = positions[:, wrist] + rotations.rotate(orientations[:, wrist], body.palm_in_wrist)
+    assert np.allclose(body.palm(outputs), palm)
+    assert np.allclose(body.joints(outputs), positions)

@@ -1,7 +1,7 @@
 """Whether the style shows: a machine observer judges what the model generates and what is played after correction.
 
-Every simulated person is answered in every style, so that the observer cannot go by what the person does: the same people
-stand behind each emotion.
+Every simulated person is answered in every style, so that the observer cannot go by what the person does: the same
+people stand behind each emotion.
 """
 
 from __future__ import annotations

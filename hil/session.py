@@ -147,7 +147,8 @@ class Session:
     def _pose(self, response: Response, familiar: bool) -> Pose:
         """The model's pose at the style's tempo; where the person is a stranger to it, the pose in which it waits."""
         waiting, pose = self._waiting(), _inside_limits(response.root, response.joints)
-        pose = _between(waiting, pose, self._emphasis.share(response.palm, response.contact_point, self._responder.style))
+        style = self._responder.style
+        pose = _between(waiting, pose, self._emphasis.share(response.palm, response.contact_point, style))
         # Far from what it has learned the model may leap; no arm does.
         step = np.clip(pose.hinges - self._last.hinges, -QUICKEST / RATE_HZ, QUICKEST / RATE_HZ)
         self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)

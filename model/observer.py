@@ -2,8 +2,8 @@
 
 Linear discriminant analysis of a few named features of one high five, the classifier that leaves least to be chosen. It
 learns from captured motion and then judges motion that a model generated: if the emotion survives generation and
-correction, it sees there what it saw in the actors. Cues: the carriage of spine, head and arms, and the speed of the arm
-that reaches (Pollick et al. 2001, Roether et al. 2009). Fingers are left out: a fist would give anger away.
+correction, it sees there what it saw in the actors. Cues: how spine, head and arms are held, and how fast the arm that
+reaches moves (Pollick et al. 2001, Roether et al. 2009). Fingers are left out: a fist would give anger away.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Motion:
     def _smooth(self, values: Array) -> Array:
         if len(values) < 0.3 * self.rate_hz:
             raise HighFiveError(f"a motion of {len(values)} frames at {self.rate_hz:g} Hz; expected a whole high five")
-        if CUTOFF_HZ >= 0.45 * self.rate_hz:
+        if 0.45 * self.rate_hz <= CUTOFF_HZ:  # slow recordings are smooth as they are
             return values
         return sosfiltfilt(butter(2, CUTOFF_HZ, fs=self.rate_hz, output="sos"), values, axis=0)
 

@@ -11,7 +11,9 @@ from model.observer import FEATURES, Motion, accuracy, confusion, features, fit_
 RATE = 120.0
 
 
-def motion(speed: float = 1.0, bend: float = 0.1, before: float = 0.3, after: float = 0.3, rate: float = RATE) -> Motion:
+def motion(
+    speed: float = 1.0, bend: float = 0.1, before: float = 0.3, after: float = 0.3, rate: float = RATE
+) -> Motion:
     """A hand that goes out and back, and a trunk that bends; it waits before and after."""
     skeleton = avatar_skeleton()
     course = np.sin(np.linspace(0.0, np.pi, round(rate * 1.5 / speed))) ** 2

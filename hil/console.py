@@ -96,7 +96,7 @@ def print_scores(result: dict[str, Any]) -> None:
 def print_observations(result: dict[str, Any]) -> None:
     """What :func:`hil.observe.observe` found, as tables: accuracies, confusions, speeds of the morph."""
     stages = ("captured", "generated", "corrected")
-    rows = {f"by {cue}": values for cue, values in result["cues"].items()}
+    rows = {f"by {cue}": values for cue, values in result["by_cue"].items()}
     rows |= {f"person: {emotion}": values for emotion, values in result["by_person"].items()}
     recognised = Table("emotion recognised", *stages, box=SIMPLE_HEAD)
     for name, values in rows.items():
@@ -109,11 +109,11 @@ def print_observations(result: dict[str, Any]) -> None:
         for name, counts in shown.items():
             table.add_row(name, *(str(counts[other]) for other in seen))
         STDOUT.print(table)
-    if morph := result["morph"]:
-        table = Table(f"{morph['from']} to {morph['to']}", *map(str, morph["weights"]), box=SIMPLE_HEAD)
-        for stage in stages[1:]:
-            table.add_row(f"peak palm speed, m/s, {stage}", *(f"{v:.2f}" for v in morph[f"{stage}_peak_speed"]))
-        STDOUT.print(table)
+    morph = result["morph"]
+    table = Table(f"{morph['from']} to {morph['to']}", *map(str, morph["weights"]), box=SIMPLE_HEAD)
+    for stage in stages[1:]:
+        table.add_row(f"peak palm speed, m/s, {stage}", *(f"{v:.2f}" for v in morph[stage]["peak_speed"]))
+    STDOUT.print(table)
 
 
 def print_json(value: dict[str, Any]) -> None:

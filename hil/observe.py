@@ -6,15 +6,17 @@ people stand behind each emotion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hil.avatar import avatar_skeleton
+from hil.console import Bar
 from hil.partners import Partner, simulated_partners
 from hil.session import RATE_HZ, Session
 from hil.sim.actors import CELLS
@@ -25,16 +27,17 @@ from hil.threads import parallel_map
 from hil.training_data import load_trials
 from mocap_bridge.marker_sets import load_marker_set
 from mocap_bridge.sources import C3DSource
-from model import observer
 from model.errors import HighFiveError
-from model.observer import ANGLES, Motion, Observer
+from model.observer import ANGLES, Motion, accuracy, confusion, features, fit_observer
 from model.rotations import Array
 from model.store import load_model
+from model.trials import Trial
 
-Bar = Callable[[str, int], Callable[[], None]]
-
-CUES = {"angles and speeds": slice(None), "angles": slice(0, len(ANGLES)), "speeds": slice(len(ANGLES), None)}
+BOTH = "angles and speeds"
+CUES = {BOTH: slice(None), "angles": slice(0, len(ANGLES)), "speeds": slice(len(ANGLES), None)}
 """What an observer is given: columns of the features."""
+
+STAGES = ("generated", "corrected")
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,6 @@ class ObserveOptions:
     data: Path
     model: Path
     people: int = 36
-    morph_people: int = 36
     morph: tuple[str, str] = ("neutral", "angry")
     seed: int = 1
     human: str = "human"
@@ -67,93 +69,97 @@ class Shown:
 
 
 def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
-    """Accuracy on captured, generated and corrected motion, by the person's own emotion too, and the morph's speeds.
+    """Accuracies on captured, generated and corrected motion, confusions, and the speeds of a morph.
 
     Raises:
-        HighFiveError: the recordings show fewer than two emotions, none is held out, or the model knows others.
+        HighFiveError: the recordings lack an emotion of the model or held-out trials, or a style is unknown.
     """
     model = load_model(options.model, avatar_skeleton().hash)
-    pairs = load_trials(
-        options.data, options.human, options.avatar, options.human_set, options.avatar_set,
-        lambda total: bar("solving markers", total),
-    )  # fmt: skip
-    trials = [pair.trial for pair in pairs]
-    missing = [emotion for emotion in model.emotions if emotion not in {trial.emotion for trial in trials}]
-    if missing:
-        raise HighFiveError(f"{options.data} shows no {missing[0]}, which the model knows; give what it was trained on")
-    motions = [Motion(trial.rate_hz, trial.joints, trial.palm) for trial in trials]
-    values = np.array([observer.features(motion, avatar_skeleton()) for motion in motions])
-    held, labels = np.array([trial.test for trial in trials]), np.array([trial.emotion for trial in trials])
-    if not held.any():
-        raise HighFiveError(f"{options.data} has no held-out trial; mark some with split test in trials.csv")
-
+    for style in options.morph:
+        if style not in model.emotions:
+            raise HighFiveError(f"--morph: the model knows no {style!r}; it knows {', '.join(model.emotions)}")
+    trials = _captured(options, model.emotions, bar)
     people = simulated_partners(
-        max(options.people, options.morph_people), tuple(EMOTIONS), CELLS, options.seed,
-        lambda total: bar("people", total),
-    )  # fmt: skip
-    answers = _in_styles(people[: options.people], [{e: 1.0} for e in model.emotions], options.model, bar)
-    observers = {cue: observer.fit_observer(values[~held][:, own], list(labels[~held])) for cue, own in CUES.items()}
-    captured = {
-        cue: observer.accuracy(list(labels[held]), seer.recognise(values[held][:, CUES[cue]]))
-        for cue, seer in observers.items()
-    }
-    judged = _judge(observers["angles and speeds"], people, answers, model.emotions)
-    seen = observers["angles and speeds"].recognise(values[held])
+        options.people, tuple(EMOTIONS), CELLS, options.seed, lambda total: bar("people", total)
+    )
+    answers = _in_styles(people, [{emotion: 1.0} for emotion in model.emotions], options.model, bar)
+    values = np.array([features(Motion(t.rate_hz, t.joints, t.palm), avatar_skeleton()) for t in trials])
+    judged = {cue: _judge(trials, values, people, answers, model.emotions, own) for cue, own in CUES.items()}
     return {
-        "observer_accuracy": {"captured": captured["angles and speeds"], **judged["accuracy"]},
-        "by_person": judged["by_person"],
-        "cues": {
-            cue: {"captured": captured[cue], **_judge(seer, people, answers, model.emotions, own)["accuracy"]}
-            for (cue, own), seer in zip(CUES.items(), observers.values(), strict=True)
-        },
-        "confusion": {"captured": observer.confusion(list(labels[held]), seen), **judged["confusion"]},
-        "morph": _morph(people[: options.morph_people], options, model.emotions, bar),
-        "trials_an_emotion": options.people,
-        "learned_from": int((~held).sum()),
+        "observer_accuracy": judged[BOTH]["accuracy"],
+        "by_cue": {cue: of["accuracy"] for cue, of in judged.items()},
+        "by_person": judged[BOTH]["by_person"],
+        "confusion": judged[BOTH]["confusion"],
+        "morph": _morph(people, options, bar),
+        "generated_trials_an_emotion": len(people),
+        "captured_trials": {"train": sum(not t.test for t in trials), "test": sum(t.test for t in trials)},
         "seed": options.seed,
         "simulated": True,
     }
 
 
+def _captured(options: ObserveOptions, emotions: Sequence[str], bar: Bar) -> list[Trial]:
+    """The recordings that the observer learns from and is tried on."""
+    roles = options.human, options.avatar, options.human_set, options.avatar_set
+    pairs = load_trials(options.data, *roles, lambda total: bar("solving markers", total))
+    trials = [pair.trial for pair in pairs]
+    if missing := set(emotions) - {trial.emotion for trial in trials if not trial.test}:
+        raise HighFiveError(
+            f"{options.data} shows no {sorted(missing)[0]}; an observer learns all that the model knows"
+        )
+    if not any(trial.test for trial in trials):
+        raise HighFiveError(f"{options.data} has no held-out trial; mark some with split test in trials.csv")
+    return trials
+
+
 def _judge(
-    seer: Observer,
+    trials: Sequence[Trial],
+    values: Array,
     people: Sequence[Partner],
     answers: Sequence[Sequence[Shown]],
     styles: Sequence[str],
-    columns: slice = slice(None),
+    columns: slice,
 ) -> dict[str, Any]:
-    """Accuracies and confusion of answers[person][style], before and after correction."""
-    shown = [style for _ in answers for style in styles]
-    acting = [person.emotion for person, _ in zip(people, answers, strict=False) for _ in styles]
-    result: dict[str, Any] = {"accuracy": {}, "confusion": {}, "by_person": {}}
-    for stage, name in enumerate(("generated", "corrected")):
-        values = np.array([each.features[stage] for row in answers for each in row])
-        seen = seer.recognise(values[:, columns])
-        result["accuracy"][name] = observer.accuracy(shown, seen)
-        result["confusion"][name] = observer.confusion(shown, seen)
-        groups = {emotion: [a == emotion for a in acting] for emotion in dict.fromkeys(acting)}
-        groups["the same"] = [a == b for a, b in zip(acting, shown, strict=True)]
-        for group, chosen in groups.items():
-            if any(chosen):
-                own, theirs = (list(np.array(names)[chosen]) for names in (shown, seen))
-                result["by_person"].setdefault(group, {})[name] = observer.accuracy(own, theirs)
-    return result
+    """What an observer who is given some columns of the features makes of all motion; answers are [person][style]."""
+    held, labels = np.array([trial.test for trial in trials]), np.array([trial.emotion for trial in trials])
+    seer = fit_observer(values[~held][:, columns], labels[~held].tolist())
+    shown = [style for _ in people for style in styles]
+    acting = [person.emotion for person in people for _ in styles]
+    seen = {
+        name: seer.recognise(np.array([each.features[stage] for row in answers for each in row])[:, columns])
+        for stage, name in enumerate(STAGES)
+    }
+    tried = seer.recognise(values[held][:, columns])
+    told = {"captured": (labels[held].tolist(), tried), **{name: (shown, answer) for name, answer in seen.items()}}
+    groups = {emotion: [person == emotion for person in acting] for emotion in dict.fromkeys(acting)}
+    groups["as the style"] = [person == style for person, style in zip(acting, shown, strict=True)]
+    return {
+        "accuracy": {name: accuracy(*pair) for name, pair in told.items()},
+        "confusion": {name: confusion(*pair) for name, pair in told.items()},
+        "by_person": {
+            group: {name: accuracy(list(compress(shown, own)), list(compress(seen[name], own))) for name in STAGES}
+            for group, own in groups.items()
+            if any(own)
+        },
+    }
 
 
-def _morph(people: Sequence[Partner], options: ObserveOptions, emotions: Sequence[str], bar: Bar) -> dict[str, Any]:
-    """Peak palm speed from one style to another, each person's hand the same all the way."""
+def _morph(people: Sequence[Partner], options: ObserveOptions, bar: Bar) -> dict[str, Any]:
+    """Peak palm speed from one style to another; each person's hand is the same all the way."""
     start, end = options.morph
-    if start not in emotions or end not in emotions or not people:
-        return {}
-    weights = np.linspace(0.0, 1.0, 11)
-    styles = [{start: 1.0 - w, end: w} for w in weights.tolist()]
-    speeds = np.array([[s.peak_speed for s in row] for row in _in_styles(people, styles, options.model, bar)])
-    steps = np.diff(speeds, axis=1)
-    about = {"from": start, "to": end, "weights": weights.round(1).tolist(), "people": len(people)}
-    for stage, name in enumerate(("generated", "corrected")):
-        about[f"{name}_peak_speed"] = speeds[:, :, stage].mean(axis=0).round(4).tolist()
-        about[f"{name}_people_rising"] = int((steps[:, :, stage].min(axis=1) > 0.0).sum())
-        about[f"{name}_people_faster_at_the_end"] = int((speeds[:, -1, stage] > speeds[:, 0, stage]).sum())
+    weights = [round(0.1 * n, 1) for n in range(11)]
+    styles = [{start: 1.0} if start == end else {start: 1.0 - w, end: w} for w in weights]
+    shown = _in_styles(people, styles, options.model, bar)
+    speeds = np.array([[each.peak_speed for each in row] for row in shown])
+    rising = (np.diff(speeds, axis=1).min(axis=1) > 0.0).sum(axis=0)
+    faster = (speeds[:, -1] > speeds[:, 0]).sum(axis=0)
+    about: dict[str, Any] = {"from": start, "to": end, "weights": weights, "people": len(people)}
+    for stage, name in enumerate(STAGES):
+        about[name] = {
+            "peak_speed": [round(float(v), 4) for v in speeds[:, :, stage].mean(axis=0)],
+            "people_faster_at_each_step": int(rising[stage]),
+            "people_faster_in_the_end": int(faster[stage]),
+        }
     return about
 
 
@@ -183,8 +189,8 @@ def _answer(job: tuple[Partner, tuple[Mapping[str, float], ...], Path]) -> list[
             )
             for posed, palm in zip(poses, palms, strict=True)
         ]
-        features = np.array([observer.features(motion, avatar_skeleton()) for motion in motions])
-        shown.append(Shown(features, np.array([motion.palm_speed().max() for motion in motions])))
+        seen = np.array([features(motion, avatar_skeleton()) for motion in motions])
+        shown.append(Shown(seen, np.array([motion.palm_speed().max() for motion in motions])))
     return shown
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from hil.console import STDERR, print_json, print_scores, progress_bars
+from hil.console import STDERR, print_json, print_observations, print_scores, progress_bars
 from model.errors import HighFiveError
 
 app = typer.Typer(
@@ -215,6 +215,50 @@ def bench_model(
         print_json(result)
     else:
         print_bench(result)
+
+
+@app.command()
+def observe(
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="[MODEL] DATA", help="Data folder to learn from; a model's file before it.")
+    ],
+    people: Annotated[int, typer.Option(min=1, help="Simulated people, each answered in every style.")] = 36,
+    morph: Annotated[str, typer.Option(help="Two styles to go between, in tenths.")] = "neutral,angry",
+    human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",
+    avatar: Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")] = "avatar",
+    human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
+    avatar_set: Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")] = None,
+    seed: Seed = 1,
+    json: Json = False,
+) -> None:
+    """Let a machine observer, which learned from recordings, tell the emotion of generated and of corrected motion."""
+    from hil.observe import ObserveOptions, observe  # noqa: PLC0415
+    from hil.simulate import DEFAULT_MODEL  # noqa: PLC0415
+
+    data = [path for path in paths if path.is_dir()]
+    models = [path for path in paths if not path.is_dir()]
+    if len(data) != 1 or len(models) > 1:
+        raise HighFiveError("give one data folder, and at most one model before it")
+    between = [name.strip() for name in morph.split(",")]
+    if len(between) != 2:
+        raise HighFiveError(f"--morph {morph}: expected two styles, as neutral,angry")
+    options = ObserveOptions(
+        data=data[0],
+        model=models[0] if models else DEFAULT_MODEL,
+        people=people,
+        morph=(between[0], between[1]),
+        seed=seed,
+        human=human,
+        avatar=avatar,
+        human_set=human_set,
+        avatar_set=avatar_set,
+    )
+    with progress_bars() as bar:
+        result = observe(options, bar)
+    if json:
+        print_json(result)
+    else:
+        print_observations(result)
 
 
 def _style(text: str) -> dict[str, float]:

@@ -93,6 +93,29 @@ def print_scores(result: dict[str, Any]) -> None:
     STDOUT.print(table, width=None if STDOUT.is_terminal else max(STDOUT.width, PLAIN_WIDTH))
 
 
+def print_observations(result: dict[str, Any]) -> None:
+    """What :func:`hil.observe.observe` found, as tables: accuracies, confusions, speeds of the morph."""
+    stages = ("captured", "generated", "corrected")
+    rows = {f"by {cue}": values for cue, values in result["by_cue"].items()}
+    rows |= {f"person: {emotion}": values for emotion, values in result["by_person"].items()}
+    recognised = Table("emotion recognised", *stages, box=SIMPLE_HEAD)
+    for name, values in rows.items():
+        recognised.add_row(name, *(f"{100.0 * values[k]:.1f} %" if k in values else "" for k in stages))
+    STDOUT.print(recognised)
+    for stage in stages:
+        shown = result["confusion"][stage]
+        seen = list(next(iter(shown.values())))
+        table = Table(f"{stage}, shown as", *(f"seen as {name}" for name in seen), box=SIMPLE_HEAD)
+        for name, counts in shown.items():
+            table.add_row(name, *(str(counts[other]) for other in seen))
+        STDOUT.print(table)
+    morph = result["morph"]
+    table = Table(f"{morph['from']} to {morph['to']}", *map(str, morph["weights"]), box=SIMPLE_HEAD)
+    for stage in stages[1:]:
+        table.add_row(f"peak palm speed, m/s, {stage}", *(f"{v:.2f}" for v in morph[stage]["peak_speed"]))
+    STDOUT.print(table)
+
+
 def print_json(value: dict[str, Any]) -> None:
     """One JSON object on standard output."""
     print(json.dumps(value, allow_nan=False, ensure_ascii=False))

@@ -19,9 +19,11 @@ from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import MarkerSet
 from mocap_bridge.palm_filter import PalmFilter
 from mocap_bridge.tracker import Tracker
+from model.emphasis import Emphasis
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.responder import Responder, Response
+from model.rotations import Array
 
 RATE_HZ = 120.0
 
@@ -90,6 +92,10 @@ class Session:
         self._return = HandReturn()
         self._palm = PalmFilter()
         self._responder = Responder(model, style, RATE_HZ)
+        self._emphasis = Emphasis(model)
+        joints = model.channels.joints
+        resting = [self._emphasis.rest(style) for style in np.eye(len(model.emotions))]
+        self._resting = [_inside_limits(rest[model.channels.root], rest[:joints]) for rest in resting]
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
@@ -106,8 +112,7 @@ class Session:
         self._palm.reset()
         self._trust = [0.0, 0.0]
         self._responder.reset()
-        self._calm = self._last = self._generated(self._responder.step(None))
-        self._responder.reset()
+        self._last = self._waiting()
         self._reach.reset()
         self._correction.reset()
 
@@ -140,8 +145,10 @@ class Session:
         return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
 
     def _pose(self, response: Response, familiar: bool) -> Pose:
-        """The model's pose; where the person is a stranger to it, the pose in which it waits for one."""
-        pose, calm = self._generated(response), self._calm
+        """The model's pose at the style's tempo; where the person is a stranger to it, the pose in which it waits."""
+        waiting, pose = self._waiting(), _inside_limits(response.root, response.joints)
+        style = self._responder.style
+        pose = _between(waiting, pose, self._emphasis.share(response.palm, response.contact_point, style))
         # Far from what it has learned the model may leap; no arm does.
         step = np.clip(pose.hinges - self._last.hinges, -QUICKEST / RATE_HZ, QUICKEST / RATE_HZ)
         self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
@@ -149,16 +156,27 @@ class Session:
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
         self._trust[0] += share * (float(familiar) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])
-        trust = self._trust[1]
-        root = calm.root_in_world + trust * (pose.root_in_world - calm.root_in_world)
-        return Pose(root, calm.hinges + trust * (pose.hinges - calm.hinges))
+        return _between(waiting, pose, self._trust[1])
 
-    @staticmethod
-    def _generated(response: Response) -> Pose:
-        """The pose of a response, inside the joint limits."""
-        skeleton = avatar_skeleton()
-        hinges = skeleton.to_hinges(skeleton.from_rotation_vectors(response.joints))
-        return Pose(response.root, skeleton.clamp(hinges))
+    def _waiting(self) -> Pose:
+        """The pose in which the avatar waits in its present style."""
+        style = self._responder.style
+        root = sum(weight * pose.root_in_world for weight, pose in zip(style, self._resting, strict=True))
+        hinges = sum(weight * pose.hinges for weight, pose in zip(style, self._resting, strict=True))
+        return Pose(np.asarray(root), np.asarray(hinges))
+
+
+def _inside_limits(root: Array, joints: Array) -> Pose:
+    """The pose of a pelvis (3,), m, and rotation vectors (159,), rad, inside the joint limits."""
+    skeleton = avatar_skeleton()
+    return Pose(root, skeleton.clamp(skeleton.to_hinges(skeleton.from_rotation_vectors(joints))))
+
+
+def _between(one: Pose, other: Pose, share: float) -> Pose:
+    """``share`` of the way from one pose to another, or beyond it as far as the joint limits go."""
+    hinges = one.hinges + share * (other.hinges - one.hinges)
+    root = one.root_in_world + share * (other.root_in_world - one.root_in_world)
+    return Pose(root, avatar_skeleton().clamp(hinges))
 
 
 def _expectation(response: Response, familiar: bool) -> Expectation:

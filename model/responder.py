@@ -112,6 +112,11 @@ class Responder:
         """The model that answers."""
         return self._model
 
+    @property
+    def style(self) -> Array:
+        """The style weights (K,) of the last answer, on their way to those that were set."""
+        return self._belief.style[1]
+
     def reset(self) -> None:
         """Forgets the person: the next hand seen begins a new interaction."""
         self._belief = self._filter.initial(self._style)

@@ -1,0 +1,97 @@
+"""The observer's verdicts, on answers that are made up and, once, on the whole chain."""
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.observe import BOTH, CUES, Shown, _judge
+from hil.partners import Partner, simulated_partners
+from hil.sim.actors import simulate_pair
+from hil.sim.capture import Defects, record_pair, write_table
+from hil.simulate import DEFAULT_MODEL
+from mocap_bridge.c3d import write_c3d
+from model.observer import ANGLES, FEATURES
+from model.store import load_model
+from model.trials import Trial
+
+EMOTIONS = load_model(DEFAULT_MODEL).emotions
+
+
+@pytest.fixture(scope="module")
+def people() -> list[Partner]:
+    one = simulated_partners(1, ("neutral",), ("B2",), 2)[0]
+    return [one.in_emotion(emotion) for emotion in EMOTIONS for _ in range(3)]
+
+
+def looks(emotion: str, rng: np.random.Generator, manner: str | None = None) -> np.ndarray:
+    """Features of an emotion's posture and, if it is another, of the speed of a manner."""
+    values = rng.normal(0.0, 0.1, len(FEATURES))
+    values[EMOTIONS.index(emotion)] += 1.0
+    values[len(ANGLES) + EMOTIONS.index(manner or emotion)] += 1.0
+    return values
+
+
+def test_who_follows_the_person_is_not_taken_for_who_shows_the_style(people: list[Partner]) -> None:
+    rng = np.random.default_rng(0)
+    blank = np.zeros((1, 3))
+    trials = [
+        Trial(120.0, np.zeros((1, 2, 3)), blank, blank, blank, blank, 0, emotion, "", -1, repetition > 4)
+        for emotion in EMOTIONS
+        for repetition in range(8)
+    ]
+    values = np.array([looks(trial.emotion, rng) for trial in trials])
+    # Before correction posture and speed are the style's; after it, the speed is the person's.
+    answers = [
+        [Shown(np.array([looks(style, rng), looks(style, rng, person.emotion)]), np.ones(2)) for style in EMOTIONS]
+        for person in people
+    ]
+    judged = {cue: _judge(trials, values, people, answers, EMOTIONS, own) for cue, own in CUES.items()}
+    for cue in CUES:
+        assert judged[cue]["accuracy"]["captured"] == judged[cue]["accuracy"]["generated"] == 1.0
+    assert judged["angles"]["accuracy"]["corrected"] == 1.0
+    assert judged["speeds"]["accuracy"]["corrected"] == pytest.approx(1.0 / len(EMOTIONS), abs=0.05)
+    assert judged["speeds"]["by_person"]["as the style"]["corrected"] == 1.0
+    table = judged[BOTH]["confusion"]["generated"]
+    assert {name: sum(counts.values()) for name, counts in table.items()} == dict.fromkeys(EMOTIONS, len(people))
+
+
+@pytest.mark.slow
+def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
+    rows = []
+    for number, emotion in enumerate(EMOTIONS):
+        for repetition in range(4):
+            rng = np.random.default_rng([77, number, repetition])
+            trial = simulate_pair(emotion, ("A1", "B2", "C3", "B1")[repetition], repetition, rng)
+            name = f"{emotion}_{repetition}.c3d"
+            write_c3d(tmp_path / name, record_pair(trial, Defects(), rng))
+            rows.append((name, emotion, trial.cell, str(repetition + 1), "test" if repetition == 3 else "train"))
+    write_table(tmp_path, rows)
+    words = [sys.executable, "-m", "hil.cli", "observe", str(tmp_path), "--people", "8", "--seed", "3", "--json"]
+    found = json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout)
+    assert min(found["observer_accuracy"].values()) >= 0.95
+    assert min(found["by_person"]["neutral"].values()) >= 0.95
+    for stage in ("generated", "corrected"):
+        assert np.all(np.diff(found["morph"][stage]["peak_speed"]) > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["{model}"], "one data folder"),
+        (["{model}", "{folder}", "--morph", "angry"], "expected two styles"),
+        (["{folder}", "--morph", "angry,bored"], "bored.*neutral"),
+        (["{folder}"], "trials.csv"),
+    ],
+)
+def test_bad_requests_are_answered_in_one_line(tmp_path: Path, words: list[str], message: str) -> None:
+    given = [word.format(model=DEFAULT_MODEL, folder=tmp_path) for word in words]
+    done = subprocess.run([sys.executable, "-m", "hil.cli", "observe", *given], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error:") and len(done.stderr.strip().splitlines()) == 1
+    assert re.search(message, done.stderr)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.belief import Filter, Generated
+from model.belief import Filter
 from model.dataset import CLOCK_SCALE, HAND_DIMS, Channels
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.rotations import Array
 from model.style import style_weights
+from model.tick import Generated
 
 HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
 CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
@@ -27,7 +27,7 @@ class Response:
     """What the model answers at one time.
 
     The predictive standard deviations ``joints_std``, ``root_std``, ``palm_std``, ``contact_point_std`` and
-    ``hand_std`` have the shape and the unit of what they belong to; they are worked out when first read.
+    ``hand_std`` have the shape and the unit of what they belong to.
 
     Attributes:
         joints: (D,) rad, rotation vectors relative to the rest pose.
@@ -38,7 +38,7 @@ class Response:
         hand: (2, 3) m, the person's hand as the human layer generates it.
         latent, latent_covariance: (q,) and (q, q) of the interaction latent I.
         ahead: s, how far after the last tick this holds; 0 for the answer of a tick.
-        generated: what the deviations are worked out from.
+        generated: the channels and the hand, with their deviations.
     """
 
     joints: Array
@@ -56,31 +56,27 @@ class Response:
     @property
     def joints_std(self) -> Array:
         """(D,) rad."""
-        return self._deviations[: len(self.joints)]
+        return self.generated.avatar_deviations[: len(self.joints)]
 
     @property
     def root_std(self) -> Array:
         """(3,) m."""
-        return self._deviations[Channels(len(self.joints)).root]
+        return self.generated.avatar_deviations[Channels(len(self.joints)).root]
 
     @property
     def palm_std(self) -> Array:
         """(3,) m."""
-        return self._deviations[Channels(len(self.joints)).palm]
+        return self.generated.avatar_deviations[Channels(len(self.joints)).palm]
 
     @property
     def contact_point_std(self) -> Array:
         """(3,) m."""
-        return self._deviations[Channels(len(self.joints)).contact]
+        return self.generated.avatar_deviations[Channels(len(self.joints)).contact]
 
-    @cached_property
+    @property
     def hand_std(self) -> Array:
         """(2, 3) m."""
-        return self.generated.hand_deviations().reshape(2, 3)
-
-    @cached_property
-    def _deviations(self) -> Array:
-        return self.generated.channel_deviations()
+        return self.generated.human_deviations.reshape(2, 3)
 
 
 class Responder:
@@ -92,7 +88,7 @@ class Responder:
     def __init__(
         self, model: HGPDM, style_weights: str | Mapping[str, float] | ArrayLike, rate_hz: float = 120.0
     ) -> None:
-        """Works out what does not change from tick to tick.
+        """Works out what does not change from tick to tick, and compiles: nothing has to wait later.
 
         Args:
             model: the trained model.
@@ -148,18 +144,17 @@ class Responder:
         """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
         if not 0.0 < horizon_s <= MAXIMUM_FORECAST:
             raise HighFiveError(f"a forecast of {horizon_s} s; expected more than 0 and at most {MAXIMUM_FORECAST:g} s")
-        dims, lag = self._filter.dims, self._model.lag
-        latent, covariance, responses = self._belief.latent, self._belief.covariance, []
+        lag, latent, covariance, responses = self._model.lag, self._belief.latent, self._belief.covariance, []
         for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
             latent, covariance = self._filter.predict(latent, covariance, lag)
-            generated = self._filter.generate(latent[:dims], covariance[:dims, :dims], self._belief.style[1])
+            generated = self._filter.generate(latent, covariance, self._belief.style[1])
             responses.append(self._response(latent, covariance, generated, number * lag))
         return responses
 
     def _response(self, latent: Array, covariance: Array, generated: Generated, ahead: float) -> Response:
-        where, dims, mean = self._where, self._filter.dims, generated.avatar.mean
+        where, dims, mean = self._where, self._model.preset.interaction_dims, generated.avatar
         clock = min(max(float(mean[where.clock]), -CLOCK_LIMIT), CLOCK_LIMIT)
-        deviation = float(generated.channel_deviations(slice(where.clock, where.clock + 1))[0])
+        deviation = float(generated.avatar_deviations[where.clock])
         return Response(
             joints=mean[: where.joints],
             root=mean[where.root],
@@ -167,7 +162,7 @@ class Responder:
             contact_point=mean[where.contact],
             time_to_contact=CLOCK_SCALE * math.atanh(clock),
             time_to_contact_std=CLOCK_SCALE * deviation / (1.0 - clock**2),
-            hand=generated.human.mean.reshape(2, 3),
+            hand=generated.human.reshape(2, 3),
             latent=latent[:dims],
             latent_covariance=covariance[:dims, :dims],
             ahead=ahead,

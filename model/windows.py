@@ -125,7 +125,7 @@ def respond(model: HGPDM, windows: Windows) -> Array:
             belief, _ = moving.step(belief, arm, noise, style)
         for arm in histories[:, 0]:
             belief, generated = moving.step(belief, arm, noise, style)
-            answers.append(generated.avatar.mean)
+            answers.append(generated.avatar)
     return np.array(answers)
 
 

@@ -3,9 +3,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from model import exact, kernels, sparse
+from model import exact, kernels, sparse, tick
+from model.belief import packed
 from model.kernels import initial_style, motion_kernel
-from model.predictor import Predictor
 from model.sparse import Layer, Targets
 
 NOISE = 0.05
@@ -60,8 +60,9 @@ def test_all_points_inducing_is_the_exact_process(setting):
     own = np.diag(dense(kernel, every.style, new, weights, new, weights))
     means, variances = exact.predict(full, cross, own, NOISE, values)
     np.testing.assert_allclose(sparse.means(posterior, jnp.asarray(new), jnp.asarray(weights)), means, atol=1e-4)
-    got_variances = [Predictor(posterior)(*pair).variance() for pair in zip(new, weights, strict=True)]
-    np.testing.assert_allclose(got_variances, variances, atol=1e-4)
+    ready = packed(posterior)
+    doubts = [tick.predicted(ready, *pair)[2] for pair in zip(new, weights, strict=True)]
+    np.testing.assert_allclose(doubts, np.tile(variances[:, None] + NOISE, 5), atol=1e-4)
 
 
 def test_gradient_equals_finite_differences(setting):

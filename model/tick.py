@@ -1,0 +1,403 @@
+"""The arithmetic of one tick, compiled: no Python between the layers.
+
+Everything that is compiled stands in this one file, with its types and constants, so that the stored machine code is
+renewed whenever any of it changes (see :mod:`model.compiled`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from model.compiled import compiled, compiled_entry
+from model.rotations import Array
+
+COVARIANCE_LIMIT = 10.0  # variance of a latent beyond which more doubt means nothing (the data have variance 1)
+
+
+class Moving(NamedTuple):
+    """How time passes: ``substeps`` times ``fraction`` of a lag, at most one.
+
+    Attributes:
+        steady: (2 q, 2 q) what a substep makes of (I now, I one lag ago).
+        share: (2 q, q) what it makes of the learned change.
+        fraction, substeps: as said.
+    """
+
+    steady: Array
+    share: Array
+    fraction: float
+    substeps: int
+
+
+class Plan(NamedTuple):
+    """What does not change from tick to tick.
+
+    Attributes:
+        dynamics, interaction, human, avatar: the layers, each as :func:`model.belief.packed`.
+        back: the back projections, one after the other.
+        inputs: (2 q, 2 q) from (I now, I one lag ago) to the dynamics' input.
+        features, feature_offset: (F, P (H + 1)) and (F,), the feature map.
+        ticks: (H + 1, L) interpolates the hand's history from its last L ticks.
+        repeats: ticks a lag: how often a back projection's own doubt is met.
+        avatar_first, human_first: where X¹ and X² begin in the interaction layer's output.
+        tick: one tick.
+        trust_change: how much a tick adds to the trust in a hand, or takes from it.
+        style_share: how far each smoothing of the style goes in a tick.
+    """
+
+    dynamics: Array
+    interaction: Array
+    human: Array
+    avatar: Array
+    back: Array
+    inputs: Array
+    features: Array
+    feature_offset: Array
+    ticks: Array
+    repeats: float
+    avatar_first: int
+    human_first: int
+    tick: Moving
+    trust_change: float
+    style_share: float
+
+
+class Belief(NamedTuple):
+    """What is carried from tick to tick; no array of it is ever written to.
+
+    Attributes:
+        latent: (2 q,) mean of I now and one lag ago.
+        covariance: (2 q, 2 q).
+        hands: (L, 2, P) the hand of the last L ticks, m, and its variances, m², newest first; predicted where unseen.
+        generated_hand: (P,) m, the hand as the human layer generates it.
+        style: (2, K) the style weights after one and after two smoothings.
+        trust: from 0 (the hand has been away) to 1 (it is in steady view).
+        started: a hand has been seen.
+    """
+
+    latent: Array
+    covariance: Array
+    hands: Array
+    generated_hand: Array
+    style: Array
+    trust: float
+    started: bool
+
+
+class Generated(NamedTuple):
+    """What a belief generates.
+
+    Attributes:
+        avatar, avatar_deviations: (channels,) mean and standard deviation, noise included.
+        human, human_deviations: (P,) m, the same of the hand.
+    """
+
+    avatar: Array
+    avatar_deviations: Array
+    human: Array
+    human_deviations: Array
+
+
+# Loops are spelled out: a call of BLAS costs more than these products do and may wait for its threads, and expressions
+# of whole arrays double the time to compile.
+
+
+@compiled
+def _rows(a: Array, b: Array) -> Array:
+    """a · bᵀ for (A, N) and (B, N)."""
+    result = np.empty((a.shape[0], b.shape[0]))
+    for i in range(a.shape[0]):
+        for j in range(b.shape[0]):
+            total = 0.0
+            for k in range(a.shape[1]):
+                total += a[i, k] * b[j, k]
+            result[i, j] = total
+    return result
+
+
+@compiled
+def _product(a: Array, b: Array) -> Array:
+    """a · b for (A, N) and (N, N), which may be the upper left part of a larger matrix."""
+    size = a.shape[1]
+    result = np.zeros((a.shape[0], size))
+    for i in range(a.shape[0]):
+        for k in range(size):
+            for j in range(size):
+                result[i, j] += a[i, k] * b[k, j]
+    return result
+
+
+@compiled
+def _applied(a: Array, b: Array) -> Array:
+    """a · b for (A, N) and (N,)."""
+    result = np.empty(a.shape[0])
+    for i in range(a.shape[0]):
+        total = 0.0
+        for k in range(a.shape[1]):
+            total += a[i, k] * b[k]
+        result[i] = total
+    return result
+
+
+@compiled_entry
+def predicted(layer: Array, point: Array, style: Array) -> tuple[Array, Array, Array]:
+    """A layer at one input and style: mean (D,), its derivative (D, q), and variances (D,), noise included.
+
+    Args:
+        layer: as :func:`model.belief.packed`; other layers may follow.
+        point: (q,); what follows after the first q numbers is not read.
+        style: (K,) weights.
+    """
+    dims, size, styles, channels = int(layer[1]), int(layer[2]), int(layer[3]), int(layer[4])
+    log_rbf, bias, noise, begin = layer[5], layer[6], layer[7], 8
+    precision, begin = layer[begin:], begin + dims
+    linear, begin = layer[begin:], begin + dims
+    offset, begin = layer[begin:], begin + channels
+    units, begin = layer[begin:], begin + channels
+    between, begin = layer[begin:], begin + styles * styles
+    inducing, begin = layer[begin:], begin + dims * size
+    lines, begin = layer[begin:], begin + dims * size
+    shares, begin = layer[begin:], begin + styles * size
+    weights, reduction = layer[begin:], layer[begin + channels * size :]
+
+    share, own = _shared(style, shares, between, size)
+    towards = _covariances(point, share, log_rbf, bias, precision, inducing, lines, dims)
+    prior = math.exp(log_rbf) + bias
+    for j in range(dims):
+        prior += linear[j] * point[j] * point[j]
+    variance = max(own * prior - _quadratic(reduction, towards[0]), 0.0) + noise
+    mean, slope, doubt = np.empty(channels), np.empty((channels, dims)), np.empty(channels)
+    for d in range(channels):
+        doubt[d] = variance * units[d]
+        for j in range(dims + 1):
+            total = 0.0
+            for m in range(size):
+                total += weights[d * size + m] * towards[j, m]
+            if j == 0:
+                mean[d] = offset[d] + total
+            else:
+                slope[d, j - 1] = total
+    return mean, slope, doubt
+
+
+@compiled
+def _shared(style: Array, shares: Array, between: Array, size: int) -> tuple[Array, float]:
+    """Factors by the style: of the covariance with each inducing input (M,), and of the variance."""
+    share, own = np.zeros(size), 0.0
+    for k in range(len(style)):
+        for m in range(size):
+            share[m] += style[k] * shares[k * size + m]
+        for n in range(len(style)):
+            own += style[k] * between[k * len(style) + n] * style[n]
+    return share, own
+
+
+@compiled
+def _covariances(
+    point: Array, share: Array, log_rbf: float, bias: float, precision: Array, inducing: Array, lines: Array, dims: int
+) -> Array:
+    """Covariance (1 + q, M) with the inducing inputs in row 0; in row 1 + j its derivative by input j."""
+    size = len(share)
+    towards, rbf = np.full((dims + 1, size), bias), np.full(size, log_rbf)
+    for j in range(dims):
+        half = 0.5 * precision[j]
+        for m in range(size):
+            away = point[j] - inducing[j * size + m]
+            rbf[m] -= half * away * away
+            towards[0, m] += point[j] * lines[j * size + m]
+    for m in range(size):
+        rbf[m] = math.exp(rbf[m]) * share[m]
+        towards[0, m] = towards[0, m] * share[m] + rbf[m]
+    for j in range(dims):
+        for m in range(size):
+            away = point[j] - inducing[j * size + m]
+            towards[1 + j, m] = lines[j * size + m] * share[m] - precision[j] * away * rbf[m]
+    return towards
+
+
+@compiled
+def _quadratic(triangle: Array, vector: Array) -> float:
+    """Quadratic form of a packed lower triangle: half of a matrix is read, and reading is what takes the time."""
+    result, begin = 0.0, 0
+    for i in range(len(vector)):
+        total = 0.0
+        for j in range(i + 1):
+            total += triangle[begin + j] * vector[j]
+        result += total * vector[i]
+        begin += i + 1
+    return result
+
+
+@compiled
+def _spread(slope: Array, covariance: Array, doubt: Array, repeats: float) -> Array:
+    """Covariance (D, D) of channels with variances ``doubt`` (D,) of their own, counted ``repeats`` times.
+
+    Their input (q,) has the upper left part of ``covariance``.
+    """
+    result = _rows(_product(slope, covariance), slope)
+    for d in range(len(doubt)):
+        result[d, d] += repeats * doubt[d]
+    return result
+
+
+@compiled
+def _deviations(slope: Array, covariance: Array, first: int, doubt: Array) -> Array:
+    """Standard deviations (D,) of channels; their input's covariance begins at ``first`` on the diagonal."""
+    result = np.empty(len(doubt))
+    for d in range(len(doubt)):
+        total = doubt[d]
+        for i in range(slope.shape[1]):
+            for j in range(slope.shape[1]):
+                total += slope[d, i] * covariance[first + i, first + j] * slope[d, j]
+        result[d] = math.sqrt(total)
+    return result
+
+
+@compiled_entry
+def moved(plan: Plan, moving: Moving, latent: Array, covariance: Array) -> tuple[Array, Array]:
+    """The belief over (I now, I one lag ago) a time later: the dynamics, linearised."""
+    size, none = len(latent), np.ones(1)
+    for _ in range(moving.substeps):
+        change, slope, doubt = predicted(plan.dynamics, _applied(plan.inputs, latent), none)
+        reach = _product(slope, plan.inputs)  # (q, 2 q), the change's derivative by the latents
+        transition, ahead = moving.steady.copy(), _applied(moving.steady, latent)
+        for i in range(size):
+            for k in range(len(change)):
+                ahead[i] += moving.share[i, k] * change[k]
+                for j in range(size):
+                    transition[i, j] += moving.share[i, k] * reach[k, j]
+        latent, covariance = ahead, _rows(_product(transition, covariance), transition)
+        largest = 0.0
+        for i in range(size):
+            if i < len(doubt):
+                covariance[i, i] += moving.fraction * doubt[i]
+            largest = max(largest, covariance[i, i])
+        if largest > COVARIANCE_LIMIT:
+            for i in range(size):
+                for j in range(size):
+                    covariance[i, j] *= COVARIANCE_LIMIT / largest
+    return latent, covariance
+
+
+@compiled_entry
+def measured(plan: Plan, hands: Array) -> tuple[Array, Array]:
+    """I as the back projections see it: mean (q,) and covariance (q, q) from the hand's last ticks (L, 2, P)."""
+    times, coordinates = len(plan.ticks), hands.shape[2]
+    value, doubts = plan.feature_offset.copy(), np.zeros(times * coordinates)
+    for time in range(times):
+        for p in range(coordinates):
+            place, point = time * coordinates + p, 0.0
+            for tick in range(len(hands)):
+                point += plan.ticks[time, tick] * hands[tick, 0, p]
+                doubts[place] += plan.ticks[time, tick] * hands[tick, 1, p]
+            for f in range(len(value)):
+                value[f] += plan.features[f, place] * point
+    scaled = plan.features.copy()
+    for f in range(len(value)):
+        for place in range(len(doubts)):
+            scaled[f, place] *= doubts[place]
+    covariance, none = _rows(scaled, plan.features), np.ones(1)
+    begin = 0
+    while begin < len(plan.back):
+        layer = plan.back[begin:]
+        value, slope, doubt = predicted(layer, value, none)
+        covariance = _spread(slope, covariance, doubt, plan.repeats)
+        begin += int(layer[0])
+    return value, covariance
+
+
+@compiled_entry
+def updated(latent: Array, covariance: Array, value: Array, noise: Array, trust: float) -> tuple[Array, Array]:
+    """Kalman update of (I now, I one lag ago) by a measurement of I now, with the gain scaled by ``trust``.
+
+    With S the covariance of the surprise and K = trust · P S⁻¹ the gain, Joseph's form, which is right for any gain, is
+    covariance − (2 − trust) K Pᵀ.
+    """
+    size, dims = len(latent), len(value)
+    mean, remaining, lower, gain = latent.copy(), covariance.copy(), np.zeros((dims, dims)), np.empty(dims)
+    for j in range(dims):  # Cholesky factor of S
+        for i in range(j, dims):
+            total = covariance[i, j] + noise[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            lower[i, j] = math.sqrt(total) if i == j else total / lower[j, j]
+    for row in range(size):
+        for i in range(dims):
+            total = covariance[row, i]
+            for k in range(i):
+                total -= lower[i, k] * gain[k]
+            gain[i] = total / lower[i, i]
+        for back in range(dims):
+            i = dims - 1 - back
+            total = gain[i]
+            for k in range(i + 1, dims):
+                total -= lower[k, i] * gain[k]
+            gain[i] = total / lower[i, i]
+        for i in range(dims):
+            mean[row] += trust * gain[i] * (value[i] - latent[i])
+            for column in range(size):
+                remaining[row, column] -= (2.0 - trust) * trust * gain[i] * covariance[column, i]
+    return mean, remaining
+
+
+@compiled_entry
+def generated(plan: Plan, latent: Array, covariance: Array, style: Array) -> Generated:
+    """Down the hierarchy from (I, …) and its covariance: I → X¹, X² → Y¹, Y², linearised."""
+    none = np.ones(1)
+    below, slope, doubt = predicted(plan.interaction, latent, none)
+    spread = _spread(slope, covariance, doubt, 1.0)
+    avatar, slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
+    avatar_deviations = _deviations(slope, spread, plan.avatar_first, doubt)
+    human, slope, doubt = predicted(plan.human, below[plan.human_first :], none)
+    return Generated(avatar, avatar_deviations, human, _deviations(slope, spread, plan.human_first, doubt))
+
+
+@compiled_entry
+def ticked(
+    plan: Plan, belief: Belief, seen: bool, hand: Array, variance: Array, style: Array
+) -> tuple[Belief, Generated]:
+    """One tick: predict, measure the hand (P,), of variances (P,), if it was ``seen``, and generate.
+
+    An unseen hand moves on as the human layer generates it at the predicted I, from where it was last seen. A hand
+    that comes back is blended in, value and doubt: otherwise each of the features' earlier times would meet the
+    edge of the gap in one tick, and the pose would jump each time.
+    """
+    styles, blend = belief.style.copy(), np.empty(len(style))
+    for k in range(len(style)):
+        styles[0, k] += plan.style_share * (style[k] - styles[0, k])
+        styles[1, k] += plan.style_share * (styles[0, k] - styles[1, k])
+        blend[k] = styles[1, k]
+    latent, covariance, first = belief.latent, belief.covariance, seen and not belief.started
+    if belief.started:
+        latent, covariance = moved(plan, plan.tick, latent, covariance)
+    change = plan.trust_change if seen else -plan.trust_change
+    trust = 1.0 if first else min(max(belief.trust + change, 0.0), 1.0)
+    weight, answer = trust**2 * (3.0 - 2.0 * trust) if seen else 0.0, Generated(hand, variance, hand, variance)
+    if weight < 1.0:
+        answer = generated(plan, latent, covariance, blend)
+    hands = np.empty_like(belief.hands)
+    for p in range(len(hand)):
+        carried_on = belief.hands[0, 0, p] + answer.human[p] - belief.generated_hand[p]
+        hands[0, 0, p] = weight * hand[p] + (1.0 - weight) * carried_on
+        hands[0, 1, p] = weight * variance[p] + (1.0 - weight) * answer.human_deviations[p] ** 2
+        for n in range(1, len(hands)):
+            hands[n, 0, p] = hands[0, 0, p] if first else belief.hands[n - 1, 0, p]
+            hands[n, 1, p] = hands[0, 1, p] if first else belief.hands[n - 1, 1, p]
+    if seen:
+        value, noise = measured(plan, hands)
+        if first:
+            latent, covariance = np.concatenate((value, value)), np.zeros_like(covariance)
+            for i in range(len(value)):
+                for j in range(len(value)):
+                    covariance[i, j] = covariance[len(value) + i, len(value) + j] = noise[i, j]
+        else:
+            latent, covariance = updated(latent, covariance, value, noise, trust**2)
+    symmetric = np.empty_like(covariance)
+    for i in range(len(latent)):
+        for j in range(len(latent)):
+            symmetric[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
+    answer = generated(plan, latent, symmetric, blend)
+    return Belief(latent, symmetric, hands, answer.human, styles, trust, belief.started or seen), answer

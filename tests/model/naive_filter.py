@@ -1,0 +1,113 @@
+"""The filter's formulas as they are written down, one layer after the other: what the compiled tick is held to."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from model import kernels, sparse
+from model.belief import STYLE_TIME, TRUST_TIME, lagrange, tick_weights
+from model.hgpdm import HGPDM
+from model.hierarchy import dynamics_input, dynamics_mean
+from model.rotations import Array
+from model.sparse import Posterior
+from model.tick import COVARIANCE_LIMIT, Belief, Generated
+
+
+@jax.jit
+def predicted(posterior: Posterior, point: Array, style: Array | None = None) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Mean (D,), derivative (D, q) and variances (D,), noise included, at one input."""
+
+    def mean(at: jax.Array) -> jax.Array:
+        return sparse.means(posterior, at[None], None if style is None else style[None])[0]
+
+    cross = kernels.cross(posterior.kernel, point[None], posterior.inducing)[0]
+    own = kernels.diagonal(posterior.kernel, point[None])[0]
+    if style is not None:
+        cross, own = cross * (posterior.style @ style), own * (style @ posterior.style_covariance @ style)
+    variance = jnp.maximum(own - cross @ posterior.reduction @ cross, 0.0)
+    return mean(point), jax.jacfwd(mean)(point), (variance + posterior.noise) * posterior.scale**2
+
+
+def carried(slope: Array, spread: Array, doubt: Array) -> Array:
+    """Covariance of channels whose input has the covariance ``spread``."""
+    return slope @ spread @ slope.T + np.diag(doubt)
+
+
+def moved(model: HGPDM, latent: Array, covariance: Array, seconds: float) -> tuple[Array, Array]:
+    """The dynamics, linearised, over a part of one lag."""
+    dims, fraction, units = model.preset.interaction_dims, seconds / model.lag, np.eye(len(latent))
+    inputs = np.asarray(dynamics_input(units[:, :dims], units[:, dims:], model.lag)).T  # both are linear
+    ahead = np.asarray(dynamics_mean(units[:, :dims], units[:, dims:], model.lag, model.preset)).T
+    change, slope, doubt = predicted(model.dynamics, inputs @ latent)
+    next_latent, next_slope = ahead @ latent + change, ahead + slope @ inputs
+    means, slopes, identity = [], [], np.eye(2 * dims)
+    for at in (fraction, fraction - 1.0):  # on the parabola through one lag ago, now and one lag ahead
+        before, now, after = lagrange(at)
+        means.append(before * latent[dims:] + now * latent[:dims] + after * next_latent)
+        slopes.append(before * identity[dims:] + now * identity[:dims] + after * next_slope)
+    transition = np.concatenate(slopes)
+    noise = np.concatenate([fraction * doubt, np.zeros(dims)])
+    covariance = transition @ covariance @ transition.T + np.diag(noise)
+    return np.concatenate(means), covariance * min(1.0, COVARIANCE_LIMIT / np.diag(covariance).max())
+
+
+def measured(model: HGPDM, hands: Array, rate: float) -> tuple[Array, Array]:
+    """I and its covariance as the back projections see it."""
+    history = np.einsum("hl,lvp->vhp", tick_weights(model.preset.history, rate), hands)
+    matrix = model.feature_map.matrix
+    value, covariance = model.feature_map(history[0]), matrix @ np.diag(history[1].reshape(-1)) @ matrix.T
+    for stage in model.back:
+        value, slope, doubt = predicted(stage, value)
+        covariance = carried(slope, covariance, max(1.0, model.lag * rate) * doubt)
+    return value, covariance
+
+
+def updated(latent: Array, covariance: Array, value: Array, noise: Array, trust: float) -> tuple[Array, Array]:
+    """Joseph's form of the Kalman update, with the gain scaled by ``trust``."""
+    seen = np.eye(len(value), len(latent))
+    gain = trust * covariance @ seen.T @ np.linalg.inv(seen @ covariance @ seen.T + noise)
+    remaining = np.eye(len(latent)) - gain @ seen
+    return latent + gain @ (value - seen @ latent), remaining @ covariance @ remaining.T + gain @ noise @ gain.T
+
+
+def generated(model: HGPDM, latent: Array, covariance: Array, style: Array) -> Generated:
+    """Down the hierarchy."""
+    dims, split = model.preset.interaction_dims, model.preset.avatar_dims
+    below, slope, doubt = predicted(model.interaction, latent[:dims])
+    spread = carried(slope, covariance[:dims, :dims], doubt)
+    avatar, slope, doubt = predicted(model.avatar, below[:split], style)
+    deviations = np.sqrt(np.diag(carried(slope, spread[:split, :split], doubt)))
+    human, slope, doubt = predicted(model.human, below[split:])
+    return Generated(avatar, deviations, human, np.sqrt(np.diag(carried(slope, spread[split:, split:], doubt))))
+
+
+def ticked(
+    model: HGPDM, rate: float, belief: Belief, hand: Array | None, variance: Array, style: Array
+) -> tuple[Belief, Generated]:
+    """One tick."""
+    latent, covariance = belief.latent, belief.covariance
+    if belief.started:
+        latent, covariance = moved(model, latent, covariance, 1.0 / rate)
+    first = hand is not None and not belief.started
+    trust = belief.trust + (1.0 if hand is not None else -1.0) / rate / TRUST_TIME
+    trust = 1.0 if first else min(max(trust, 0.0), 1.0)
+    expected = generated(model, latent, covariance, style)
+    newest = np.stack([belief.hands[0, 0] + expected.human - belief.generated_hand, expected.human_deviations**2])
+    if hand is not None:
+        weight = 3.0 * trust**2 - 2.0 * trust**3
+        newest = weight * np.stack([hand, variance]) + (1.0 - weight) * newest
+    hands = np.concatenate([newest[None], belief.hands[:-1]])
+    if first:
+        hands = np.tile(newest, (len(hands), 1, 1))
+    if hand is not None:
+        value, noise = measured(model, hands, rate)
+        if first:
+            latent, covariance = np.tile(value, 2), np.kron(np.eye(2), noise)
+        else:
+            latent, covariance = updated(latent, covariance, value, noise, trust**2)
+    share = 1.0 - np.exp(-1.0 / rate / STYLE_TIME)
+    once = belief.style[0] + share * (style - belief.style[0])
+    styles = np.stack([once, belief.style[1] + share * (once - belief.style[1])])
+    answer = generated(model, latent, covariance, styles[1])
+    started = belief.started or hand is not None
+    return Belief(latent, covariance, hands, answer.human, styles, trust, started), answer

@@ -92,13 +92,25 @@ class Generated(NamedTuple):
 
     Attributes:
         avatar, avatar_deviations: (channels,) mean and standard deviation, noise included.
-        human, human_deviations: (P,) m, the same of the hand.
+        avatar_slope: (channels, q_1) derivative of the mean by X¹.
+        human, human_deviations: (P,) m, mean and standard deviation of the hand.
+        spread: (q_1 + q_2, q_1 + q_2) covariance of X¹ and X².
     """
 
     avatar: Array
     avatar_deviations: Array
+    avatar_slope: Array
     human: Array
     human_deviations: Array
+    spread: Array
+
+    def covariance(self, channels: slice) -> Array:
+        """Covariance (D', D') of some avatar channels: what they share through X¹, and the doubt of each."""
+        slope = self.avatar_slope[channels]
+        dims = slope.shape[1]
+        covariance = slope @ self.spread[:dims, :dims] @ slope.T
+        np.fill_diagonal(covariance, self.avatar_deviations[channels] ** 2)
+        return covariance
 
 
 # Loops are spelled out: a call of BLAS costs more than these products do and may wait for its threads, and expressions
@@ -349,10 +361,11 @@ def generated(plan: Plan, latent: Array, covariance: Array, style: Array) -> Gen
     none = np.ones(1)
     below, slope, doubt = predicted(plan.interaction, latent, none)
     spread = _spread(slope, covariance, doubt, 1.0)
-    avatar, slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
-    avatar_deviations = _deviations(slope, spread, plan.avatar_first, doubt)
+    avatar, avatar_slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
+    avatar_deviations = _deviations(avatar_slope, spread, plan.avatar_first, doubt)
     human, slope, doubt = predicted(plan.human, below[plan.human_first :], none)
-    return Generated(avatar, avatar_deviations, human, _deviations(slope, spread, plan.human_first, doubt))
+    human_deviations = _deviations(slope, spread, plan.human_first, doubt)
+    return Generated(avatar, avatar_deviations, avatar_slope, human, human_deviations, spread)
 
 
 @compiled_entry
@@ -375,14 +388,15 @@ def ticked(
         latent, covariance = moved(plan, plan.tick, latent, covariance)
     change = plan.trust_change if seen else -plan.trust_change
     trust = 1.0 if first else min(max(belief.trust + change, 0.0), 1.0)
-    weight, answer = trust**2 * (3.0 - 2.0 * trust) if seen else 0.0, Generated(hand, variance, hand, variance)
+    weight, expected, deviations = trust**2 * (3.0 - 2.0 * trust) if seen else 0.0, hand, variance
     if weight < 1.0:
-        answer = generated(plan, latent, covariance, blend)
+        before = generated(plan, latent, covariance, blend)
+        expected, deviations = before.human, before.human_deviations
     hands = np.empty_like(belief.hands)
     for p in range(len(hand)):
-        carried_on = belief.hands[0, 0, p] + answer.human[p] - belief.generated_hand[p]
+        carried_on = belief.hands[0, 0, p] + expected[p] - belief.generated_hand[p]
         hands[0, 0, p] = weight * hand[p] + (1.0 - weight) * carried_on
-        hands[0, 1, p] = weight * variance[p] + (1.0 - weight) * answer.human_deviations[p] ** 2
+        hands[0, 1, p] = weight * variance[p] + (1.0 - weight) * deviations[p] ** 2
         for n in range(1, len(hands)):
             hands[n, 0, p] = hands[0, 0, p] if first else belief.hands[n - 1, 0, p]
             hands[n, 1, p] = hands[0, 1, p] if first else belief.hands[n - 1, 1, p]

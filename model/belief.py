@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.hierarchy import dynamics_input, dynamics_mean
 from model.rotations import Array
@@ -80,6 +81,7 @@ class Filter:
         """Works out what does not change from tick to tick, and compiles what moves a belief."""
         preset, dims = model.preset, model.preset.interaction_dims
         self.lag, self._seconds = model.lag, 1.0 / rate_hz
+        self._coordinates, self._styles = len(model.human.offset), len(model.emotions)
         now, before = jnp.split(jnp.eye(2 * dims), 2, axis=1)
         # Both are linear in (I now, I one lag ago): these are their matrices.
         inputs = np.asarray(dynamics_input(now, before, model.lag)).T
@@ -89,11 +91,11 @@ class Filter:
             dynamics=packed(model.dynamics),
             interaction=packed(model.interaction),
             human=packed(model.human),
-            avatar=packed(model.avatar, len(model.emotions)),
+            avatar=packed(model.avatar, self._styles),
             back=np.concatenate([packed(stage) for stage in model.back]),
-            inputs=_own(inputs),
-            features=_own(model.feature_map.matrix),
-            feature_offset=_own(model.feature_map.offset),
+            inputs=np.array(inputs, order="C"),
+            features=np.array(model.feature_map.matrix, order="C"),
+            feature_offset=np.array(model.feature_map.offset),
             ticks=tick_weights(preset.history, rate_hz),
             repeats=max(1.0, model.lag * rate_hz),
             avatar_first=0,
@@ -102,30 +104,31 @@ class Filter:
             trust_change=self._seconds / TRUST_TIME,
             style_share=1.0 - math.exp(-self._seconds / STYLE_TIME),
         )
-        self._start = np.tile(_own(model.start_mean), 2)
+        self._start = np.tile(model.start_mean, 2)
         self._start_covariance = np.kron(np.ones((2, 2)), model.start_covariance) + 1e-6 * np.eye(2 * dims)
-        self._compile(len(model.emotions))
+        self._compile()
 
-    def _compile(self, styles: int) -> None:
+    def _compile(self) -> None:
         """Calls once what will be called: nothing is left to compile when a hand is there."""
-        style = np.full(styles, 1.0 / styles)
+        style = np.full(self._styles, 1.0 / self._styles)
         belief = self.initial(style)
         self.predict(belief.latent, belief.covariance, self.lag)
         self.measure(belief.hands)
-        self.step(belief, belief.generated_hand, np.ones(len(belief.generated_hand)), style)
+        self.step(belief, belief.generated_hand, np.ones(self._coordinates), style)
 
     def initial(self, style: Array) -> Belief:
         """The belief before any hand was seen: where training trials begin."""
         hand = self.generate(self._start, self._start_covariance, style).human
         hands = np.tile(np.stack([hand, np.full(len(hand), 1e-2)]), (self._plan.ticks.shape[1], 1, 1))
-        return Belief(self._start, self._start_covariance, hands, hand, np.tile(_own(style), (2, 1)), 1.0, False)
+        return Belief(self._start, self._start_covariance, hands, hand, np.tile(style, (2, 1)), 1.0, False)
 
     def predict(self, latent: Array, covariance: Array, seconds: float) -> tuple[Array, Array]:
         """The belief over (I now, I one lag ago) a time later: the dynamics, linearised, in steps of at most one lag.
 
         Between a lag ago, now, and the dynamics' answer one lag ahead lies a parabola; its noise grows with time.
         """
-        return moved(self._plan, self._moving_by(seconds), _own(latent), _own(covariance))
+        size = len(self._start)
+        return moved(self._plan, self._moving_by(seconds), _own(latent, size), _own(covariance, size, size))
 
     def measure(self, hands: Array) -> tuple[Array, Array]:
         """I as the back projections see it: mean (q,) and covariance (q, q) from the hand's last ticks (L, 2, P).
@@ -133,16 +136,18 @@ class Filter:
         The uncertainty of the hand passes through; the back projection adds its own, which is large far from the
         training data. That part stays the same from tick to tick, so it is counted once a lag and not once a tick.
         """
-        return measured(self._plan, _own(hands))
+        return measured(self._plan, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
 
     def generate(self, latent: Array, covariance: Array, style: Array) -> Generated:
-        """Down the hierarchy from I and its covariance, linearised; what follows the first q latents is not read."""
-        return generated(self._plan, _own(latent), _own(covariance), _own(style))
+        """Down the hierarchy from a belief over (I now, I one lag ago): I → X¹, X² → Y¹, Y², linearised."""
+        size = len(self._start)
+        return generated(self._plan, _own(latent, size), _own(covariance, size, size), _own(style, self._styles))
 
     def step(self, belief: Belief, hand: Array | None, hand_variance: Array, style: Array) -> tuple[Belief, Generated]:
         """One tick: predict, measure the hand (P,), of variances (P,), if it was seen, and generate."""
-        seen = belief.generated_hand if hand is None else _own(hand)
-        return ticked(self._plan, belief, hand is not None, seen, _own(hand_variance), _own(style))
+        seen = belief.generated_hand if hand is None else _own(hand, self._coordinates)
+        variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
+        return ticked(self._plan, belief, hand is not None, seen, variance, weights)
 
     def _moving_by(self, seconds: float) -> Moving:
         """How ``seconds`` pass: in steps of at most one lag.
@@ -156,10 +161,13 @@ class Filter:
             identity = np.eye(len(self._carry_on))
             share = np.kron(weights[:, 2:], identity)
             steady = np.kron(weights[:, 1::-1], identity) + share @ self._carry_on
-            self._moving[seconds] = Moving(_own(steady), _own(share), fraction, substeps)
+            self._moving[seconds] = Moving(np.array(steady, order="C"), np.array(share, order="C"), fraction, substeps)
         return self._moving[seconds]
 
 
-def _own(values: ArrayLike) -> Array:
-    """A copy of its own: code is compiled for one layout of arrays, and anew, for seconds, should it meet another."""
-    return np.array(values, dtype=float, order="C")
+def _own(values: ArrayLike, *shape: int) -> Array:
+    """A copy of its own. Compiled code reads past the end of a wrong shape, and is made anew for another layout."""
+    copy = np.array(values, dtype=float, order="C")
+    if copy.shape != shape:
+        raise HighFiveError(f"an array of shape {copy.shape} where the model needs {shape}")
+    return copy

@@ -7,6 +7,7 @@ import pytest
 
 from model import belief, tick
 from model.belief import Filter
+from model.errors import HighFiveError
 from model.features import FeatureMap
 from model.hgpdm import HGPDM
 from model.hierarchy import VELOCITY_UNIT, dynamics_mean
@@ -200,3 +201,17 @@ def test_a_hand_that_comes_back_sets_in_softly(model: HGPDM, trials: list[Trial]
         apart.append(np.linalg.norm(seen.avatar - unseen.avatar))
     assert apart[0] < 0.02 * max(apart)
     assert np.diff(apart).max() < 0.3 * max(apart)
+
+
+def test_shapes_that_do_not_fit_are_named(model: HGPDM):
+    """Compiled code would read past their ends."""
+    moving, style, variance = Filter(model, 60.0), np.array([0.5, 0.5]), np.full(6, 1e-6)
+    state = moving.initial(style)
+    with pytest.raises(HighFiveError, match=r"\(9,\) where the model needs \(6,\)"):
+        moving.step(state, np.zeros(9), variance, style)
+    with pytest.raises(HighFiveError, match=r"needs \(6,\)"):
+        moving.step(state, np.zeros(6), np.zeros(3), style)
+    with pytest.raises(HighFiveError, match=r"needs \(2,\)"):
+        moving.step(state, np.zeros(6), variance, np.ones(1))
+    with pytest.raises(HighFiveError, match="needs"):
+        moving.predict(state.latent[:3], state.covariance, 0.1)

@@ -161,7 +161,9 @@ class Filter:
             identity = np.eye(len(self._carry_on))
             share = np.kron(weights[:, 2:], identity)
             steady = np.kron(weights[:, 1::-1], identity) + share @ self._carry_on
-            self._moving[seconds] = Moving(np.array(steady, order="C"), np.array(share, order="C"), fraction, substeps)
+            self._moving[seconds] = Moving(
+                np.array(steady, dtype=float, order="C"), np.array(share, dtype=float, order="C"), fraction, substeps
+            )
         return self._moving[seconds]
 
 

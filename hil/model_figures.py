@@ -16,7 +16,6 @@ from hil.drawing import FAINT, HINGES, INK, Drawing, new_figure
 from hil.moving_styles import Morph
 from hil.protocols import Run
 from model import evaluation, sparse
-from model.answers import channel_covariance
 from model.dataset import hand_history
 from model.hgpdm import HGPDM
 from model.responder import Responder, Response
@@ -160,7 +159,7 @@ def _angle(response: Response, number: int) -> tuple[float, float]:
         moved = response.joints.copy()
         moved[part.start + axis] += step
         slope[axis] = (_recorded_angle(moved, number) - here) / step
-    return here, float(np.sqrt(slope @ channel_covariance(response.generated, part) @ slope))
+    return here, float(np.sqrt(slope @ response.generated.covariance(part) @ slope))
 
 
 def _recorded_angle(joints: Array, number: int) -> float:

@@ -10,10 +10,11 @@ import numpy as np
 from hil.fitted import Fitted
 from model.answers import one_hot
 from model.baselines import Predictor as Regression
+from model.belief import packed
 from model.dataset import hand_history
-from model.predictor import Predictor
 from model.responder import Responder
 from model.rotations import Array
+from model.tick import predicted
 from model.trials import Trial
 
 WARM_UP = 30  # steps that do not count
@@ -31,14 +32,14 @@ def step_times(fitted: Fitted, plain: dict[str, Regression], trial: Trial) -> di
     style, task = one_hot(trial, fitted.task.data.emotions), fitted.task
     times = np.arange(len(trial.joints)) / trial.rate_hz
     histories = hand_history(trial, times, task.preset.history)
-    layer = Predictor(fitted.sparse_gp)
+    layer = packed(fitted.sparse_gp, len(style))
 
     def of(regression: Regression) -> Callable[[int], object]:
         return lambda frame: regression(task.feature_map(histories[frame : frame + 1]), style[None])
 
     steps: dict[str, Callable[[int], object]] = {
         "hgpdm": lambda frame: responder.step(trial.hand_points[frame]).joints_std,
-        "sparse_gp": lambda frame: layer(task.feature_map(histories[frame]), style).doubt(),
+        "sparse_gp": lambda frame: predicted(layer, task.feature_map(histories[frame]), style)[2],
         **{name: of(regression) for name, regression in plain.items()},
     }
     return {name: _times(step, len(times)) for name, step in steps.items()}

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from model import rotations
 from model.baselines import Predictor as Regression
-from model.belief import Generated
+from model.belief import packed
 from model.dataset import AUXILIARY, CLOCK_SCALE, Channels, hand_history
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.hierarchy import Problem
-from model.predictor import Predictor
 from model.responder import Responder, Response
 from model.rotations import Array
 from model.skeleton import Skeleton
 from model.sparse import Posterior
+from model.tick import predicted
 from model.trials import Trial
 
 SCORED_RATE = 30.0  # Hz, of the frames that count, beside each trial's contact frame
@@ -132,12 +132,6 @@ def to_channels(response: Response) -> Array:
     return np.concatenate(parts)
 
 
-def channel_covariance(generated: Generated, channels: slice) -> Array:
-    """Covariance (D', D') of some avatar channels: what they share through the latents, and the doubt of each."""
-    slope = generated.avatar.slope(channels)
-    return slope @ generated.avatar_spread @ slope.T + np.diag(generated.avatar.doubt(channels))
-
-
 def online(model: HGPDM, body: Body) -> Method:
     """The model, tick by tick at the trial's rate."""
     responders: dict[float, Responder] = {}
@@ -153,9 +147,9 @@ def online(model: HGPDM, body: Body) -> Method:
         outputs, frames = np.array([to_channels(r) for r in responses]), scored_frames(trial)
         counted = [responses[frame].generated for frame in frames]
         doubt = Doubt(
-            np.array([generated.channel_deviations() for generated in counted]),
-            np.array([channel_covariance(generated, where.palm) for generated in counted]),
-            np.array([channel_covariance(generated, where.contact) for generated in counted]),
+            np.array([generated.avatar_deviations for generated in counted]),
+            np.array([generated.covariance(where.palm) for generated in counted]),
+            np.array([generated.covariance(where.contact) for generated in counted]),
         )
         return Answer(frames, outputs[frames], body.palm(outputs), doubt)
 
@@ -171,7 +165,7 @@ def regressed(regression: Regression, task: Problem, body: Body, posterior: Post
         body: the avatar's body.
         posterior: the same baseline as a sparse GP, where it is one: it says how sure it is.
     """
-    predictor = None if posterior is None else Predictor(posterior)
+    layer = None if posterior is None else packed(posterior, len(task.data.emotions))
 
     def answer(trial: Trial) -> Answer:
         style = one_hot(trial, task.data.emotions)
@@ -179,14 +173,14 @@ def regressed(regression: Regression, task: Problem, body: Body, posterior: Post
         features = task.feature_map(hand_history(trial, times, task.preset.history))
         outputs = regression(features, np.tile(style, (len(features), 1)))
         frames = scored_frames(trial)
-        doubt = None if predictor is None else _doubt(predictor, features[frames], style)
+        doubt = None if layer is None else _doubt(layer, features[frames], style)
         return Answer(frames, outputs[frames], body.palm(outputs), doubt)
 
     return answer
 
 
-def _doubt(predictor: Predictor, features: Array, style: Array) -> Doubt:
-    variances = np.array([predictor(point, style).doubt() for point in features])
+def _doubt(layer: Array, features: Array, style: Array) -> Doubt:
+    variances = np.array([predicted(layer, point, style)[2] for point in features])
     where = Channels(variances.shape[1] - AUXILIARY)
     palm, contact = (variances[:, part, None] * np.eye(3) for part in (where.palm, where.contact))
     return Doubt(np.sqrt(variances), palm, contact)

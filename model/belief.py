@@ -161,8 +161,8 @@ class Filter:
         if self._contact is None or self._contact_layer is None:
             return None
         left, covariance = foreseen(self._plan, self._contact_layer, belief.hands)
-        time = float(left[3])
-        return ContactForecast(belief.hands[0, 0, KNUCKLES] + left[:3], time, self._contact.calibrated(time, covariance))
+        point, time = belief.hands[0, 0, KNUCKLES] + left[:3], float(left[3])
+        return ContactForecast(point, time, self._contact.calibrated(time, covariance))
 
     def _moving_by(self, seconds: float) -> Moving:
         """How ``seconds`` pass: in steps of at most one lag.
@@ -176,7 +176,8 @@ class Filter:
             identity = np.eye(len(self._carry_on))
             share = np.kron(weights[:, 2:], identity)
             steady = np.kron(weights[:, 1::-1], identity) + share @ self._carry_on
-            self._moving[seconds] = Moving(np.array(steady, order="C"), np.array(share, order="C"), fraction, substeps)
+            steady, share = (np.array(matrix, dtype=float, order="C") for matrix in (steady, share))
+            self._moving[seconds] = Moving(steady, share, fraction, substeps)
         return self._moving[seconds]
 
 

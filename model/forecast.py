@@ -1,10 +1,10 @@
 """Looking ahead: where and when the palms will meet, and how far to trust that.
 
-The contact layer is a sparse GP beside the hierarchy, from what the back projection sees of the hand to the way and the
-time that are left. It knows the approach alone, and no style: the person is the same whatever the avatar is asked to be.
-Rolling the latent dynamics ahead was the alternative; it forecasts less well, since X¹ keeps only as much of where in the
-room the palms will meet as the pose needs (36 held-out simulated trials, 0.2 s before contact, median: 2.2 cm against
-3.3 to 3.4).
+The contact layer is a sparse GP beside the hierarchy, from what the back projection sees of the hand to the way and
+the time that are left. It knows the approach alone, and no style: the person is the same whatever the avatar is asked
+to be. Rolling the latent dynamics ahead was the alternative; it forecasts less well, since X¹ keeps only as much of
+where in the room the palms will meet as the pose needs (36 held-out simulated trials, 0.2 s before contact, median:
+2.2 cm against 3.3 to 3.4).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from model import sparse
-from model.dataset import HAND_DIMS, KNUCKLES, hand_history
+from model.dataset import KNUCKLES, hand_history
 from model.features import FeatureMap
 from model.kernels import motion_kernel
 from model.optimise import ProgressCallback, minimise
@@ -113,6 +113,7 @@ def fit_contact_layer(
     offset = left.mean(axis=0)
     scale = np.array([*[left[:, :3].std()] * 3, left[:, 3].std()])
     values = jnp.asarray((left - offset) / scale)
+    targets = Targets(values, CHANNELS, 0.0)
     count, dims = features.shape
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(inducing, count), replace=False))
     kernel = motion_kernel(jnp.full(dims, np.sqrt(dims)))
@@ -120,7 +121,7 @@ def fit_contact_layer(
 
     def value(layer: Layer):
         noise = sparse.noise_variance(layer.raw_noise, NOISE)
-        return sparse.negative_log_likelihood(layer, features, Targets(values, CHANNELS, 0.0), noise, variational=True) / count
+        return sparse.negative_log_likelihood(layer, features, targets, noise, variational=True) / count
 
     layer, _ = minimise(value, start, ITERATIONS, ITERATIONS, stage="looking ahead", progress=progress)
     noise = sparse.noise_variance(layer.raw_noise, NOISE)

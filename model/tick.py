@@ -92,13 +92,25 @@ class Generated(NamedTuple):
 
     Attributes:
         avatar, avatar_deviations: (channels,) mean and standard deviation, noise included.
-        human, human_deviations: (P,) m, the same of the hand.
+        avatar_slope: (channels, q_1) derivative of the mean by X¹.
+        human, human_deviations: (P,) m, mean and standard deviation of the hand.
+        spread: (q_1 + q_2, q_1 + q_2) covariance of X¹ and X².
     """
 
     avatar: Array
     avatar_deviations: Array
+    avatar_slope: Array
     human: Array
     human_deviations: Array
+    spread: Array
+
+    def covariance(self, channels: slice) -> Array:
+        """Covariance (D', D') of some avatar channels: what they share through X¹, and the doubt of each."""
+        slope = self.avatar_slope[channels]
+        dims = slope.shape[1]
+        covariance = slope @ self.spread[:dims, :dims] @ slope.T
+        np.fill_diagonal(covariance, self.avatar_deviations[channels] ** 2)
+        return covariance
 
 
 # Loops are spelled out: a call of BLAS costs more than these products do and may wait for its threads, and expressions
@@ -354,10 +366,11 @@ def generated(plan: Plan, latent: Array, covariance: Array, style: Array) -> Gen
     none = np.ones(1)
     below, slope, doubt = predicted(plan.interaction, latent, none)
     spread = _spread(slope, covariance, doubt, 1.0)
-    avatar, slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
-    avatar_deviations = _deviations(slope, spread, plan.avatar_first, doubt)
+    avatar, avatar_slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
+    avatar_deviations = _deviations(avatar_slope, spread, plan.avatar_first, doubt)
     human, slope, doubt = predicted(plan.human, below[plan.human_first :], none)
-    return Generated(avatar, avatar_deviations, human, _deviations(slope, spread, plan.human_first, doubt))
+    human_deviations = _deviations(slope, spread, plan.human_first, doubt)
+    return Generated(avatar, avatar_deviations, avatar_slope, human, human_deviations, spread)
 
 
 @compiled_entry
@@ -372,9 +385,9 @@ def foreseen(plan: Plan, contact: Array, hands: Array) -> tuple[Array, Array]:
 def remembered(belief: Belief, seen: bool, hand: Array, variance: Array, carried_on: Array, doubt: Array) -> Array:
     """The hand's last ticks (L, 2, P), one tick later.
 
-    A hidden hand is ``carried_on`` with its ``doubt``. Once it is back, what was made up is replaced: the ticks in between
-    lie on the parabola that leaves the last one seen with the speed it had then, and are doubted as a Brownian bridge
-    is. Left in place, they would mislead the features for as long as these look back.
+    A hidden hand is ``carried_on`` with its ``doubt``. Once it is back, what was made up is replaced: the ticks in
+    between lie on the parabola that leaves the last one seen with the speed it had then, and are doubted as a Brownian
+    bridge is. Left in place, they would mislead the features for as long as these look back.
     """
     count, gap = len(belief.hands), belief.away
     hands = np.empty_like(belief.hands)

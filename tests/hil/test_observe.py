@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +90,9 @@ def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
 )
 def test_bad_requests_are_answered_in_one_line(tmp_path: Path, words: list[str], message: str) -> None:
     given = [word.format(model=DEFAULT_MODEL, folder=tmp_path) for word in words]
-    done = subprocess.run([sys.executable, "-m", "hil.cli", "observe", *given], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "hil.cli", "observe", *given], check=False, capture_output=True, text=True
+    )
     assert done.returncode == 2
     assert done.stderr.startswith("error:") and len(done.stderr.strip().splitlines()) == 1
     assert re.search(message, done.stderr)

@@ -76,10 +76,11 @@ def generated(model: HGPDM, latent: Array, covariance: Array, style: Array) -> G
     dims, split = model.preset.interaction_dims, model.preset.avatar_dims
     below, slope, doubt = predicted(model.interaction, latent[:dims])
     spread = carried(slope, covariance[:dims, :dims], doubt)
-    avatar, slope, doubt = predicted(model.avatar, below[:split], style)
-    deviations = np.sqrt(np.diag(carried(slope, spread[:split, :split], doubt)))
+    avatar, avatar_slope, doubt = predicted(model.avatar, below[:split], style)
+    deviations = np.sqrt(np.diag(carried(avatar_slope, spread[:split, :split], doubt)))
     human, slope, doubt = predicted(model.human, below[split:])
-    return Generated(avatar, deviations, human, np.sqrt(np.diag(carried(slope, spread[split:, split:], doubt))))
+    human_deviations = np.sqrt(np.diag(carried(slope, spread[split:, split:], doubt)))
+    return Generated(avatar, deviations, avatar_slope, human, human_deviations, spread)
 
 
 def remembered(belief: Belief, newest: Array, gap: int) -> Array:

@@ -13,7 +13,6 @@ from model.hgpdm import HGPDM
 from model.hierarchy import VELOCITY_UNIT, dynamics_mean
 from model.kernels import MotionKernel
 from model.sparse import Posterior
-from model.trials import Trial
 
 NOISE = 0.01
 

@@ -20,7 +20,8 @@ def begin(preset: str, devices: int, processes: int = 1, number: int = 0, port: 
         "OMP_NUM_THREADS": "1",
         "PYTHONPATH": str(ROOT),
     }
-    command = [sys.executable, "-m", "tests.model.objective_over_devices", preset, str(processes), str(number)]
+    program = Path(__file__).with_name("objective_over_devices.py")
+    command = [sys.executable, str(program), preset, str(processes), str(number)]
     return subprocess.Popen(
         [*command, f"127.0.0.1:{port}"], env=environment, cwd=ROOT, stdout=subprocess.PIPE, text=True
     )

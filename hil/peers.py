@@ -27,8 +27,8 @@ def _data(points: int, channels: int, seed: int) -> tuple[np.ndarray, np.ndarray
 
 
 def _gpflow(inputs: np.ndarray, values: np.ndarray, inducing: int) -> Callable[[], object]:
-    import gpflow  # noqa: PLC0415
-    import tensorflow  # noqa: PLC0415
+    import gpflow  # noqa: PLC0415  # pyright: ignore[reportMissingImports]
+    import tensorflow  # noqa: PLC0415  # pyright: ignore[reportMissingModuleSource]
 
     kernel = gpflow.kernels.RBF(lengthscales=np.ones(DIMS))
     model = gpflow.models.SGPR((inputs, values), kernel, inputs[:inducing].copy())
@@ -48,7 +48,7 @@ def _gpflow(inputs: np.ndarray, values: np.ndarray, inducing: int) -> Callable[[
 
 
 def _gpy(inputs: np.ndarray, values: np.ndarray, inducing: int) -> Callable[[], object]:
-    import GPy  # noqa: PLC0415
+    import GPy  # noqa: PLC0415  # pyright: ignore[reportMissingImports]
 
     kernel = GPy.kern.RBF(DIMS, ARD=True)
     model = GPy.models.SparseGPLVM(values, DIMS, X=inputs.copy(), kernel=kernel, num_inducing=inducing)

@@ -189,7 +189,7 @@ def test_covariance_grows_without_measurement_and_stays_a_covariance(model: HGPD
 def test_what_was_made_up_of_a_hand_is_forgotten_when_it_is_back(model: HGPDM, hidden: int):
     """A hand at a steady pace that was away for a while leaves the memory of one that never was."""
     moving, style, variance = Filter(model, 60.0), np.array([0.5, 0.5]), np.full(6, 4e-6)
-    hands = np.linspace([0.9, 0.0, 0.9] * 2, [0.6, 0.1, 1.4] * 2, 80)
+    hands = np.linspace([0.9, 0.0, 0.9] * 2, [0.6, 0.1, 1.4] * 2, 100)
     never = away = moving.initial(style)
     for number, hand in enumerate(hands):
         never, _ = moving.step(never, hand, variance, style)
@@ -198,7 +198,7 @@ def test_what_was_made_up_of_a_hand_is_forgotten_when_it_is_back(model: HGPDM, h
             np.testing.assert_allclose(away.hands[:, 0], never.hands[:, 0], atol=1e-9)
             assert np.all(away.hands[1:-1, 1] >= never.hands[1:-1, 1])
             assert np.any(away.hands[:, 1] > never.hands[:, 1])
-    # And with it the latents are nearly those of one that never was.
+    # Some ticks later the latents are nearly those of one that never was.
     np.testing.assert_allclose(away.latent, never.latent, atol=0.1)
 
 

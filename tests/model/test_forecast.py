@@ -15,11 +15,14 @@ HISTORY = (0.1, 0.2)
 
 
 def approach(rng: np.random.Generator, shake: float) -> Trial:
-    """A hand that comes at a steady pace from one of many places, and meets a palm ``shake`` m off its line."""
+    """A hand that comes at a steady pace from one of many places, and meets a palm near the plane x = 0.
+
+    The palm is ``shake`` m off the hand's line.
+    """
     contact, frames = 90, 100
-    start, speed = rng.uniform(-0.2, 0.2, 3), rng.uniform(0.6, 1.4)
+    end, speed = np.array([0.0, *rng.uniform(-0.2, 0.2, 2)]), rng.uniform(0.6, 1.4)
     way = speed * (np.arange(frames) - contact) / RATE
-    line = start + way[:, None] * np.array([-1.0, 0.0, 0.3])
+    line = end + way[:, None] * np.array([-1.0, 0.0, 0.3])
     hand = np.stack([line - [0.0, 0.0, 0.08], line], axis=1)
     palm = np.tile(line[contact] + shake * rng.normal(size=3), (frames, 1))
     still = np.zeros((frames, 3))

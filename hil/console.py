@@ -44,23 +44,28 @@ def progress_bars() -> Iterator[Bar]:
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
         TimeElapsedColumn(), TextColumn("[dim]left"), TimeRemainingColumn(),
     ]  # fmt: skip
-    with Progress(*columns, console=STDERR) as progress:
+    progress = Progress(*columns, console=STDERR)
 
-        def bar(label: str, total: int) -> Advance:
-            done = [task.id for task in progress.tasks if task.finished and task.visible]
-            for task_id in done[: max(0, len(done) - FINISHED_SHOWN)]:
-                progress.update(task_id, visible=False)
-            task = progress.add_task(label, total=total, note="")
+    def bar(label: str, total: int) -> Advance:
+        progress.start()  # not before: an error that comes first is one line, with none above it
+        done = [task.id for task in progress.tasks if task.finished and task.visible]
+        for task_id in done[: max(0, len(done) - FINISHED_SHOWN)]:
+            progress.update(task_id, visible=False)
+        task = progress.add_task(label, total=total, note="")
 
-            def advance(note: str = "", done: int | None = None) -> None:
-                if done is None:
-                    progress.update(task, advance=1, note=note)
-                else:
-                    progress.update(task, completed=done, note=note)
+        def advance(note: str = "", done: int | None = None) -> None:
+            if done is None:
+                progress.update(task, advance=1, note=note)
+            else:
+                progress.update(task, completed=done, note=note)
 
-            return advance
+        return advance
 
+    try:
         yield bar
+    finally:
+        if progress.tasks:
+            progress.stop()
 
 
 def training_bars(bar: Bar, label: str = "") -> ProgressCallback:

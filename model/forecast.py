@@ -27,7 +27,7 @@ from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
 
 CHANNELS = 4  # way (3) and time (1)
-BEGIN, END = 0.9, -0.1  # s before contact, of the frames that the layer learns from
+BEGIN, END = 0.9, -0.3  # s before contact, of the frames that the layer learns from; past contact it should know
 RATE_HZ = 30.0  # of those frames
 NOISE = (5e-3, 1.0)  # bounds of its noise, in units of the channels' standard deviation
 ITERATIONS = 100

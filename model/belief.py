@@ -57,7 +57,7 @@ def packed(posterior: Posterior, styles: int = 1) -> Array:
     if posterior.style is not None and posterior.style_covariance is not None:
         shares, between = np.asarray(posterior.style).T, np.asarray(posterior.style_covariance)
     linear = np.exp(np.asarray(kernel.log_linear))
-    scalars = kernel.log_rbf.item(), math.exp(kernel.log_bias.item()), posterior.noise.item()
+    scalars = kernel.log_rbf.item(), math.exp(kernel.log_bias.item())
     reduction = np.asarray(posterior.reduction)
     reduction = reduction + reduction.T - np.diag(np.diag(reduction))  # its quadratic form needs one triangle
     parts = [
@@ -66,6 +66,7 @@ def packed(posterior: Posterior, styles: int = 1) -> Array:
         linear,
         np.asarray(posterior.offset),
         np.asarray(posterior.scale) ** 2,
+        np.broadcast_to(posterior.noise, channels),
         between,
         inducing,
         inducing * linear[:, None],
@@ -138,10 +139,11 @@ class Filter:
         return moved(self._plan, self._moving_by(seconds), _own(latent, size), _own(covariance, size, size))
 
     def measure(self, hands: Array) -> tuple[Array, Array]:
-        """I as the back projections see it: mean (q,) and covariance (q, q) from the hand's last ticks (L, 2, P).
+        """What the back projections make of the hand's last ticks (L, 2, P): mean (B,) and covariance (B, B).
 
-        The uncertainty of the hand passes through; the back projection adds its own, which is large far from the
-        training data. That part stays the same from tick to tick, so it is counted once a lag and not once a tick.
+        First I (q), then X¹ where it is projected, too. The uncertainty of the hand passes through; the back projection
+        adds its own, which is large far from the training data. That part stays the same from tick to tick, so it is
+        counted once a lag and not once a tick.
         """
         return measured(self._plan, self._plan.ticks, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
 

@@ -31,7 +31,7 @@ class HGPDM:
         joints: number of joint channels D.
         lag: s between the dynamics' successive latents.
         feature_map: from hand history to the features of the back projection.
-        back: back projections from features to I, in order: one (default) or r then s (paper).
+        back: back projections from features to I, in order: one, with X¹ beside I (default), or r then s (paper).
         dynamics: from :func:`model.hierarchy.dynamics_input` to the step beyond the dynamics' mean.
         interaction: from I to X¹ and X², side by side.
         human: from X² to the hand points (6), m.
@@ -76,7 +76,7 @@ class HGPDM:
         values = jnp.asarray(self.feature_map(history))
         for stage in self.back:
             values = sparse.means(stage, values)
-        return np.asarray(values)
+        return np.asarray(values)[:, : self.preset.interaction_dims]
 
     def generate(self, interaction: Array, style: Array) -> Array:
         """Expected avatar channels (T, channels) of latents I (T, q) in one style (K,), going down the hierarchy."""

@@ -57,8 +57,7 @@ class Parameters(NamedTuple):
     Attributes:
         avatar, human, interaction, dynamics: the four layers.
         back: the back constraint, or None where all latents are free.
-        avatar_latent: (N, q) X¹ where free; else what it has beyond the back constraint, in units of
-            ``avatar_freedom``, or None where it has nothing.
+        avatar_latent: (N, q) X¹ where free, else None.
         interaction_latent: (N, q) I where free, else None.
         human_latent: (N, q) X² where free, else None.
     """
@@ -236,9 +235,6 @@ def latents(parameters: Parameters, task: Problem, points: PointArrays | None = 
         split = (preset.interaction_dims, preset.interaction_dims + preset.human_dims)
         raw = jnp.split(_learned(parameters.back, points.features, task.shards), split, axis=1)
     interaction, human, avatar = (standardised(latent, points.counts) for latent in raw)
-    if parameters.back is not None and parameters.avatar_latent is not None:
-        own = task.preset.avatar_freedom * filled(parameters.avatar_latent)
-        avatar = standardised(avatar + own, points.counts)
     # Rolled rather than gathered: the gradient of a gather goes back point by point.
     steps = jnp.stack([interaction, jnp.roll(interaction, 1, axis=0), jnp.roll(interaction, 2, axis=0)])
     return Latents(avatar, human, interaction, steps)
@@ -298,8 +294,6 @@ def terms(parameters: Parameters, task: Problem, points: PointArrays | None = No
     if parameters.back is not None:  # the GP prior of the back constraint, in whitened weights
         whitened = (parameters.back.interaction, parameters.back.human, parameters.back.avatar)
         parts["back"] = 0.5 * jnp.sum(jnp.concatenate(whitened, axis=1) ** 2)
-        if parameters.avatar_latent is not None:
-            parts["freedom"] = 0.5 * jnp.sum(parameters.avatar_latent**2)
     if preset.return_tolerance > 0.0:  # a trial begins and ends in about the same pose
         gap = lat.avatar[task.first] - lat.avatar[task.last]
         parts["return"] = 0.5 * jnp.sum(gap**2) / preset.return_tolerance**2

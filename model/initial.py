@@ -62,8 +62,7 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
         split = (preset.interaction_dims, preset.interaction_dims + preset.human_dims)
         parts = [jnp.asarray(part) for part in np.split(weights, split, axis=1)]
         back = BackConstraint(kernel, jnp.asarray(centres), *parts)
-        free_interaction = free_human = None
-        free_avatar = jnp.zeros_like(jnp.asarray(avatar)) if preset.avatar_freedom > 0.0 else None
+        free_interaction = free_human = free_avatar = None
     else:
         avatar = principal_components(outputs, preset.avatar_dims)
         interaction = principal_components(np.column_stack([avatar, human]), preset.interaction_dims)

@@ -16,10 +16,7 @@ class Preset:
     human_dims: int  # latent dimensions of the human layer, X2
     interaction_dims: int  # latent dimensions of the interaction layer, I
     history: tuple[float, ...]  # earlier times, s, at which the back projection sees the hand; () is the present alone
-    back_constrained: (
-        bool  # I and X2 are learned functions of the hand (True) or free, with r and s fitted after (False)
-    )
-    avatar_freedom: float  # X1 differs by about this much (latent units) from a learned function of the hand
+    back_constrained: bool  # all latents are learned functions of the hand (True) or free, with r and s fitted after
     variational: bool  # add the trace term of Titsias 2009, which makes DTC a lower bound
     avatar_noise: tuple[float, float]  # bounds of the noise of the scaled channels of Y1
     human_noise: tuple[float, float]  # bounds of the noise of the scaled hand points Y2
@@ -42,7 +39,6 @@ PAPER = Preset(
     interaction_dims=3,
     history=(),
     back_constrained=False,
-    avatar_freedom=0.0,
     variational=False,
     avatar_noise=(1e-3, 1.0),
     human_noise=(1e-3, 1.0),
@@ -66,7 +62,6 @@ DEFAULT = Preset(
     interaction_dims=6,
     history=(0.1, 0.2, 0.4),
     back_constrained=True,
-    avatar_freedom=0.3,
     variational=True,
     avatar_noise=(5e-3, 1.0),
     human_noise=(2e-2, 1.0),
@@ -81,12 +76,7 @@ DEFAULT = Preset(
     adam_steps=150,
     iterations=150,
 )
-"""Larger latents, jointly learned back constraints on the hand and its short history, bounded upper-layer noise.
-
-X1 keeps a little freedom. 36 held-out simulated trials, joints / palm in all frames / palm at contact (median): with
-0.3 2.83° / 9.0 cm / 4.8 cm; as a strict function of the hand 2.84° / 9.2 cm / 5.4 cm; free but for what I can tell
-2.87° / 9.6 cm / 4.2 cm. The choice was made on these very trials.
-"""
+"""Larger latents, jointly learned back constraints on the hand and its short history, bounded upper-layer noise."""
 
 PRESETS = {preset.name: preset for preset in (DEFAULT, PAPER)}
 

@@ -57,7 +57,7 @@ class Posterior(NamedTuple):
         weights: (M, D): the mean is k(x, inducing) · weights + offset.
         offset: (D,).
         reduction: (M, M): the variance of the function is k(x, x) − k reduction kᵀ (before ``scale``).
-        noise: () variance of the noise, before ``scale``.
+        noise: () or (D,) variance of the noise, before ``scale``.
         scale: (D,) standard deviation of a channel that has unit variance in the layer's own units.
     """
 
@@ -170,4 +170,4 @@ def variances(posterior: Posterior, points: jax.Array) -> jax.Array:
     """Predictive variances (N, D) of a layer without styles at inputs (N, q), noise included."""
     k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
     function = kernels.diagonal(posterior.kernel, points) - jnp.sum((k_fu @ posterior.reduction) * k_fu, axis=1)
-    return (jnp.maximum(function, 0.0) + posterior.noise)[:, None] * posterior.scale**2
+    return (jnp.maximum(function, 0.0)[:, None] + posterior.noise) * posterior.scale**2

@@ -38,7 +38,7 @@ class Plan(NamedTuple):
 
     Attributes:
         dynamics, interaction, human, avatar: the layers, each as :func:`model.belief.packed`.
-        back: the back projections, one after the other.
+        back: the back projections, one after the other; the last gives I and, where X¹ has one, X¹.
         inputs: (2 q, 2 q) from (I now, I one lag ago) to the dynamics' input.
         features, feature_offset: (F, P (H + 1)) and (F,), the feature map.
         ticks, earlier: (H + 1, L) interpolate the hand's history, and that of one lag ago, from its last L ticks.
@@ -164,11 +164,12 @@ def predicted(layer: Array, point: Array, style: Array) -> tuple[Array, Array, A
         style: (K,) weights.
     """
     dims, size, styles, channels = int(layer[1]), int(layer[2]), int(layer[3]), int(layer[4])
-    log_rbf, bias, noise, begin = layer[5], layer[6], layer[7], 8
+    log_rbf, bias, begin = layer[5], layer[6], 7
     precision, begin = layer[begin:], begin + dims
     linear, begin = layer[begin:], begin + dims
     offset, begin = layer[begin:], begin + channels
     units, begin = layer[begin:], begin + channels
+    noise, begin = layer[begin:], begin + channels
     between, begin = layer[begin:], begin + styles * styles
     inducing, begin = layer[begin:], begin + dims * size
     lines, begin = layer[begin:], begin + dims * size
@@ -180,10 +181,10 @@ def predicted(layer: Array, point: Array, style: Array) -> tuple[Array, Array, A
     prior = math.exp(log_rbf) + bias
     for j in range(dims):
         prior += linear[j] * point[j] * point[j]
-    variance = max(own * prior - _quadratic(reduction, towards[0]), 0.0) + noise
+    variance = max(own * prior - _quadratic(reduction, towards[0]), 0.0)
     mean, slope, doubt = np.empty(channels), np.empty((channels, dims)), np.empty(channels)
     for d in range(channels):
-        doubt[d] = variance * units[d]
+        doubt[d] = (variance + noise[d]) * units[d]
         for j in range(dims + 1):
             total = 0.0
             for m in range(size):
@@ -316,9 +317,10 @@ def featured(plan: Plan, ticks: Array, hands: Array) -> tuple[Array, Array]:
 
 @compiled_entry
 def measured(plan: Plan, ticks: Array, hands: Array) -> tuple[Array, Array]:
-    """I as the back projections see it: mean (q,) and covariance (q, q) from the hand's last ticks (L, 2, P).
+    """What the back projections make of the hand's last ticks (L, 2, P): mean (B,) and covariance (B, B).
 
-    With the plan's ``ticks`` I now, with its ``earlier`` ones I one lag ago.
+    First I (q), then X¹ where it is projected, too. With the plan's ``ticks`` as they are now, with its ``earlier``
+    ones as they were one lag ago.
     """
     value, covariance = featured(plan, ticks, hands)
     none, begin = np.ones(1), 0
@@ -363,9 +365,21 @@ def updated(latent: Array, covariance: Array, value: Array, noise: Array) -> tup
 @compiled_entry
 def generated(plan: Plan, latent: Array, covariance: Array, style: Array) -> Generated:
     """Down the hierarchy from (I, …) and its covariance: I → X¹, X² → Y¹, Y², linearised."""
+    below, spread = _interacting(plan, latent, covariance)
+    return _output(plan, below, spread, style)
+
+
+@compiled
+def _interacting(plan: Plan, latent: Array, covariance: Array) -> tuple[Array, Array]:
+    """X¹ and X² side by side, mean (q_1 + q_2,) and covariance, from (I, …) and its covariance."""
+    below, slope, doubt = predicted(plan.interaction, latent, np.ones(1))
+    return below, _spread(slope, covariance, doubt, 1.0)
+
+
+@compiled
+def _output(plan: Plan, below: Array, spread: Array, style: Array) -> Generated:
+    """Y¹ and Y² from X¹ and X²."""
     none = np.ones(1)
-    below, slope, doubt = predicted(plan.interaction, latent, none)
-    spread = _spread(slope, covariance, doubt, 1.0)
     avatar, avatar_slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
     avatar_deviations = _deviations(avatar_slope, spread, plan.avatar_first, doubt)
     human, slope, doubt = predicted(plan.human, below[plan.human_first :], none)
@@ -432,24 +446,28 @@ def ticked(
         carried_on = belief.hands[0, 0] + answer.human - belief.generated_hand
         doubt = answer.human_deviations**2
     hands = remembered(belief, seen, hand, variance, carried_on, doubt)
+    dims, value, noise = len(latent) // 2, latent, covariance
     if seen:
         value, noise = measured(plan, plan.ticks, hands)
         if first:
-            latent, covariance = np.concatenate((value, value)), np.zeros_like(covariance)
-            for i in range(len(value)):
-                for j in range(len(value)):
-                    covariance[i, j] = covariance[len(value) + i, len(value) + j] = noise[i, j]
+            latent, covariance = np.concatenate((value[:dims], value[:dims])), np.zeros_like(covariance)
+            for i in range(dims):
+                for j in range(dims):
+                    covariance[i, j] = covariance[dims + i, dims + j] = noise[i, j]
         elif belief.away > 0:  # where it is and where it came from: otherwise its speed would take a lag to be found
             before, blur = measured(plan, plan.earlier, hands)
-            both, dims = np.zeros_like(covariance), len(value)
-            both[:dims, :dims], both[dims:, dims:] = noise, blur
-            latent, covariance = updated(latent, covariance, np.concatenate((value, before)), both)
+            both = np.zeros_like(covariance)
+            both[:dims, :dims], both[dims:, dims:] = noise[:dims, :dims], blur[:dims, :dims]
+            latent, covariance = updated(latent, covariance, np.concatenate((value[:dims], before[:dims])), both)
         else:
-            latent, covariance = updated(latent, covariance, value, noise)
+            latent, covariance = updated(latent, covariance, value[:dims], noise)
     symmetric = np.empty_like(covariance)
     for i in range(len(latent)):
         for j in range(len(latent)):
             symmetric[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
-    answer = generated(plan, latent, symmetric, blend)
+    below, spread = _interacting(plan, latent, symmetric)
+    if seen and len(value) > dims:
+        below, spread = updated(below, spread, value[dims:], noise[dims:, dims:].copy())
+    answer = _output(plan, below, spread, blend)
     away, started = 0 if seen else belief.away + 1, belief.started or seen
     return Belief(latent, symmetric, hands, away, answer.human, styles, started), answer

@@ -41,7 +41,9 @@ from model.sharding import spread
 from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
 
-BACK_NOISE = 0.05  # standard deviation of I given the hand where I is a learned function of it (unit-variance latents)
+# Standard deviations of latents given the hand where they are learned functions of it (unit-variance latents). That of
+# I makes the filter average over some ticks; X¹ is the function: the hand says what I alone keeps only roughly.
+BACK_NOISE, BACK_NOISE_AVATAR = 0.05, 0.01
 BACK_BOUNDS = (1e-2, 1.0)  # bounds of that noise where r and s are regressions fitted after training
 BACK_ITERATIONS = 60  # steps for each of those regressions
 
@@ -222,20 +224,21 @@ def assemble(
 def _back_projections(
     parameters: Parameters, task: Problem, lat: Latents, progress: ProgressCallback | None
 ) -> tuple[Posterior, ...]:
-    """From features to I: the learned back constraint, or the regressions r and s of the paper."""
+    """From features to I and X¹: the learned back constraint; or to I: the regressions r and s of the paper."""
     if parameters.back is None:
         features = jnp.asarray(task.features)
         r = _regression(features, lat.human, parameters.human.inducing.shape[0], "back projection r", progress)
         s = _regression(lat.human, lat.interaction, parameters.human.inducing.shape[0], "back projection s", progress)
         return r, s
-    back, dims = parameters.back, parameters.back.interaction.shape[1]
-    weights = back_weights(back)[:, :dims]
+    back, dims = parameters.back, (parameters.back.interaction.shape[1], parameters.back.avatar.shape[1])
+    weights = back_weights(back)
+    weights = jnp.concatenate([weights[:, : dims[0]], weights[:, -dims[1] :]], axis=1)
     k_fu = kernels.cross(back.kernel, jnp.asarray(task.features), back.inducing)
     centre, deviation = gauge(k_fu @ weights)
     k_uu = kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing))
     # The variance that inducing inputs leave unexplained: small near the training data, large far from it.
     reduction = jnp.linalg.inv(k_uu)
-    noise = (BACK_NOISE * jnp.mean(deviation)) ** 2
+    noise = (jnp.repeat(jnp.array([BACK_NOISE, BACK_NOISE_AVATAR]), jnp.array(dims)) * deviation) ** 2
     return (
         Posterior(
             back.kernel,

@@ -52,7 +52,7 @@ def moved(model: HGPDM, latent: Array, covariance: Array, seconds: float) -> tup
 
 
 def measured(model: HGPDM, hands: Array, rate: float, ago: float = 0.0) -> tuple[Array, Array]:
-    """I, now or some time ago, and its covariance as the back projections see it."""
+    """I, and X¹ if the back projections give it, now or some time ago, with their covariance."""
     longest = model.lag + max((0.0, *model.preset.history))
     history = np.einsum("hl,lvp->vhp", tick_weights(model.preset.history, rate, ago, longest), hands)
     matrix = model.feature_map.matrix
@@ -73,9 +73,19 @@ def updated(latent: Array, covariance: Array, value: Array, noise: Array) -> tup
 
 def generated(model: HGPDM, latent: Array, covariance: Array, style: Array) -> Generated:
     """Down the hierarchy."""
-    dims, split = model.preset.interaction_dims, model.preset.avatar_dims
+    return output(model, *interacting(model, latent, covariance), style)
+
+
+def interacting(model: HGPDM, latent: Array, covariance: Array) -> tuple[Array, Array]:
+    """X¹ and X² and their covariance."""
+    dims = model.preset.interaction_dims
     below, slope, doubt = predicted(model.interaction, latent[:dims])
-    spread = carried(slope, covariance[:dims, :dims], doubt)
+    return np.asarray(below), carried(slope, covariance[:dims, :dims], doubt)
+
+
+def output(model: HGPDM, below: Array, spread: Array, style: Array) -> Generated:
+    """Y¹ and Y²."""
+    split = model.preset.avatar_dims
     avatar, avatar_slope, doubt = predicted(model.avatar, below[:split], style)
     deviations = np.sqrt(np.diag(carried(avatar_slope, spread[:split, :split], doubt)))
     human, slope, doubt = predicted(model.human, below[split:])
@@ -115,18 +125,23 @@ def ticked(
     if not belief.started:
         hands = np.tile(newest, (len(hands), 1, 1))
     if hand is not None:
-        value, noise = measured(model, hands, rate)
+        seen, doubt = measured(model, hands, rate)
+        dims = model.preset.interaction_dims
+        value, noise = seen[:dims], doubt[:dims, :dims]
         if first:
             latent, covariance = np.tile(value, 2), np.kron(np.eye(2), noise)
         elif belief.away:
             before, blur = measured(model, hands, rate, model.lag)
-            both = np.block([[noise, np.zeros_like(noise)], [np.zeros_like(noise), blur]])
-            latent, covariance = updated(latent, covariance, np.concatenate([value, before]), both)
+            both = np.block([[noise, np.zeros_like(noise)], [np.zeros_like(noise), blur[:dims, :dims]]])
+            latent, covariance = updated(latent, covariance, np.concatenate([value, before[:dims]]), both)
         else:
             latent, covariance = updated(latent, covariance, value, noise)
     share = 1.0 - np.exp(-1.0 / rate / STYLE_TIME)
     once = belief.style[0] + share * (style - belief.style[0])
     styles = np.stack([once, belief.style[1] + share * (once - belief.style[1])])
-    answer = generated(model, latent, covariance, styles[1])
+    below, spread = interacting(model, latent, covariance)
+    if hand is not None and len(seen) > dims:
+        below, spread = updated(below, spread, seen[dims:], doubt[dims:, dims:])
+    answer = output(model, below, spread, styles[1])
     started, away = belief.started or hand is not None, 0 if hand is not None else belief.away + 1
     return Belief(latent, covariance, hands, away, answer.human, styles, started), answer

@@ -22,7 +22,7 @@ KNUCKLES = slice(3, 6)  # of a hand (6,)
 AUXILIARY = 10  # root (3), contact clock (1), palm (3), contact point (3) follow the joint channels
 MINIMUM_RATE = 10.0
 MINIMUM_POINTS = 50
-MAXIMUM_SAMPLE_RATE = 30.0
+MAXIMUM_SAMPLE_RATE, MINIMUM_SAMPLE_RATE = 30.0, 10.0  # Hz; below, a reach would be a handful of points
 FURTHEST = 50.0  # m from the origin at most; a hall, not a mistaken unit
 LARGEST_TURN = 50.0  # rad; a mistaken degree, where a joint turns by a few
 STILL = 1e-4  # m or rad; less motion than this in all channels is a constant recording
@@ -133,7 +133,7 @@ def check_trial(trial: Trial, number: int, joints: int) -> None:
 
 
 def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str] | None = None) -> TrainingSet:
-    """Samples trials (held-out ones left out) to about ``preset.points`` points at one common rate.
+    """Samples trials (held-out ones left out) at one common rate: about ``preset.points`` points, or 10 Hz.
 
     Raises:
         HighFiveError: too little data, broken values, constant recordings, or an emotion outside ``emotions``.
@@ -151,7 +151,8 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
         raise HighFiveError(f"no training trial of emotion {', '.join(missing)}; there are {', '.join(found)}")
 
     seconds = sum(len(trial.joints) / trial.rate_hz for trial in trials)
-    highest = min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), preset.points / seconds)
+    wanted = max(preset.points / seconds, MINIMUM_SAMPLE_RATE)
+    highest = min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), wanted)
     times = [np.arange(0.0, (len(trial.joints) - 1) / trial.rate_hz + 1e-9, 1.0 / highest) for trial in trials]
     history = np.concatenate([hand_history(t, at, preset.history) for t, at in zip(trials, times, strict=True)])
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])

@@ -26,7 +26,7 @@ class Preset:
     return_tolerance: float  # a trial's first and last X1 differ by about this much (latent units); 0 switches it off
     palm_weight: float  # scale of the palm's position (m) beside the joint angles (rad)
     clock_weight: float  # scale of the contact clock beside the joint angles (rad)
-    points: int  # training points in all; the common sample rate follows from the length of the recordings
+    points: int  # training points in all, more where they would lie too far apart; the common sample rate follows
     channel_tolerance: float  # share of Y1's variance left to the noise when its channels are compressed
     adam_steps: int  # steps of Adam at the beginning of joint training
     iterations: int  # steps of joint training in all; those after Adam's are of L-BFGS
@@ -57,7 +57,7 @@ PAPER = Preset(
 
 DEFAULT = Preset(
     name="default",
-    avatar_dims=6,
+    avatar_dims=8,
     human_dims=3,
     interaction_dims=6,
     history=(0.1, 0.2, 0.4),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,10 +40,9 @@ class Response:
         time_to_contact, time_to_contact_std: s, negative after contact, from the same layer; within about ±0.9 s.
         hand: (2, 3) m, the person's hand as the human layer generates it.
         latent, latent_covariance: (q,) and (q, q) of the interaction latent I.
-        contact: where and when the palms will meet, as the contact layer forecasts it, better and with a covariance;
-            None in a response ahead, or where the model has no such layer.
         ahead: s, how far after the last tick this holds; 0 for the answer of a tick.
         generated: the channels and the hand, with their deviations.
+        foresee: makes :attr:`contact`.
     """
 
     joints: Array
@@ -54,9 +54,17 @@ class Response:
     hand: Array
     latent: Array
     latent_covariance: Array
-    contact: ContactForecast | None
     ahead: float
     generated: Generated = field(repr=False, compare=False)
+    foresee: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
+
+    @cached_property
+    def contact(self) -> ContactForecast | None:
+        """Where and when the palms will meet, as the contact layer forecasts it: better, and with a covariance.
+
+        None in a response ahead, or where the model has no such layer. Worked out when it is first asked for.
+        """
+        return self.foresee()
 
     @property
     def joints_std(self) -> Array:
@@ -152,8 +160,8 @@ class Responder:
         self._belief, generated = self._filter.step(self._belief, hand, variance, self._style)
         # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
         generated = generated._replace(avatar=self._inertia.step(generated.avatar, changed))
-        contact = self._filter.foresee(self._belief)
-        return self._response(self._belief.latent, self._belief.covariance, generated, contact, 0.0)
+        foresee = partial(self._filter.foresee, self._belief)
+        return self._response(self._belief.latent, self._belief.covariance, generated, foresee, 0.0)
 
     def forecast(self, horizon_s: float) -> list[Response]:
         """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
@@ -163,11 +171,16 @@ class Responder:
         for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
             latent, covariance = self._filter.predict(latent, covariance, lag)
             generated = self._filter.generate(latent, covariance, self._belief.style[1])
-            responses.append(self._response(latent, covariance, generated, None, number * lag))
+            responses.append(self._response(latent, covariance, generated, lambda: None, number * lag))
         return responses
 
     def _response(
-        self, latent: Array, covariance: Array, generated: Generated, contact: ContactForecast | None, ahead: float
+        self,
+        latent: Array,
+        covariance: Array,
+        generated: Generated,
+        foresee: Callable[[], ContactForecast | None],
+        ahead: float,
     ) -> Response:
         where, dims, mean = self._where, self._model.preset.interaction_dims, generated.avatar
         clock = min(max(float(mean[where.clock]), -CLOCK_LIMIT), CLOCK_LIMIT)
@@ -182,9 +195,9 @@ class Responder:
             hand=generated.human.reshape(2, 3),
             latent=latent[:dims],
             latent_covariance=covariance[:dims, :dims],
-            contact=contact,
             ahead=ahead,
             generated=generated,
+            foresee=foresee,
         )
 
 

@@ -204,8 +204,9 @@ def _check_shapes(model: HGPDM) -> None:
     for number, stage in enumerate(model.back):
         _check_layer(f"back.{number}", stage, inputs, stage.weights.shape[1])
         inputs = stage.weights.shape[1]
-    if inputs != dims or model.start_mean.shape != (dims,) or model.start_covariance.shape != (dims, dims):
-        raise ValueError(f"interaction latents of {inputs} dimensions, expected {dims}")
+    projected = dims + preset.avatar_dims if preset.back_constrained else dims
+    if inputs != projected or model.start_mean.shape != (dims,) or model.start_covariance.shape != (dims, dims):
+        raise ValueError(f"interaction latents projected to {inputs} dimensions, expected {projected}")
     style = model.avatar.style_covariance
     if style is None or style.shape != (len(model.emotions),) * 2:
         raise ValueError(f"the avatar layer does not have {len(model.emotions)} styles")
@@ -213,6 +214,8 @@ def _check_shapes(model: HGPDM) -> None:
 
 def _check_layer(name: str, layer: Posterior, inputs: int, outputs: int) -> None:
     count = layer.inducing.shape[0]
+    if layer.noise.shape not in ((), (1,), (outputs,)):
+        raise ValueError(f"layer {name} has noise of shape {layer.noise.shape}")
     shapes = (layer.inducing.shape, layer.weights.shape, layer.reduction.shape, layer.offset.shape, layer.scale.shape)
     if shapes != ((count, inputs), (count, outputs), (count, count), (outputs,), (outputs,)):
         raise ValueError(f"layer {name} has shapes {shapes}, expected {inputs} inputs and {outputs} outputs")

@@ -185,15 +185,32 @@ def predicted(layer: Array, point: Array, style: Array) -> tuple[Array, Array, A
     mean, slope, doubt = np.empty(channels), np.empty((channels, dims)), np.empty(channels)
     for d in range(channels):
         doubt[d] = (variance + noise[d]) * units[d]
-        for j in range(dims + 1):
+        own_weights = weights[d * size : (d + 1) * size]
+        total = 0.0
+        for m in range(size):
+            total += own_weights[m] * towards[0, m]
+        mean[d] = offset[d] + total
+        for j in range(0, dims - 3, 4):  # four at a time: a weight is read once for all of them
+            _four(own_weights, towards, j, slope[d])
+        for j in range(dims - dims % 4, dims):
             total = 0.0
             for m in range(size):
-                total += weights[d * size + m] * towards[j, m]
-            if j == 0:
-                mean[d] = offset[d] + total
-            else:
-                slope[d, j - 1] = total
+                total += own_weights[m] * towards[1 + j, m]
+            slope[d, j] = total
     return mean, slope, doubt
+
+
+@compiled
+def _four(weights: Array, towards: Array, first: int, slope: Array) -> None:
+    """Four entries of a row of the slope (q,), from ``first`` on: weights (M,) times rows of ``towards`` (1 + q, M)."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for m in range(len(weights)):
+        weight = weights[m]
+        a += weight * towards[1 + first, m]
+        b += weight * towards[2 + first, m]
+        c += weight * towards[3 + first, m]
+        d += weight * towards[4 + first, m]
+    slope[first], slope[first + 1], slope[first + 2], slope[first + 3] = a, b, c, d
 
 
 @compiled

@@ -21,16 +21,17 @@ from mocap_bridge.palm_filter import PalmFilter
 from mocap_bridge.tracker import Tracker
 from model.emphasis import Emphasis
 from model.errors import HighFiveError
+from model.forecast import BEGIN, END
 from model.hgpdm import HGPDM
 from model.responder import Responder, Response
 from model.rotations import Array
 
 RATE_HZ = 120.0
 
-UNFAMILIAR = 0.19
+UNFAMILIAR = 0.18
 """Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
 
-0.10 to 0.15 with people like those it was trained on, 0.20 and more with a taller person who walks by.
+0.14 to 0.17 with people like those it was trained on, 0.19 and more with a taller person who walks by.
 """
 
 QUICKEST = 30.0
@@ -180,7 +181,8 @@ def _between(one: Pose, other: Pose, share: float) -> Pose:
 
 
 def _expectation(response: Response, familiar: bool) -> Expectation:
-    contact = response.contact
+    """The forecast while a hand approaches by the avatar layer's clock; the contact layer knows nothing else."""
+    contact = response.contact if END < response.time_to_contact < BEGIN else None
     if contact is None:
         return Expectation(response.time_to_contact, response.time_to_contact_std, familiar)
     return Expectation(contact.time, contact.deviation, familiar, contact.point, contact.covariance[:3, :3])

@@ -23,6 +23,7 @@ from model.sparse import Posterior
 from model.tick import Belief, Generated, Moving, Plan, foreseen, generated, measured, moved, ticked
 
 STYLE_TIME = 0.1  # s, time constant of each of the two smoothings of the style weights
+RESIDUAL_TIME = 0.1  # s, in which what X¹ has beyond I dies away where no hand says it
 
 
 def lagrange(fraction: float) -> Array:
@@ -108,7 +109,9 @@ class Filter:
             human_first=preset.avatar_dims,
             tick=self._moving_by(self._seconds),
             style_share=1.0 - math.exp(-self._seconds / STYLE_TIME),
+            residual_left=math.exp(-self._seconds / RESIDUAL_TIME),
         )
+        self._unknown = np.stack([np.zeros(preset.avatar_dims), np.ones(preset.avatar_dims)])
         self._start = np.tile(model.start_mean, 2)
         self._start_covariance = np.kron(np.ones((2, 2)), model.start_covariance) + 1e-6 * np.eye(2 * dims)
         self._contact = model.contact
@@ -128,7 +131,7 @@ class Filter:
         """The belief before any hand was seen: where training trials begin."""
         hand = self.generate(self._start, self._start_covariance, style).human
         hands = np.tile(np.stack([hand, np.full(len(hand), 1e-2)]), (self._plan.ticks.shape[1], 1, 1))
-        return Belief(self._start, self._start_covariance, hands, 0, hand, np.tile(style, (2, 1)), False)
+        return Belief(self._start, self._start_covariance, self._unknown, hands, 0, hand, np.tile(style, (2, 1)), False)
 
     def predict(self, latent: Array, covariance: Array, seconds: float) -> tuple[Array, Array]:
         """The belief over (I now, I one lag ago) a time later: the dynamics, linearised, in steps of at most one lag.
@@ -147,10 +150,23 @@ class Filter:
         """
         return measured(self._plan, self._plan.ticks, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
 
-    def generate(self, latent: Array, covariance: Array, style: Array) -> Generated:
-        """Down the hierarchy from a belief over (I now, I one lag ago): I → X¹, X² → Y¹, Y², linearised."""
-        size = len(self._start)
-        return generated(self._plan, _own(latent, size), _own(covariance, size, size), _own(style, self._styles))
+    def generate(
+        self, latent: Array, covariance: Array, style: Array, residual: Array | None = None, ahead: float = 0.0
+    ) -> Generated:
+        """Down the hierarchy from a belief over (I now, I one lag ago): I → X¹, X² → Y¹, Y², linearised.
+
+        Args:
+            latent: (2 q,).
+            covariance: (2 q, 2 q).
+            style: (K,) weights.
+            residual: (2, q_1) what X¹ has beyond I, as a belief has it; by default unknown.
+            ahead: s that have passed since then.
+        """
+        size, left = len(self._start), math.exp(-ahead / RESIDUAL_TIME)
+        beyond = _own(self._unknown if residual is None else residual, *self._unknown.shape)
+        beyond = np.stack([left * beyond[0], left**2 * beyond[1] + 1.0 - left**2])
+        layers = _own(latent, size), _own(covariance, size, size), beyond
+        return generated(self._plan, *layers, _own(style, self._styles))
 
     def step(self, belief: Belief, hand: Array | None, hand_variance: Array, style: Array) -> tuple[Belief, Generated]:
         """One tick: predict, measure the hand (P,), of variances (P,), if it was seen, and generate."""

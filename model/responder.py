@@ -170,7 +170,8 @@ class Responder:
         lag, latent, covariance, responses = self._model.lag, self._belief.latent, self._belief.covariance, []
         for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
             latent, covariance = self._filter.predict(latent, covariance, lag)
-            generated = self._filter.generate(latent, covariance, self._belief.style[1])
+            style, residual = self._belief.style[1], self._belief.residual
+            generated = self._filter.generate(latent, covariance, style, residual, number * lag)
             responses.append(self._response(latent, covariance, generated, lambda: None, number * lag))
         return responses
 

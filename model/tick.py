@@ -46,6 +46,7 @@ class Plan(NamedTuple):
         avatar_first, human_first: where X¹ and X² begin in the interaction layer's output.
         tick: one tick.
         style_share: how far each smoothing of the style goes in a tick.
+        residual_left: how much of what X¹ has beyond I is left after a tick.
     """
 
     dynamics: Array
@@ -63,6 +64,7 @@ class Plan(NamedTuple):
     human_first: int
     tick: Moving
     style_share: float
+    residual_left: float
 
 
 class Belief(NamedTuple):
@@ -71,6 +73,7 @@ class Belief(NamedTuple):
     Attributes:
         latent: (2 q,) mean of I now and one lag ago.
         covariance: (2 q, 2 q).
+        residual: (2, q_1) what X¹ has beyond what I says, and its variance as a share of the interaction layer's doubt.
         hands: (L, 2, P) the hand of the last L ticks, m, and its variances, m², newest first; predicted while unseen.
         away: ticks since the hand was last seen.
         generated_hand: (P,) m, the hand as the human layer generates it.
@@ -80,6 +83,7 @@ class Belief(NamedTuple):
 
     latent: Array
     covariance: Array
+    residual: Array
     hands: Array
     away: int
     generated_hand: Array
@@ -380,23 +384,43 @@ def updated(latent: Array, covariance: Array, value: Array, noise: Array) -> tup
 
 
 @compiled_entry
-def generated(plan: Plan, latent: Array, covariance: Array, style: Array) -> Generated:
-    """Down the hierarchy from (I, …) and its covariance: I → X¹, X² → Y¹, Y², linearised."""
-    below, spread = _interacting(plan, latent, covariance)
-    return _output(plan, below, spread, style)
-
-
-@compiled
-def _interacting(plan: Plan, latent: Array, covariance: Array) -> tuple[Array, Array]:
-    """X¹ and X² side by side, mean (q_1 + q_2,) and covariance, from (I, …) and its covariance."""
+def generated(plan: Plan, latent: Array, covariance: Array, residual: Array, style: Array) -> Generated:
+    """Down the hierarchy from (I, …), its covariance and the residual: I → X¹, X² → Y¹, Y², linearised."""
     below, slope, doubt = predicted(plan.interaction, latent, np.ones(1))
-    return below, _spread(slope, covariance, doubt, 1.0)
+    return _output(plan, below, slope, doubt, covariance, residual, style)
 
 
 @compiled
-def _output(plan: Plan, below: Array, spread: Array, style: Array) -> Generated:
-    """Y¹ and Y² from X¹ and X²."""
+def _residual(plan: Plan, before: Array, below: Array, doubt: Array, value: Array, noise: Array) -> Array:
+    """The residual (2, q_1) one tick after ``before``, by a Kalman filter for each dimension.
+
+    What X¹ has beyond I does not come anew each tick: it dies away, an Ornstein-Uhlenbeck process whose variance is the
+    interaction layer's ``doubt``. ``value`` (q_1,) is X¹ as the hand has it, of covariance ``noise``; empty where the
+    hand is hidden.
+    """
+    residual, left = np.empty_like(before), plan.residual_left
+    for d in range(before.shape[1]):
+        place = plan.avatar_first + d
+        residual[0, d] = left * before[0, d]
+        residual[1, d] = left**2 * before[1, d] + 1.0 - left**2
+        if len(value) > 0:
+            variance = residual[1, d] * doubt[place]
+            gain = variance / (variance + noise[d, d])
+            residual[0, d] += gain * (value[d] - below[place] - residual[0, d])
+            residual[1, d] *= 1.0 - gain
+    return residual
+
+
+@compiled
+def _output(
+    plan: Plan, below: Array, slope: Array, doubt: Array, covariance: Array, residual: Array, style: Array
+) -> Generated:
+    """Y¹ and Y² from X¹ and X², whose mean is ``below``, whose derivative by I is ``slope``, beside the residual."""
     none = np.ones(1)
+    for d in range(residual.shape[1]):
+        below[plan.avatar_first + d] += residual[0, d]
+        doubt[plan.avatar_first + d] *= residual[1, d]
+    spread = _spread(slope, covariance, doubt, 1.0)
     avatar, avatar_slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
     avatar_deviations = _deviations(avatar_slope, spread, plan.avatar_first, doubt)
     human, slope, doubt = predicted(plan.human, below[plan.human_first :], none)
@@ -459,7 +483,7 @@ def ticked(
         latent, covariance = moved(plan, plan.tick, latent, covariance)
     carried_on, doubt = hand, variance
     if not seen:
-        answer = generated(plan, latent, covariance, blend)
+        answer = generated(plan, latent, covariance, belief.residual, blend)
         carried_on = belief.hands[0, 0] + answer.human - belief.generated_hand
         doubt = answer.human_deviations**2
     hands = remembered(belief, seen, hand, variance, carried_on, doubt)
@@ -482,9 +506,9 @@ def ticked(
     for i in range(len(latent)):
         for j in range(len(latent)):
             symmetric[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
-    below, spread = _interacting(plan, latent, symmetric)
-    if seen and len(value) > dims:
-        below, spread = updated(below, spread, value[dims:], noise[dims:, dims:].copy())
-    answer = _output(plan, below, spread, blend)
+    below, slope, doubts = predicted(plan.interaction, latent, np.ones(1))
+    shown = value[dims:] if seen else value[:0]
+    residual = _residual(plan, belief.residual, below, doubts, shown, noise[dims:, dims:])
+    answer = _output(plan, below, slope, doubts, symmetric, residual, blend)
     away, started = 0 if seen else belief.away + 1, belief.started or seen
-    return Belief(latent, symmetric, hands, away, answer.human, styles, started), answer
+    return Belief(latent, symmetric, residual, hands, away, answer.human, styles, started), answer

@@ -41,9 +41,8 @@ from model.sharding import spread
 from model.sparse import Layer, Posterior, Targets
 from model.trials import Trial
 
-# Standard deviations of latents given the hand where they are learned functions of it (unit-variance latents). That of
-# I makes the filter average over some ticks; X¹ is the function: the hand says what I alone keeps only roughly.
-BACK_NOISE, BACK_NOISE_AVATAR = 0.05, 0.01
+BACK_NOISE = 0.05  # standard deviation of I and X¹ given the hand where they are learned functions of it: smooths ticks
+UNEXPLAINED = 0.2  # share of the prior's standard deviation, where inducing inputs are far, that these functions doubt
 BACK_BOUNDS = (1e-2, 1.0)  # bounds of that noise where r and s are regressions fitted after training
 BACK_ITERATIONS = 60  # steps for each of those regressions
 
@@ -236,9 +235,10 @@ def _back_projections(
     k_fu = kernels.cross(back.kernel, jnp.asarray(task.features), back.inducing)
     centre, deviation = gauge(k_fu @ weights)
     k_uu = kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing))
-    # The variance that inducing inputs leave unexplained: small near the training data, large far from it.
-    reduction = jnp.linalg.inv(k_uu)
-    noise = (jnp.repeat(jnp.array([BACK_NOISE, BACK_NOISE_AVATAR]), jnp.array(dims)) * deviation) ** 2
+    # The variance that inducing inputs leave unexplained is small near the training data and large far from it. A share
+    # of it is enough to notice strangers; all of it would hold the filter back where the functions are right.
+    reduction, scale = jnp.linalg.inv(k_uu), UNEXPLAINED / deviation
+    noise = (BACK_NOISE / scale) ** 2
     return (
         Posterior(
             back.kernel,
@@ -249,7 +249,7 @@ def _back_projections(
             -centre / deviation,
             reduction,
             noise,
-            1.0 / deviation,
+            scale,
         ),
     )
 

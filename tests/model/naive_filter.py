@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from model import kernels, sparse
-from model.belief import STYLE_TIME, lagrange, tick_weights
+from model.belief import RESIDUAL_TIME, STYLE_TIME, lagrange, tick_weights
 from model.hgpdm import HGPDM
 from model.hierarchy import dynamics_input, dynamics_mean
 from model.rotations import Array
@@ -71,16 +71,27 @@ def updated(latent: Array, covariance: Array, value: Array, noise: Array) -> tup
     return latent + gain @ (value - seen @ latent), remaining @ covariance @ remaining.T + gain @ noise @ gain.T
 
 
-def generated(model: HGPDM, latent: Array, covariance: Array, style: Array) -> Generated:
+def generated(model: HGPDM, latent: Array, covariance: Array, residual: Array, style: Array) -> Generated:
     """Down the hierarchy."""
-    return output(model, *interacting(model, latent, covariance), style)
-
-
-def interacting(model: HGPDM, latent: Array, covariance: Array) -> tuple[Array, Array]:
-    """X¹ and X² and their covariance."""
-    dims = model.preset.interaction_dims
+    dims, split = model.preset.interaction_dims, model.preset.avatar_dims
     below, slope, doubt = predicted(model.interaction, latent[:dims])
-    return np.asarray(below), carried(slope, covariance[:dims, :dims], doubt)
+    below = np.concatenate([below[:split] + residual[0], below[split:]])
+    doubt = np.concatenate([doubt[:split] * residual[1], doubt[split:]])
+    return output(model, below, carried(slope, covariance[:dims, :dims], doubt), style)
+
+
+def beyond(model: HGPDM, rate: float, before: Array, latent: Array, seen: Array, noise: Array) -> Array:
+    """The residual of X¹, a Kalman filter in the information form, where the hand is seen."""
+    left = np.exp(-1.0 / rate / RESIDUAL_TIME)
+    mean, share = left * before[0], 1.0 - left**2 * (1.0 - before[1])
+    if not len(seen):
+        return np.stack([mean, share])
+    below, _, doubt = predicted(model.interaction, latent[: model.preset.interaction_dims])
+    split = model.preset.avatar_dims
+    prior, measured_noise = share * doubt[:split], np.diag(noise)
+    posterior = 1.0 / (1.0 / prior + 1.0 / measured_noise)
+    mean = posterior * (mean / prior + (seen - below[:split]) / measured_noise)
+    return np.stack([mean, posterior / doubt[:split]])
 
 
 def output(model: HGPDM, below: Array, spread: Array, style: Array) -> Generated:
@@ -117,7 +128,7 @@ def ticked(
     if belief.started:
         latent, covariance = moved(model, latent, covariance, 1.0 / rate)
     first = hand is not None and not belief.started
-    expected = generated(model, latent, covariance, style)
+    expected = generated(model, latent, covariance, belief.residual, style)
     newest = np.stack([belief.hands[0, 0] + expected.human - belief.generated_hand, expected.human_deviations**2])
     if hand is not None:
         newest = np.stack([hand, variance])
@@ -139,9 +150,8 @@ def ticked(
     share = 1.0 - np.exp(-1.0 / rate / STYLE_TIME)
     once = belief.style[0] + share * (style - belief.style[0])
     styles = np.stack([once, belief.style[1] + share * (once - belief.style[1])])
-    below, spread = interacting(model, latent, covariance)
-    if hand is not None and len(seen) > dims:
-        below, spread = updated(below, spread, seen[dims:], doubt[dims:, dims:])
-    answer = output(model, below, spread, styles[1])
+    shown = (np.zeros(0), np.zeros((0, 0))) if hand is None else (seen[dims:], doubt[dims:, dims:])
+    residual = beyond(model, rate, belief.residual, latent, *shown)
+    answer = generated(model, latent, covariance, residual, styles[1])
     started, away = belief.started or hand is not None, 0 if hand is not None else belief.away + 1
-    return Belief(latent, covariance, hands, away, answer.human, styles, started), answer
+    return Belief(latent, covariance, residual, hands, away, answer.human, styles, started), answer

@@ -105,7 +105,8 @@ def test_covariance_of_channels_is_carried_from_the_latents(model: HGPDM):
     moving, style = Filter(model, RATE), np.array([0.3, 0.7])
     start = moving.initial(style)
     got = moving.generate(start.latent, start.covariance, style)
-    plain, split = naive_filter.generated(model, start.latent, start.covariance, style), model.preset.avatar_dims
+    inputs, split = (start.latent, start.covariance, start.residual, style), model.preset.avatar_dims
+    plain = naive_filter.generated(model, *inputs)
     carried = np.array(plain.avatar_slope @ plain.spread[:split, :split] @ plain.avatar_slope.T)
     np.fill_diagonal(carried, plain.avatar_deviations**2)
     np.testing.assert_allclose(got.covariance(slice(2, 6)), carried[2:6, 2:6], atol=1e-9)

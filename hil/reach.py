@@ -42,6 +42,8 @@ class ReachSettings:
     fade_in: float = 0.6
     """The correction starts this long before contact, later if contact is seen later."""
     shortest_fade_in: float = 0.25
+    longest: float = 1.0
+    """An approach that has taken so long, of a hand that hangs again, has missed it."""
     touch: float = 0.06
     """How long the palms stay together."""
     fade_out: float = 0.5
@@ -69,9 +71,11 @@ class ReachSettings:
     bend: float = 0.12
     """A larger miss than this is not believed in full before the palms are about to meet."""
     raised: float = 1.05
-    """An unfamiliar hand above this height, m, is held out to be met ..."""
+    """An unfamiliar hand above this height, m, is held out to be met; no hand below is, ..."""
+    rising: float = 0.1
+    """... unless it comes up at this speed, m/s, ..."""
     arm: float = 1.15
-    """... if it comes this near the avatar's shoulder, m."""
+    """... and an unfamiliar one only if it comes this near the avatar's shoulder, m."""
     braking: float = 3.0
     """A hand brakes otherwise than assumed by about this much, m/s² in each direction: 36 held-out simulated trials."""
     late: float = 0.3
@@ -160,7 +164,7 @@ class Reach:
         self._familiar = expectation.familiar
         expected = self._expected(expectation) if expectation.familiar else _led(person, shoulder, self.settings)
         self._expects = expected
-        self._advance(self._coming(person), expected, dt)
+        self._advance(person, expected, dt)
         if self._phase in (Phase.APPROACH, Phase.TOUCH):
             if person is None:
                 self._lost = True
@@ -200,18 +204,24 @@ class Reach:
         return closing if distance < settings.horizon and closing > 0.0 and speed > 0.1 else np.inf
 
     def _coming(self, person: PalmPose | None) -> bool:
-        """The person's palm is near, or on its way: it will be here soon at its present speed."""
+        """The person's palm is raised or rising, and near or on its way: it will be here soon at its present speed."""
         gap = self._gap
         if gap is None or person is None:
+            return False
+        if self._hangs(person):
             return False
         distance = float(np.linalg.norm(gap))
         speed = -float(gap @ person.velocity) / max(distance, 1e-9)
         return not self._familiar or distance < self.settings.horizon or distance < self.settings.soon * speed
 
-    def _advance(self, coming: bool, expected: float, dt: float) -> None:
+    def _hangs(self, person: PalmPose | None) -> bool:
+        s = self.settings
+        return person is not None and bool(person.position[2] < s.raised and person.velocity[2] < s.rising)
+
+    def _advance(self, person: PalmPose | None, expected: float, dt: float) -> None:
         s = self.settings
         if self._phase is Phase.IDLE:
-            if coming and not self._touched and expected < s.fade_in:
+            if self._coming(person) and not self._touched and expected < s.fade_in:
                 self._enter(Phase.APPROACH)
                 self._lost, self._ease = False, np.zeros((2, 3))
                 self._ahead = expected
@@ -221,6 +231,10 @@ class Reach:
                 self._touched = False  # hands are apart again: ready for the next one
         elif self._phase is Phase.APPROACH:
             known = np.isfinite(expected)
+            if not known and self._since > s.longest and self._hangs(person) and self._far():  # it was missed
+                self._touched = True
+                self._release()
+                return
             wanted = (
                 1.0 if not known else float(np.clip(1.0 + (self._remaining - expected) / 0.08, s.slowest, s.fastest))
             )

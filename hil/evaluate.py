@@ -16,7 +16,7 @@ from hil.protocols import Run, run_protocol
 from hil.score_table import Scored
 from hil.training_data import load_trials
 from hil.trial_table import read_table
-from model import evaluation, training, windows
+from model import evaluation, horizons, training, windows
 from model.errors import HighFiveError
 from model.hierarchy import problem
 from model.optimise import ProgressCallback
@@ -127,8 +127,21 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
     }
     if options.leave_out is not None:
         about |= {"leave_out": options.leave_out, "folds": len(folds), "by_fold": runs[0].by_fold()}
-    result = {**_summary([run.scores for run in runs]), **about}
+    result = {**_summary([run.scores for run in runs]), **about, "looking_ahead": _looking_ahead(runs[0])}
     return _reported(result, options.out, runs[0], folds[0].trials)
+
+
+def _looking_ahead(run: Run) -> dict[str, Any]:
+    """Median errors of the contact point so long before contact, m, and the share of contacts in the 90 % regions."""
+    errors = horizons.contact_point_errors(run.trials, run.answers)
+    coverage = horizons.contact_point_coverage(run.trials, run.answers)
+    tables = {"contact_point": errors, "contact_point_within_90": coverage}
+    return {"before_s": horizons.BEFORE.round(2).tolist()} | {
+        table: {
+            name: [round(v, 4) if np.isfinite(v) else None for v in values.tolist()] for name, values in rows.items()
+        }
+        for table, rows in tables.items()
+    }
 
 
 def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials: Sequence[Trial]) -> dict[str, Any]:

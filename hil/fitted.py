@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -91,15 +92,15 @@ def _model(
     kept: Path | None,
     progress: ProgressCallback | None,
 ) -> HGPDM:
-    skeleton = avatar_skeleton().hash
-    data = training_set(trials, preset)
+    skeleton, data = avatar_skeleton().hash, training_set(trials, preset)
+    layers = partial(training.train, trials, preset, None, inducing, seed, skeleton, progress)
     path = _path(kept, "hgpdm", f"{preset!r} {inducing} {seed} {data.data_hash} {data.emotions}")
     if path is None:
-        return training.train_on(data, preset, inducing, seed, skeleton, progress)
+        return layers()
     if path.is_file():
         return load_model(path, skeleton)
     checkpoint = path.with_suffix(".checkpoint.npz")
-    model = training.train_on(data, preset, inducing, seed, skeleton, progress, checkpoint)
+    model = layers(checkpoint)
     save_model(model, path)
     checkpoint.unlink(missing_ok=True)
     return model

@@ -145,15 +145,27 @@ def online(model: HGPDM, body: Body) -> Method:
         responder.reset()
         responses = [responder.step(hand) for hand in trial.hand_points]
         outputs, frames = np.array([to_channels(r) for r in responses]), scored_frames(trial)
-        counted = [responses[frame].generated for frame in frames]
+        counted, said = [responses[frame] for frame in frames], outputs[frames]
         doubt = Doubt(
-            np.array([generated.avatar_deviations for generated in counted]),
-            np.array([generated.covariance(where.palm) for generated in counted]),
-            np.array([generated.covariance(where.contact) for generated in counted]),
+            np.array([response.generated.avatar_deviations for response in counted]),
+            np.array([response.generated.covariance(where.palm) for response in counted]),
+            np.array([response.generated.covariance(where.contact) for response in counted]),
         )
-        return Answer(frames, outputs[frames], body.palm(outputs), doubt)
+        for row, response in enumerate(counted):
+            _forecast(response, where, said[row], doubt.deviations[row], doubt.contact[row])
+        return Answer(frames, said, body.palm(outputs), doubt)
 
     return answer
+
+
+def _forecast(response: Response, where: Channels, said: Array, deviations: Array, contact: Array) -> None:
+    """Writes the forecast of the contact, where there is one, over what the avatar layer says of it beside the pose."""
+    if (forecast := response.contact) is None:
+        return
+    clock = np.tanh(forecast.time / CLOCK_SCALE)
+    said[where.contact], said[where.clock] = forecast.point, clock
+    contact[:] = forecast.covariance[:3, :3]
+    deviations[where.clock] = forecast.deviation * (1.0 - clock**2) / CLOCK_SCALE
 
 
 def regressed(regression: Regression, task: Problem, body: Body, posterior: Posterior | None = None) -> Method:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from model.answers import Answer
 from model.baselines import RIDGE_PENALTY
@@ -39,6 +40,27 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Answer
         ahead = [_straight_on(trial, before) for before in BEFORE]
         found.setdefault("constant_velocity", []).append([float(np.linalg.norm(at - ends)) for at in ahead])
     return {name: _medians(rows) for name, rows in found.items()}
+
+
+def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Answer]]) -> Errors:
+    """Share of contacts inside the 90 % region that each method that doubts gives :data:`BEFORE` contact."""
+    found: dict[str, Array] = {}
+    for name, given in answers.items():
+        inside = []
+        for trial, answer in zip(trials, given, strict=True):
+            if answer.doubt is None:
+                break
+            part, ends = Channels(trial.joints.shape[1]).contact, trial.palm[trial.contact_frame]
+            at = [_nearest(answer, trial, before) for before in BEFORE]
+            errors = [np.full(3, np.nan) if row is None else answer.outputs[row, part] - ends for row in at]
+            spreads = [np.eye(3) if row is None else answer.doubt.contact[row] for row in at]
+            squares = np.einsum("bi,bi->b", errors, np.linalg.solve(spreads, np.array(errors)[..., None])[..., 0])
+            inside.append(np.where(np.isnan(squares), np.nan, squares < chi2.ppf(0.9, 3)))
+        else:
+            known = np.isfinite(inside).any(axis=0)
+            found[name] = np.full(len(BEFORE), np.nan)
+            found[name][known] = np.nanmean(np.array(inside)[:, known], axis=0)
+    return found
 
 
 def palm_errors(model: HGPDM, task: Problem, trials: Sequence[Trial]) -> Errors:

@@ -1,0 +1,53 @@
+"""How errors grow with the time looked ahead, against errors that are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up import made_up_trial
+
+from model.answers import Answer, Doubt
+from model.dataset import Channels
+from model.horizons import BEFORE, contact_point_coverage, contact_point_errors
+from model.trials import Trial
+
+RATE = 60.0
+
+
+@pytest.fixture(scope="module")
+def trial() -> Trial:
+    """Contact is 0.4 s after the beginning: nothing is known of longer before."""
+    made = made_up_trial(0.5, "neutral", RATE, np.random.default_rng(0))
+    return replace(made, contact_frame=round(0.4 * RATE))
+
+
+def answered(trial: Trial, rng: np.random.Generator, exaggeration: float = 1.0) -> Answer:
+    """Contact points whose errors grow with the time before contact; their doubt is ``exaggeration`` times right."""
+    frames, where = np.arange(len(trial.joints)), Channels(trial.joints.shape[1])
+    deviation = 0.01 + 0.05 * np.abs(trial.contact_frame - frames)[:, None] / trial.rate_hz
+    outputs = np.zeros((len(frames), where.size))
+    outputs[:, where.contact] = trial.palm[trial.contact_frame] + deviation * rng.normal(size=(len(frames), 3))
+    contact = (exaggeration * deviation[:, :, None]) ** 2 * np.eye(3)
+    return Answer(frames, outputs, trial.palm, Doubt(np.ones_like(outputs), contact, contact))
+
+
+def test_medians_are_those_of_the_errors_that_were_made(trial: Trial):
+    rng = np.random.default_rng(1)
+    answers = {"right": [answered(trial, rng) for _ in range(1500)]}
+    errors = contact_point_errors([trial] * 1500, answers)["right"]
+    chi3_median = 1.538  # of the length of a standard normal vector in space
+    known = BEFORE < 0.4 + 1e-9
+    np.testing.assert_allclose(errors[known], chi3_median * (0.01 + 0.05 * BEFORE[known]), rtol=0.1)
+    assert np.all(np.isnan(errors[~known]))
+
+
+@pytest.mark.parametrize(("exaggeration", "share"), [(1.0, 0.9), (0.5, 0.333), (3.0, 1.0)])
+def test_regions_hold_the_share_that_the_doubt_is_worth(trial: Trial, exaggeration: float, share: float):
+    rng = np.random.default_rng(2)
+    answers = {"gp": [answered(trial, rng, exaggeration) for _ in range(1000)]}
+    answers["plain"] = [replace(answer, doubt=None) for answer in answers["gp"]]
+    coverage = contact_point_coverage([trial] * 1000, answers)
+    assert list(coverage) == ["gp"]
+    known = BEFORE < 0.4 + 1e-9
+    np.testing.assert_allclose(coverage["gp"][known], share, atol=0.05)
+    assert np.all(np.isnan(coverage["gp"][~known]))

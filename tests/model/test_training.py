@@ -21,6 +21,7 @@ def test_latents_have_unit_variance_and_both_layers_reconstruct(model: HGPDM, tr
     assert set(np.unique(model.emotion)) == {0, 1}
 
 
+@pytest.mark.slow
 def test_paper_preset_trains_and_generates(trials: list[Trial]):
     small = replace(PAPER, points=300, adam_steps=40, iterations=45)
     trained = train(trials, small, inducing=25)

@@ -79,7 +79,10 @@ def test_the_doubt_is_that_of_the_responder(held: list[Trial], model: HGPDM, bod
     assert answer.doubt is not None
     for row, frame in enumerate(answer.frames):
         assert np.allclose(np.diagonal(answer.doubt.palm[row]), responses[frame].palm_std ** 2)
-        assert np.allclose(np.diagonal(answer.doubt.contact[row]), responses[frame].contact_point_std ** 2)
+        forecast = responses[frame].contact
+        assert forecast is not None
+        assert np.allclose(answer.doubt.contact[row], forecast.covariance[:3, :3])
+        assert np.allclose(answer.outputs[row, model.channels.contact], forecast.point)
         assert np.all(np.linalg.eigvalsh(answer.doubt.contact[row]) > 0.0)
 
 

@@ -25,6 +25,10 @@ app.add_typer(bench, name="bench")
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
+Human = Annotated[str, typer.Option(help="Prefix of the person's markers.")]
+Avatar = Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")]
+HumanSet = Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")]
+AvatarSet = Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")]
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
@@ -107,10 +111,10 @@ def train(
     out: Annotated[Path, typer.Option(help="The model's file.")] = Path("model.safetensors"),
     preset: Annotated[str, typer.Option(help="default, or paper for the sizes of Taubert et al. 2013.")] = "default",
     inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
-    human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",
-    avatar: Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")] = "avatar",
-    human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
-    avatar_set: Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")] = None,
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
     seed: Seed = 0,
     restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
     iterations: Annotated[int | None, typer.Option(min=1, help="Steps of training (default: the preset's).")] = None,
@@ -150,10 +154,10 @@ def evaluate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for a report with figures; trainings are kept there and used again.")
     ] = None,
-    human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",
-    avatar: Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")] = "avatar",
-    human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
-    avatar_set: Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")] = None,
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
     json: Json = False,
 ) -> None:
     """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
@@ -224,10 +228,10 @@ def observe(
     ],
     people: Annotated[int, typer.Option(min=1, help="Simulated people, each answered in every style.")] = 36,
     morph: Annotated[str, typer.Option(help="Two styles to go between, in tenths.")] = "neutral,angry",
-    human: Annotated[str, typer.Option(help="Prefix of the person's markers.")] = "human",
-    avatar: Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")] = "avatar",
-    human_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
-    avatar_set: Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")] = None,
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
     seed: Seed = 1,
     json: Json = False,
 ) -> None:

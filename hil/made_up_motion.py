@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hil.profiles import minimum_jerk
 from model.rotations import Array
 from model.trials import Trial
 
@@ -11,12 +12,6 @@ RATE = 30.0  # frames a second
 FRAMES = 53  # about, a trial
 EMOTIONS = ("neutral", "happy", "angry", "sad")
 LATENT = 14  # dimensions that the joints move in
-
-
-def _minimum_jerk(progress: Array) -> Array:
-    """Rise from 0 to 1 (Flash & Hogan 1985)."""
-    u = np.clip(progress, 0.0, 1.0)
-    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
 def _wander(times: Array, size: int, amplitude: float, rng: np.random.Generator) -> Array:
@@ -45,7 +40,7 @@ def made_up_trials(points: int, channels: int, seed: int) -> list[Trial]:
 def _trial(frames: int, emotion: int, mix: Array, styles: Array, onto_joints: Array, rng: np.random.Generator) -> Trial:
     times, goal = np.arange(frames) / RATE, 0.15 * rng.normal(size=3)
     contact = min(rng.uniform(0.75, 1.1), times[-1])
-    rise = _minimum_jerk((times - contact + 0.6) / 0.6) - _minimum_jerk((times - contact - 0.2) / 0.5)
+    rise = minimum_jerk((times - contact + 0.6) / 0.6) - minimum_jerk((times - contact - 0.2) / 0.5)
     wrist = np.array([1.0, 0.2, 0.9]) + rise[:, None] * (np.array([-0.4, 0.0, 0.5]) + goal)
     wrist = wrist + _wander(times, 3, 0.01, rng)
     knuckles = wrist + rise[:, None] * np.array([0.0, 0.0, 0.08])

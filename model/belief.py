@@ -105,7 +105,6 @@ class Filter:
             ticks=tick_weights(preset.history, rate_hz, span=model.lag + max((0.0, *preset.history))),
             earlier=tick_weights(preset.history, rate_hz, ago=model.lag),
             repeats=max(1.0, model.lag * rate_hz),
-            avatar_first=0,
             human_first=preset.avatar_dims,
             tick=self._moving_by(self._seconds),
             style_share=1.0 - math.exp(-self._seconds / STYLE_TIME),

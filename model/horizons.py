@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
+from model import metrics
 from model.answers import Answer
 from model.baselines import RIDGE_PENALTY
 from model.dataset import Channels, hand_history
+from model.forecast import REGION
 from model.hgpdm import HGPDM
 from model.hierarchy import Problem
 from model.responder import Responder
@@ -39,12 +40,12 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Answer
             found.setdefault(name, []).append([_distance(said, at, ends) for at in row])
         ahead = [_straight_on(trial, before) for before in BEFORE]
         found.setdefault("constant_velocity", []).append([float(np.linalg.norm(at - ends)) for at in ahead])
-    return {name: _medians(rows) for name, rows in found.items()}
+    return {name: _over_trials(rows) for name, rows in found.items()}
 
 
 def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Answer]]) -> Errors:
     """Share of contacts inside the 90 % region that each method that doubts gives :data:`BEFORE` contact."""
-    found: dict[str, Array] = {}
+    found: Errors = {}
     for name, given in answers.items():
         inside = []
         for trial, answer in zip(trials, given, strict=True):
@@ -52,14 +53,12 @@ def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Answ
                 break
             part, ends = Channels(trial.joints.shape[1]).contact, trial.palm[trial.contact_frame]
             at = [_nearest(answer, trial, before) for before in BEFORE]
-            errors = [np.full(3, np.nan) if row is None else answer.outputs[row, part] - ends for row in at]
-            spreads = [np.eye(3) if row is None else answer.doubt.contact[row] for row in at]
-            squares = np.einsum("bi,bi->b", errors, np.linalg.solve(spreads, np.array(errors)[..., None])[..., 0])
-            inside.append(np.where(np.isnan(squares), np.nan, squares < chi2.ppf(0.9, 3)))
+            errors = np.array([np.full(3, np.nan) if row is None else answer.outputs[row, part] - ends for row in at])
+            spreads = np.array([np.eye(3) if row is None else answer.doubt.contact[row] for row in at])
+            level = metrics.levels(metrics.region_surprise(errors, spreads), 3)
+            inside.append(np.where(np.isnan(level), np.nan, level < REGION))
         else:
-            known = np.isfinite(inside).any(axis=0)
-            found[name] = np.full(len(BEFORE), np.nan)
-            found[name][known] = np.nanmean(np.array(inside)[:, known], axis=0)
+            found[name] = _over_trials(inside, np.nanmean)
     return found
 
 
@@ -104,7 +103,7 @@ def palm_errors(model: HGPDM, task: Problem, trials: Sequence[Trial]) -> Errors:
                         for point, end in zip(points, ends, strict=True)
                     ]
                 )
-    return {name: _medians(rows) for name, rows in found.items()}
+    return {name: _over_trials(rows) for name, rows in found.items()}
 
 
 def _forecast(responder: Responder) -> list[Array]:
@@ -158,9 +157,10 @@ def _straight_on(trial: Trial, before: float) -> Array:
     return trial.person_palm[frame] + velocity * before
 
 
-def _medians(rows: Sequence[Sequence[float]]) -> Array:
+def _over_trials(rows: Sequence[Sequence[float] | Array], summary: Callable[..., Array] = np.nanmedian) -> Array:
+    """The ``summary`` of each column that has a value; NaN where none has."""
     table = np.array(rows, dtype=float)
-    medians = np.full(table.shape[1], np.nan)
+    result = np.full(table.shape[1], np.nan)
     known = np.isfinite(table).any(axis=0)
-    medians[known] = np.nanmedian(table[:, known], axis=0)
-    return medians
+    result[known] = summary(table[:, known], axis=0)
+    return result

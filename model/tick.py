@@ -43,7 +43,7 @@ class Plan(NamedTuple):
         features, feature_offset: (F, P (H + 1)) and (F,), the feature map.
         ticks, earlier: (H + 1, L) interpolate the hand's history, and that of one lag ago, from its last L ticks.
         repeats: ticks a lag: how often a back projection's own doubt is met.
-        avatar_first, human_first: where X¹ and X² begin in the interaction layer's output.
+        human_first: where X² begins in the interaction layer's output, after X¹.
         tick: one tick.
         style_share: how far each smoothing of the style goes in a tick.
         residual_left: how much of what X¹ has beyond I is left after a tick.
@@ -60,7 +60,6 @@ class Plan(NamedTuple):
     ticks: Array
     earlier: Array
     repeats: float
-    avatar_first: int
     human_first: int
     tick: Moving
     style_share: float
@@ -400,13 +399,12 @@ def _residual(plan: Plan, before: Array, below: Array, doubt: Array, value: Arra
     """
     residual, left = np.empty_like(before), plan.residual_left
     for d in range(before.shape[1]):
-        place = plan.avatar_first + d
         residual[0, d] = left * before[0, d]
         residual[1, d] = left**2 * before[1, d] + 1.0 - left**2
         if len(value) > 0:
-            variance = residual[1, d] * doubt[place]
+            variance = residual[1, d] * doubt[d]
             gain = variance / (variance + noise[d, d])
-            residual[0, d] += gain * (value[d] - below[place] - residual[0, d])
+            residual[0, d] += gain * (value[d] - below[d] - residual[0, d])
             residual[1, d] *= 1.0 - gain
     return residual
 
@@ -418,11 +416,11 @@ def _output(
     """Y¹ and Y² from X¹ and X², whose mean is ``below``, whose derivative by I is ``slope``, beside the residual."""
     none = np.ones(1)
     for d in range(residual.shape[1]):
-        below[plan.avatar_first + d] += residual[0, d]
-        doubt[plan.avatar_first + d] *= residual[1, d]
+        below[d] += residual[0, d]
+        doubt[d] *= residual[1, d]
     spread = _spread(slope, covariance, doubt, 1.0)
-    avatar, avatar_slope, doubt = predicted(plan.avatar, below[plan.avatar_first :], style)
-    avatar_deviations = _deviations(avatar_slope, spread, plan.avatar_first, doubt)
+    avatar, avatar_slope, doubt = predicted(plan.avatar, below, style)
+    avatar_deviations = _deviations(avatar_slope, spread, 0, doubt)
     human, slope, doubt = predicted(plan.human, below[plan.human_first :], none)
     human_deviations = _deviations(slope, spread, plan.human_first, doubt)
     return Generated(avatar, avatar_deviations, avatar_slope, human, human_deviations, spread)

@@ -20,7 +20,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-bench = typer.Typer(help="Measure how fast High Five is on this machine.", no_args_is_help=True)
+bench = typer.Typer(
+    help="Measure how fast High Five is on this machine, and what each part of the model is worth.",
+    no_args_is_help=True,
+)
 app.add_typer(bench, name="bench")
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
@@ -219,6 +222,24 @@ def bench_model(
         print_json(result)
     else:
         print_bench(result)
+
+
+@bench.command("ablation")
+def bench_ablation(
+    data: Annotated[Path, typer.Argument(help="Data folder with held-out trials.")],
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Take each departure of the default preset from the paper back alone, and score on held-out trials."""
+    from hil.ablation import ablate, print_ablation  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = ablate(data, inducing, seed, bar)
+    if json:
+        print_json(result)
+    else:
+        print_ablation(result)
 
 
 @app.command()

@@ -140,11 +140,13 @@ def left_out(result: dict[str, Any]) -> Drawing | None:
     return Drawing("left_out", caption, figure)
 
 
-def by_horizon(contact: horizons.Errors, palm: horizons.Errors) -> Drawing:
-    """Errors against the time that is looked ahead."""
+def by_horizon(result: dict[str, Any], palm: horizons.Errors) -> Drawing:
+    """Errors against the time that is looked ahead: of the contact point in the result, and of the avatar's palm."""
+    ahead = result["looking_ahead"]
+    contact = {name: np.array(row, dtype=float) for name, row in ahead["contact_point"].items()}  # None is NaN
     figure = new_figure(9.0, 3.5)
     left, right = figure.subplots(1, 2)
-    _lines(left, 1e3 * horizons.BEFORE, contact)
+    _lines(left, 1e3 * np.array(ahead["before_s"]), contact)
     left.axhline(3.0, color=FAINT, lw=0.8, ls=(0, (1, 2)))
     left.axvline(200.0, color=FAINT, lw=0.8, ls=(0, (1, 2)))
     left.set_xlabel("time before contact, ms")

@@ -56,14 +56,13 @@ def draw_evaluation(result: dict[str, Any], run: Run | None, trials: Sequence[Tr
     if run is None:
         return draw(painters)
     model = run.fitted.model
-    contact = horizons.contact_point_errors(run.trials, run.answers)
     palm = horizons.palm_errors(model, run.fitted.task, trials)
     return draw(
         [
             *painters,
             partial(evaluation_figures.left_out, result),
             partial(evaluation_figures.calibration, run),
-            partial(evaluation_figures.by_horizon, contact, palm),
+            partial(evaluation_figures.by_horizon, result, palm),
             partial(model_figures.trajectories, run),
             partial(model_figures.latent_spaces, model, trials),
             partial(model_figures.style_strips, morphs(model, run.trials)),

@@ -167,12 +167,14 @@ def assemble(
         now - dynamics_mean(previous, before, data.lag, preset),
         noise["dynamics"],
     )
-    # Online, X¹ and X² come from I: the layers below are fitted at those latents, not at the ones of the training.
-    reached = sparse.means(interaction, lat.interaction) if preset.back_constrained else below
+    # Online, X¹ is projected back from the hand, as here; X² comes from I, and its layer is fitted at what I gives.
+    human_latents = below[:, preset.avatar_dims :]
+    if preset.back_constrained:
+        human_latents = sparse.means(interaction, lat.interaction)[:, preset.avatar_dims :]
     scaled = (data.outputs - task.avatar_offset) / task.avatar_scale
     avatar = sparse.fit(
         parameters.avatar,
-        reached[:, : preset.avatar_dims],
+        lat.avatar,
         jnp.asarray(scaled),
         noise["avatar"],
         jnp.asarray(data.styles),
@@ -181,7 +183,7 @@ def assemble(
     )
     human = sparse.fit(
         parameters.human,
-        reached[:, preset.avatar_dims :],
+        human_latents,
         task.human_targets.thin,
         noise["human"],
         offset=jnp.asarray(task.human_offset),
@@ -208,8 +210,8 @@ def assemble(
         if len(starts) > 1
         else 0.1 * np.eye(starts.shape[1]),
         interaction_latents=np.asarray(lat.interaction, dtype=np.float32),
-        avatar_latents=np.asarray(reached[:, : preset.avatar_dims], dtype=np.float32),
-        human_latents=np.asarray(reached[:, preset.avatar_dims :], dtype=np.float32),
+        avatar_latents=np.asarray(lat.avatar, dtype=np.float32),
+        human_latents=np.asarray(human_latents, dtype=np.float32),
         trial=data.trial.astype(np.int32),
         emotion=np.argmax(data.styles, axis=1).astype(np.int32),
         learning_curve=np.asarray(learning_curve, dtype=np.float32),

@@ -1,0 +1,40 @@
+"""What each departure from the paper is worth: one thing is taken back at a time."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+
+from hil.ablation import departures, through_interaction
+from hil.simulate import DEFAULT_MODEL
+from model.presets import DEFAULT, PAPER
+from model.responder import Responder
+from model.store import load_model
+
+
+def test_each_row_takes_back_one_departure_and_together_they_are_the_paper():
+    default, paper = asdict(DEFAULT), asdict(PAPER)
+    changed = set()
+    for row in departures()[1:-1]:
+        differing = {name for name, value in asdict(row.preset).items() if value != default[name]}
+        assert all(asdict(row.preset)[name] == paper[name] for name in differing)
+        assert bool(differing) != (row.after is through_interaction)
+        changed |= differing
+    left = {name for name in default if default[name] != paper[name]} - changed
+    # The name, how the return to the start pose is had, what the palm weighs, and how long it is trained.
+    assert left == {"name", "return_tolerance", "palm_weight", "iterations"}
+
+
+def test_through_interaction_alone_the_pose_differs_by_what_only_the_hand_says_of_it():
+    model = load_model(DEFAULT_MODEL)
+    cut = through_interaction(model)
+    assert cut.back[-1].weights.shape[1] == model.preset.interaction_dims
+    style = model.emotions[0]
+    whole, less = Responder(model, style), Responder(cut, style)
+    hand = np.array([[0.5, 0.0, 1.2], [0.5, 0.0, 1.3]])
+    for tick in range(60):
+        moved = hand + np.array([0.0, 0.0, 0.004 * tick])
+        one, other = whole.step(moved), less.step(moved)
+    np.testing.assert_allclose(one.latent, other.latent, atol=1e-9)  # the belief over I is the same
+    assert 0.0 < np.abs(one.joints - other.joints).max() < 0.5

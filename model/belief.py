@@ -23,7 +23,7 @@ from model.sparse import Posterior
 from model.tick import Belief, Generated, Moving, Plan, foreseen, generated, measured, moved, ticked
 
 STYLE_TIME = 0.1  # s, time constant of each of the two smoothings of the style weights
-RESIDUAL_TIME = 0.2  # s, in which what X¹ has beyond I dies away where no hand says it
+RESIDUAL_TIME = 0.3  # s, in which what X¹ has beyond I dies away where no hand says it
 
 
 def lagrange(fraction: float) -> Array:

@@ -167,17 +167,20 @@ def assemble(
         now - dynamics_mean(previous, before, data.lag, preset),
         noise["dynamics"],
     )
-    # Online, X¹ is projected back from the hand, as here; X² comes from I, and its layer is fitted at what I gives.
-    human_latents = below[:, preset.avatar_dims :]
+    human_latents, avatar_latents = below[:, preset.avatar_dims :], [lat.avatar]
     if preset.back_constrained:
-        human_latents = sparse.means(interaction, lat.interaction)[:, preset.avatar_dims :]
+        # Online, X² comes from I: its layer is fitted at what I gives. X¹ is projected back from the hand, as here, or
+        # comes from I, too, while no hand is seen: its layer is fitted at both.
+        reached = sparse.means(interaction, lat.interaction)
+        human_latents = reached[:, preset.avatar_dims :]
+        avatar_latents.append(reached[:, : preset.avatar_dims])
     scaled = (data.outputs - task.avatar_offset) / task.avatar_scale
     avatar = sparse.fit(
         parameters.avatar,
-        lat.avatar,
-        jnp.asarray(scaled),
+        jnp.concatenate(avatar_latents),
+        jnp.tile(jnp.asarray(scaled), (len(avatar_latents), 1)),
         noise["avatar"],
-        jnp.asarray(data.styles),
+        jnp.tile(jnp.asarray(data.styles), (len(avatar_latents), 1)),
         jnp.asarray(task.avatar_offset),
         jnp.asarray(task.avatar_scale),
     )

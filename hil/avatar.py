@@ -62,3 +62,16 @@ def right_palm(skeleton: Skeleton, positions: Array, orientations: Array) -> tup
     hand = orientations[..., wrist, :]
     centre = positions[..., wrist, :] + rotations.rotate(hand, scale * PALM_IN_RIGHT_WRIST)
     return centre, rotations.rotate(hand, [0.0, 1.0, 0.0]), rotations.rotate(hand, [0.0, 0.0, -1.0])
+
+
+def inside_limits(root: Array, joints: Array) -> Pose:
+    """The pose of a pelvis (3,), m, and rotation vectors (159,), rad, inside the joint limits."""
+    skeleton = avatar_skeleton()
+    return Pose(root, skeleton.clamp(skeleton.to_hinges(skeleton.from_rotation_vectors(joints))))
+
+
+def between(one: Pose, other: Pose, share: float) -> Pose:
+    """``share`` of the way from one pose to another, or beyond it as far as the joint limits go."""
+    hinges = one.hinges + share * (other.hinges - one.hinges)
+    root = one.root_in_world + share * (other.root_in_world - one.root_in_world)
+    return Pose(root, avatar_skeleton().clamp(hinges))

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
-from hil.avatar import avatar_skeleton
+from hil.avatar import Pose, avatar_skeleton, between, inside_limits, right_palm
 from hil.colours import colour_of
 from model import metrics
+from model.emphasis import Emphasis
 from model.hgpdm import HGPDM
-from model.responder import Responder
+from model.responder import Responder, Response
 from model.rotations import Array
 from model.trials import Trial
 
@@ -56,16 +57,25 @@ def morphs(model: HGPDM, trials: Sequence[Trial]) -> list[Morph]:
 
 def _morph(model: HGPDM, trial: Trial, start: str, end: str, weight: float) -> Morph:
     responder = Responder(model, {start: 1.0 - weight, end: weight}, trial.rate_hz)
-    responses = [responder.step(hand) for hand in trial.hand_points]
+    emphasis, skeleton = Emphasis(model), avatar_skeleton()
+    poses = [_in_tempo(model, emphasis, responder.step(hand), responder.style) for hand in trial.hand_points]
+    roots, hinges = np.array([pose.root_in_world for pose in poses]), np.array([pose.hinges for pose in poses])
+    joints, turned = skeleton.forward_kinematics(roots, skeleton.from_hinges(hinges))
+    palm, _, _ = right_palm(skeleton, joints, turned)
     frames = trial.contact_frame + np.round(np.array(MOMENTS) * trial.rate_hz).astype(int)
-    frames = frames.clip(0, len(responses) - 1)
-    skeleton = avatar_skeleton()
-    pose = skeleton.from_rotation_vectors(np.array([responses[f].joints for f in frames]))
-    joints, _ = skeleton.forward_kinematics(np.array([responses[f].root for f in frames]), pose)
+    frames = frames.clip(0, len(poses) - 1)
     until = max(2, trial.contact_frame + 1)
-    speed = metrics.speeds(np.array([r.palm for r in responses])[:until], trial.rate_hz)
+    speed = metrics.speeds(palm[:until], trial.rate_hz)
     blend = (1.0 - weight) * np.array(to_rgb(colour_of(start))) + weight * np.array(to_rgb(colour_of(end)))
     label = f"{start} {100 * (1 - weight):.0f} %\n{end} {100 * weight:.0f} %"
     source = f"{trial.emotion}{trial.cell and ', cell ' + trial.cell}"
     hands = trial.hand_points[frames]
-    return Morph(label, to_hex(blend.tolist()), source, MOMENTS, joints, hands, float(speed.max()))
+    return Morph(label, to_hex(blend.tolist()), source, MOMENTS, joints[frames], hands, float(speed.max()))
+
+
+def _in_tempo(model: HGPDM, emphasis: Emphasis, response: Response, style: Array) -> Pose:
+    """The answer at the style's tempo, as in a session."""
+    rest, where = emphasis.rest(style), model.channels
+    waiting = inside_limits(rest[where.root], rest[: where.joints])
+    pose = inside_limits(response.root, response.joints)
+    return between(waiting, pose, emphasis.share(response.palm, response.contact_point, style))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.avatar import Pose, avatar_skeleton
+from hil.avatar import Pose, avatar_skeleton, between, inside_limits
 from hil.contact_correction import ContactCorrection
 from hil.reach import Expectation, Phase, Reach, ReachTarget
 from hil.sim.scene import Scene
@@ -24,7 +24,6 @@ from model.errors import HighFiveError
 from model.forecast import BEGIN, END
 from model.hgpdm import HGPDM
 from model.responder import Responder, Response
-from model.rotations import Array
 
 RATE_HZ = 120.0
 
@@ -96,7 +95,7 @@ class Session:
         self._emphasis = Emphasis(model)
         joints = model.channels.joints
         resting = [self._emphasis.rest(style) for style in np.eye(len(model.emotions))]
-        self._resting = [_inside_limits(rest[model.channels.root], rest[:joints]) for rest in resting]
+        self._resting = [inside_limits(rest[model.channels.root], rest[:joints]) for rest in resting]
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
@@ -147,9 +146,9 @@ class Session:
 
     def _pose(self, response: Response, familiar: bool) -> Pose:
         """The model's pose at the style's tempo; where the person is a stranger to it, the pose in which it waits."""
-        waiting, pose = self._waiting(), _inside_limits(response.root, response.joints)
+        waiting, pose = self._waiting(), inside_limits(response.root, response.joints)
         style = self._responder.style
-        pose = _between(waiting, pose, self._emphasis.share(response.palm, response.contact_point, style))
+        pose = between(waiting, pose, self._emphasis.share(response.palm, response.contact_point, style))
         # Far from what it has learned the model may leap; no arm does.
         step = np.clip(pose.hinges - self._last.hinges, -QUICKEST / RATE_HZ, QUICKEST / RATE_HZ)
         self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
@@ -157,7 +156,7 @@ class Session:
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
         self._trust[0] += share * (float(familiar) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])
-        return _between(waiting, pose, self._trust[1])
+        return between(waiting, pose, self._trust[1])
 
     def _waiting(self) -> Pose:
         """The pose in which the avatar waits in its present style."""
@@ -165,19 +164,6 @@ class Session:
         root = sum(weight * pose.root_in_world for weight, pose in zip(style, self._resting, strict=True))
         hinges = sum(weight * pose.hinges for weight, pose in zip(style, self._resting, strict=True))
         return Pose(np.asarray(root), np.asarray(hinges))
-
-
-def _inside_limits(root: Array, joints: Array) -> Pose:
-    """The pose of a pelvis (3,), m, and rotation vectors (159,), rad, inside the joint limits."""
-    skeleton = avatar_skeleton()
-    return Pose(root, skeleton.clamp(skeleton.to_hinges(skeleton.from_rotation_vectors(joints))))
-
-
-def _between(one: Pose, other: Pose, share: float) -> Pose:
-    """``share`` of the way from one pose to another, or beyond it as far as the joint limits go."""
-    hinges = one.hinges + share * (other.hinges - one.hinges)
-    root = one.root_in_world + share * (other.root_in_world - one.root_in_world)
-    return Pose(root, avatar_skeleton().clamp(hinges))
 
 
 def _expectation(response: Response, familiar: bool) -> Expectation:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from hil.avatar import avatar_skeleton
 from hil.console import STDOUT, training_bars
-from hil.protocols import body
+from hil.protocols import body, learned, refuse_none
 from hil.score_table import metric_named
 from hil.training_data import load_trials
 from model import evaluation, training
@@ -72,11 +72,13 @@ def ablate(data: Path, inducing: int, seed: int, bar: Bar) -> dict[str, Any]:
     """Scores of each departure on the held-out trials of a data folder, answered online.
 
     Raises:
-        HighFiveError: the folder cannot be read or learned from, or holds nothing out.
+        HighFiveError: the folder cannot be read or learned from, or holds out nothing of an emotion that it teaches.
     """
     pairs = load_trials(data, progress=lambda total: bar("solving markers", total), hold_out=True)
     (fold,) = own_split([pair.trial for pair in pairs])
-    held_out = [fold.trials[index] for index in fold.held_out]
+    emotions = sorted({trial.emotion for trial in fold.trials if not trial.test})
+    held_out = [fold.trials[index] for index in learned(fold, emotions)]
+    refuse_none(held_out)
     rows: dict[str, dict[str, float]] = {}
     for row in departures():
         step = training_bars(bar, f"{row.name}, ")
@@ -91,8 +93,7 @@ def ablate(data: Path, inducing: int, seed: int, bar: Bar) -> dict[str, Any]:
 def print_ablation(result: dict[str, Any]) -> None:
     """The table for people."""
     metrics = [metric_named(name, "") for name in SHOWN]
-    heads = (f"{metric.label}, {metric.unit}" if metric.unit else metric.label for metric in metrics)
-    table = Table("without", *heads, box=SIMPLE_HEAD)
+    table = Table("model", *(metric.heading for metric in metrics), box=SIMPLE_HEAD)
     for name, scores in result["rows"].items():
         table.add_row(name, *(metric.show(scores[shown]) for metric, shown in zip(metrics, SHOWN, strict=True)))
     STDOUT.print(table)

@@ -64,12 +64,6 @@ def right_palm(skeleton: Skeleton, positions: Array, orientations: Array) -> tup
     return centre, rotations.rotate(hand, [0.0, 1.0, 0.0]), rotations.rotate(hand, [0.0, 0.0, -1.0])
 
 
-def inside_limits(root: Array, joints: Array) -> Pose:
-    """The pose of a pelvis (3,), m, and rotation vectors (159,), rad, inside the joint limits."""
-    skeleton = avatar_skeleton()
-    return Pose(root, skeleton.clamp(skeleton.to_hinges(skeleton.from_rotation_vectors(joints))))
-
-
 def between(one: Pose, other: Pose, share: float) -> Pose:
     """``share`` of the way from one pose to another, or beyond it as far as the joint limits go."""
     hinges = one.hinges + share * (other.hinges - one.hinges)

@@ -68,7 +68,7 @@ def _error_panel(axes: Axes, result: dict[str, Any], name: str) -> None:
     axes.set_ylim(len(methods) - 0.5, -0.5)
     axes.set_xlim(0.0, edge)
     axes.tick_params(axis="y", length=0)
-    axes.set_title(f"{metric.label}, {metric.unit}" if metric.unit else metric.label, fontsize=10, fontweight="normal")
+    axes.set_title(metric.heading, fontsize=10, fontweight="normal")
 
 
 def calibration(run: Run) -> Drawing | None:

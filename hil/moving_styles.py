@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
-from hil.avatar import Pose, avatar_skeleton, between, inside_limits, right_palm
+from hil.avatar import avatar_skeleton, right_palm
 from hil.colours import colour_of
+from hil.tempo import Tempo
 from model import metrics
-from model.emphasis import Emphasis
 from model.hgpdm import HGPDM
-from model.responder import Responder, Response
+from model.responder import Responder
 from model.rotations import Array
 from model.trials import Trial
 
@@ -57,8 +57,9 @@ def morphs(model: HGPDM, trials: Sequence[Trial]) -> list[Morph]:
 
 def _morph(model: HGPDM, trial: Trial, start: str, end: str, weight: float) -> Morph:
     responder = Responder(model, {start: 1.0 - weight, end: weight}, trial.rate_hz)
-    emphasis, skeleton = Emphasis(model), avatar_skeleton()
-    poses = [_in_tempo(model, emphasis, responder.step(hand), responder.style) for hand in trial.hand_points]
+    tempo, skeleton = Tempo(model), avatar_skeleton()
+    waiting = tempo.waiting(responder.style)
+    poses = [tempo.answering(responder.step(hand), responder.style, waiting) for hand in trial.hand_points]
     roots, hinges = np.array([pose.root_in_world for pose in poses]), np.array([pose.hinges for pose in poses])
     joints, turned = skeleton.forward_kinematics(roots, skeleton.from_hinges(hinges))
     palm, _, _ = right_palm(skeleton, joints, turned)
@@ -71,11 +72,3 @@ def _morph(model: HGPDM, trial: Trial, start: str, end: str, weight: float) -> M
     source = f"{trial.emotion}{trial.cell and ', cell ' + trial.cell}"
     hands = trial.hand_points[frames]
     return Morph(label, to_hex(blend.tolist()), source, MOMENTS, joints[frames], hands, float(speed.max()))
-
-
-def _in_tempo(model: HGPDM, emphasis: Emphasis, response: Response, style: Array) -> Pose:
-    """The answer at the style's tempo, as in a session."""
-    rest, where = emphasis.rest(style), model.channels
-    waiting = inside_limits(rest[where.root], rest[: where.joints])
-    pose = inside_limits(response.root, response.joints)
-    return between(waiting, pose, emphasis.share(response.palm, response.contact_point, style))

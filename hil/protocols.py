@@ -111,8 +111,7 @@ def run_protocol(
 
     found = [_Scored(fold, fitted := train(fold), *_answered(fold, fitted)) for fold in folds]
     trials = [part.fold.trials[index] for part in found for index in part.indices]
-    if not trials:
-        raise HighFiveError("no held-out trial is of an emotion that was learned")
+    refuse_none(trials)
     fitted = found[0].fitted
     answers = {name: [a for part in found for a in part.answers[name]] for name in found[0].answers}
     held = evaluation.held_out(trials, answers["hgpdm"], body())
@@ -141,11 +140,21 @@ class _Scored:
 
 def _answered(fold: Fold, fitted: Fitted) -> tuple[list[int], dict[str, list[Answer]]]:
     """The held-out trials of emotions that were learned, and each method's answers."""
-    emotions, trials = fitted.emotions, fold.trials
-    known = [index for index in fold.held_out if trials[index].emotion in emotions]
-    if missing := {trials[index].emotion for index in fold.held_out} - set(emotions):
-        tell(f"without {fold.name or 'the held-out trials'} there is no trial of {', '.join(sorted(missing))}")
+    trials, known = fold.trials, learned(fold, fitted.emotions)
     return known, {name: [method(trials[i]) for i in known] for name, method in methods(fitted).items()}
+
+
+def learned(fold: Fold, emotions: Sequence[str]) -> list[int]:
+    """Indices of the held-out trials of a fold that are of ``emotions``; says which emotions are missing."""
+    if missing := {fold.trials[index].emotion for index in fold.held_out} - set(emotions):
+        tell(f"without {fold.name or 'the held-out trials'} there is no trial of {', '.join(sorted(missing))}")
+    return [index for index in fold.held_out if fold.trials[index].emotion in emotions]
+
+
+def refuse_none(trials: Sequence[Trial]) -> None:
+    """Raises :class:`HighFiveError` where nothing is left that can be scored."""
+    if not trials:
+        raise HighFiveError("no held-out trial is of an emotion that was learned")
 
 
 def _errors_when_seen(trials: Sequence[Trial], train: Callable[[Fold], Fitted]) -> dict[str, Array]:
@@ -160,12 +169,12 @@ def _errors_when_seen(trials: Sequence[Trial], train: Callable[[Fold], Fitted]) 
     seen: dict[str, Array] = {}
     for fold in folds:
         fitted = train(fold)
-        learned = {(t.cell, t.emotion) for t in fold.trials if not t.test and t.emotion in fitted.emotions}
+        known = {(t.cell, t.emotion) for t in fold.trials if not t.test and t.emotion in fitted.emotions}
         for name, method in methods(fitted).items():
             errors = seen.setdefault(name, np.full(len(trials), np.nan))
             for index in fold.held_out:
                 trial = fold.trials[index]
-                if (trial.cell, trial.emotion) in learned:
+                if (trial.cell, trial.emotion) in known:
                     errors[index] = evaluation.contact_errors([trial], [method(trial)])[0]
     return seen
 

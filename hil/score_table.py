@@ -37,6 +37,11 @@ class Metric:
     digits: int = 1
     best: float | None = 0.0
 
+    @property
+    def heading(self) -> str:
+        """What it is and its unit."""
+        return f"{self.label}, {self.unit}" if self.unit else self.label
+
     def show(self, value: float) -> str:
         """The value in the metric's unit."""
         text = f"{self.factor * value:.{self.digits}f}"
@@ -46,8 +51,8 @@ class Metric:
 def _calibration(kind: str, label: str) -> dict[str, Metric]:
     group = "calibration: share of held-out values inside the predicted region"
     return {
-        f"{kind}_within_50": Metric(group, f"{label}: inside 50 %", "%", 100.0, 0, 0.5),
-        f"{kind}_within_90": Metric(group, f"{label}: inside 90 %", "%", 100.0, 0, 0.9),
+        f"{kind}_within_50": Metric(group, f"{label}: % inside 50 %", "", 100.0, 0, 0.5),
+        f"{kind}_within_90": Metric(group, f"{label}: % inside 90 %", "", 100.0, 0, 0.9),
         f"{kind}_z2": Metric(group, f"{label}: mean z²", "", 1.0, 2, 1.0),
     }
 
@@ -124,8 +129,7 @@ def _row(name: str, metric: Metric, result: dict[str, Any]) -> Row:
         NOTHING if value is None else metric.show(value) + _spread(result, method, name, metric)
         for method, value in zip(methods, values, strict=True)
     )
-    label = f"{metric.label}, {metric.unit}" if metric.unit and metric.unit != "%" else metric.label
-    return Row(metric.group, label, cells, _best(values, metric))
+    return Row(metric.group, metric.heading, cells, _best(values, metric))
 
 
 def _value(result: dict[str, Any], method: str, name: str) -> float | None:

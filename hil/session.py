@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.avatar import Pose, avatar_skeleton, between, inside_limits
+from hil.avatar import Pose, avatar_skeleton, between
 from hil.contact_correction import ContactCorrection
 from hil.reach import Expectation, Phase, Reach, ReachTarget
 from hil.sim.scene import Scene
+from hil.tempo import Tempo
 from hil.threads import use_one_blas_thread
 from mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
 from mocap_bridge.hand_return import HandReturn
@@ -19,7 +20,6 @@ from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import MarkerSet
 from mocap_bridge.palm_filter import PalmFilter
 from mocap_bridge.tracker import Tracker
-from model.emphasis import Emphasis
 from model.errors import HighFiveError
 from model.forecast import BEGIN, END
 from model.hgpdm import HGPDM
@@ -92,10 +92,7 @@ class Session:
         self._return = HandReturn()
         self._palm = PalmFilter()
         self._responder = Responder(model, style, RATE_HZ)
-        self._emphasis = Emphasis(model)
-        joints = model.channels.joints
-        resting = [self._emphasis.rest(style) for style in np.eye(len(model.emotions))]
-        self._resting = [inside_limits(rest[model.channels.root], rest[:joints]) for rest in resting]
+        self._tempo = Tempo(model)
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
@@ -112,7 +109,7 @@ class Session:
         self._palm.reset()
         self._trust = [0.0, 0.0]
         self._responder.reset()
-        self._last = self._waiting()
+        self._last = self._tempo.waiting(self._responder.style)
         self._reach.reset()
         self._correction.reset()
 
@@ -146,9 +143,9 @@ class Session:
 
     def _pose(self, response: Response, familiar: bool) -> Pose:
         """The model's pose at the style's tempo; where the person is a stranger to it, the pose in which it waits."""
-        waiting, pose = self._waiting(), inside_limits(response.root, response.joints)
         style = self._responder.style
-        pose = between(waiting, pose, self._emphasis.share(response.palm, response.contact_point, style))
+        waiting = self._tempo.waiting(style)
+        pose = self._tempo.answering(response, style, waiting)
         # Far from what it has learned the model may leap; no arm does.
         step = np.clip(pose.hinges - self._last.hinges, -QUICKEST / RATE_HZ, QUICKEST / RATE_HZ)
         self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
@@ -157,13 +154,6 @@ class Session:
         self._trust[0] += share * (float(familiar) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])
         return between(waiting, pose, self._trust[1])
-
-    def _waiting(self) -> Pose:
-        """The pose in which the avatar waits in its present style."""
-        style = self._responder.style
-        root = sum(weight * pose.root_in_world for weight, pose in zip(style, self._resting, strict=True))
-        hinges = sum(weight * pose.hinges for weight, pose in zip(style, self._resting, strict=True))
-        return Pose(np.asarray(root), np.asarray(hinges))
 
 
 def _expectation(response: Response, familiar: bool) -> Expectation:

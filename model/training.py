@@ -167,7 +167,7 @@ def assemble(
         now - dynamics_mean(previous, before, data.lag, preset),
         noise["dynamics"],
     )
-    human_latents, avatar_latents = below[:, preset.avatar_dims :], [lat.avatar]
+    human_latents, avatar_latents = lat.human, [lat.avatar]
     if preset.back_constrained:
         # Online, X² comes from I: its layer is fitted at what I gives. X¹ is projected back from the hand, as here, or
         # comes from I, too, while no hand is seen: its layer is fitted at both.

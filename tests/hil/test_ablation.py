@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import asdict
 
 import numpy as np
+import pytest
 
 from hil.ablation import departures, through_interaction
+from hil.protocols import learned, refuse_none
 from hil.simulate import DEFAULT_MODEL
+from model.errors import HighFiveError
 from model.presets import DEFAULT, PAPER
 from model.responder import Responder
+from model.splits import Fold
 from model.store import load_model
+from model.trials import Trial
 
 
 def test_each_row_takes_back_one_departure_and_together_they_are_the_paper():
@@ -38,3 +43,16 @@ def test_through_interaction_alone_the_pose_differs_by_what_only_the_hand_says_o
         one, other = whole.step(moved), less.step(moved)
     np.testing.assert_allclose(one.latent, other.latent, atol=1e-9)  # the belief over I is the same
     assert 0.0 < np.abs(one.joints - other.joints).max() < 0.5
+
+
+def test_held_out_trials_of_an_emotion_that_nobody_learned_are_named_and_left_out(capsys: pytest.CaptureFixture[str]):
+    still, way = np.zeros((4, 3)), np.zeros((4, 9))
+
+    def trial(emotion: str, test: bool) -> Trial:
+        return Trial(60.0, np.zeros((4, 2, 3)), way, still, still, still, 2, emotion, "A1", 0, test)
+
+    fold = Fold("", (trial("neutral", False), trial("neutral", True), trial("happy", True)))
+    assert learned(fold, ["neutral"]) == [1]
+    assert "no trial of happy" in capsys.readouterr().err
+    with pytest.raises(HighFiveError, match="no held-out trial is of an emotion that was learned"):
+        refuse_none([fold.trials[index] for index in learned(fold, ["sad"])])

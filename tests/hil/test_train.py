@@ -63,7 +63,7 @@ def test_the_summary_says_whether_it_converged_and_what_became_of_each_seed() ->
     assert len(summary(result)) == 2 and "settled" not in summary(result)[1]
     result |= {"fall_at_the_end": 0.02, "converged": False}
     assert "it fell by 2.00 % over the last tenth" in summary(result)[1]
-    assert "--iterations 180 lowers it further" in summary(result)[1]
+    assert "it has not settled: --iterations 180" in summary(result)[1]
     starts.append({"seed": 5, "steps": 9, "objective": -2.5, "failure": ""})
     assert "kept seed 5 of: seed 4 -2.000, seed 5 -2.500" in summary(result)[2]
 

@@ -1,0 +1,39 @@
+"""The model's answer as a pose of the avatar, at its style's own tempo."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hil.avatar import Pose, avatar_skeleton, between
+from model.emphasis import Emphasis
+from model.hgpdm import HGPDM
+from model.responder import Response
+from model.rotations import Array
+
+
+class Tempo:
+    """Poses inside the joint limits, their reach sharpened as :mod:`model.emphasis` says."""
+
+    def __init__(self, model: HGPDM) -> None:
+        """Works out once what does not change from tick to tick."""
+        self._emphasis = Emphasis(model)
+        rests = [self._emphasis.rest(style) for style in np.eye(len(model.emotions))]
+        where = model.channels
+        resting = [_inside_limits(rest[where.root], rest[: where.joints]) for rest in rests]
+        self._roots = np.array([pose.root_in_world for pose in resting])
+        self._hinges = np.array([pose.hinges for pose in resting])
+
+    def waiting(self, style: Array) -> Pose:
+        """The pose in which an avatar of style weights (K,) waits."""
+        return Pose(style @ self._roots, np.tensordot(style, self._hinges, 1))
+
+    def answering(self, response: Response, style: Array, waiting: Pose) -> Pose:
+        """The pose in which it answers, between the one it waits in and the one the model gave with ``style`` (K,)."""
+        share = self._emphasis.share(response.palm, response.contact_point, style)
+        return between(waiting, _inside_limits(response.root, response.joints), share)
+
+
+def _inside_limits(root: Array, joints: Array) -> Pose:
+    """The pose of a pelvis (3,), m, and rotation vectors (159,), rad, inside the joint limits."""
+    skeleton = avatar_skeleton()
+    return Pose(root, skeleton.clamp(skeleton.to_hinges(skeleton.from_rotation_vectors(joints))))

@@ -115,9 +115,15 @@ def print_observations(result: dict[str, Any]) -> None:
             table.add_row(name, *(str(counts[other]) for other in seen))
         STDOUT.print(table)
     morph = result["morph"]
-    table = Table(f"{morph['from']} to {morph['to']}", *map(str, morph["weights"]), box=SIMPLE_HEAD)
-    for stage in stages[1:]:
-        table.add_row(f"peak palm speed, m/s, {stage}", *(f"{v:.2f}" for v in morph[stage]["peak_speed"]))
+    table = Table(
+        f"peak palm speed, share of {morph['to']}", *(f"{stage}, m/s" for stage in stages[1:]), box=SIMPLE_HEAD
+    )
+    for step, weight in enumerate(morph["weights"]):
+        name = {0.0: f"{weight}, {morph['from']}", 1.0: f"{weight}, {morph['to']}"}.get(weight, str(weight))
+        table.add_row(name, *(f"{morph[stage]['peak_speed'][step]:.2f}" for stage in stages[1:]))
+    for key in ("people_faster_at_each_step", "people_faster_in_the_end"):
+        counts = (f"{morph[stage][key]} of {morph['people']}" for stage in stages[1:])
+        table.add_row(key.replace("_", " "), *counts)
     STDOUT.print(table)
 
 

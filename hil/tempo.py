@@ -21,11 +21,11 @@ class Tempo:
         where = model.channels
         resting = [_inside_limits(rest[where.root], rest[: where.joints]) for rest in rests]
         self._roots = np.array([pose.root_in_world for pose in resting])
-        self._hinges = np.array([pose.hinges for pose in resting])
+        self._hinges = np.array([pose.hinges.ravel() for pose in resting])
 
     def waiting(self, style: Array) -> Pose:
         """The pose in which an avatar of style weights (K,) waits."""
-        return Pose(style @ self._roots, np.tensordot(style, self._hinges, 1))
+        return Pose(style @ self._roots, (style @ self._hinges).reshape(-1, 3))
 
     def answering(self, response: Response, style: Array, waiting: Pose) -> Pose:
         """The pose in which it answers, between the one it waits in and the one the model gave with ``style`` (K,)."""

@@ -24,7 +24,10 @@ from model.splits import own_split
 if TYPE_CHECKING:
     from hil.console import Bar
 
-SHOWN = ("joint_angle", "all_joints", "palm", "palm_at_contact", "palm_at_contact_median", "rms_jerk")
+SHOWN = (
+    "joint_angle", "all_joints", "palm", "palm_at_contact", "palm_at_contact_median", "rms_jerk",
+    "pose_within_90", "palm_within_90",
+)  # fmt: skip
 """Metrics that a row has; see docs/evaluation.md."""
 
 
@@ -60,6 +63,7 @@ def departures() -> list[Departure]:
         "no history of the hand": ("history",),
         "unbounded noise of the upper layers": ("interaction_noise", "dynamics_noise", "human_noise", "avatar_noise"),
         "DTC without trace term": ("variational",),
+        "one noise for all channels of the pose": ("channel_noise",),
         "dynamics with a mean of zero": ("velocity_decay",),
     }
     rows = [Departure("default", DEFAULT), Departure("X¹ from I alone", DEFAULT, through_interaction)]

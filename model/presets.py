@@ -19,6 +19,7 @@ class Preset:
     back_constrained: bool  # all latents are learned functions of the hand (True) or free, with r and s fitted after
     variational: bool  # add the trace term of Titsias 2009, which makes DTC a lower bound
     avatar_noise: tuple[float, float]  # bounds of the noise of the scaled channels of Y1
+    channel_noise: bool  # after training, each channel of Y1 has the noise that it shows there, not one for all
     human_noise: tuple[float, float]  # bounds of the noise of the scaled hand points Y2
     interaction_noise: tuple[float, float]  # bounds of the noise of X1 and X2 given I; latents have unit variance
     dynamics_noise: tuple[float, float]  # bounds of the noise of I given its two predecessors
@@ -41,6 +42,7 @@ PAPER = Preset(
     back_constrained=False,
     variational=False,
     avatar_noise=(1e-3, 1.0),
+    channel_noise=False,
     human_noise=(1e-3, 1.0),
     interaction_noise=(1e-2, 1.0),
     dynamics_noise=(1e-3, 1.0),
@@ -64,6 +66,7 @@ DEFAULT = Preset(
     back_constrained=True,
     variational=True,
     avatar_noise=(5e-3, 1.0),
+    channel_noise=True,
     human_noise=(2e-2, 1.0),
     interaction_noise=(3e-2, 6e-2),
     dynamics_noise=(1e-2, 2e-1),

@@ -22,7 +22,7 @@ from model.presets import Preset
 from model.rotations import Array
 from model.sparse import Posterior
 
-VERSION = 3
+VERSION = 4
 KIND = "high-five hgpdm"
 LAYERS = ("dynamics", "interaction", "human", "avatar")
 ARRAYS = ("start_mean", "start_covariance")

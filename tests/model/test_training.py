@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from made_up import SMALL
 
+from model import sparse
 from model.dataset import hand_history, output_channels, training_set
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
@@ -19,6 +20,18 @@ def test_latents_have_unit_variance_and_both_layers_reconstruct(model: HGPDM, tr
     np.testing.assert_allclose(model.interaction_latents.std(axis=0), 1.0, rtol=1e-4)
     assert model.settings["points"] == len(model.trial)
     assert set(np.unique(model.emotion)) == {0, 1}
+
+
+def test_each_channel_has_the_noise_that_the_avatar_layer_leaves_of_it(model: HGPDM, trials: list[Trial]):
+    data = training_set([trial for trial in trials if not trial.test], SMALL)
+    latents = model.interaction_latents.astype(float)
+    left = []
+    for x in (model.avatar_latents.astype(float), sparse.means(model.interaction, latents)[:, : SMALL.avatar_dims]):
+        left.append(np.mean((sparse.means(model.avatar, x, data.styles) - data.outputs) ** 2, axis=0))
+    # X¹ is had from the hand four times of five, else from I.
+    expected = (0.8 * left[0] + 0.2 * left[1]) / np.asarray(model.avatar.scale) ** 2
+    np.testing.assert_allclose(model.avatar.noise, np.maximum(expected, SMALL.avatar_noise[0] ** 2), rtol=1e-3)
+    assert np.ptp(np.asarray(model.avatar.noise)) > 0.0
 
 
 @pytest.mark.slow

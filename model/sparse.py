@@ -137,16 +137,10 @@ def fit(
     styles: jax.Array | None = None,
     offset: jax.Array | None = None,
     scale: jax.Array | None = None,
-    counts: jax.Array | None = None,
 ) -> Posterior:
-    """The posterior of a layer given inputs (N, q) and values (N, D); it predicts ``offset + scale · value``.
-
-    A point counts as if it had been seen ``counts`` (N,) times, once by default.
-    """
+    """The posterior of a layer given inputs (N, q) and values (N, D); it predicts ``offset + scale · value``."""
     k_uu, (k_uf, _) = inducing_covariance(layer), cross_covariance(layer, inputs, styles)
     size, channels = k_uu.shape[0], values.shape[1]
-    if counts is not None:
-        k_uf, values = k_uf * jnp.sqrt(counts), values * jnp.sqrt(counts)[:, None]
     lower = jnp.linalg.cholesky(k_uu)
     inverse = solve_triangular(lower, jnp.eye(size), lower=True)
     projected = inverse @ k_uf

@@ -44,7 +44,6 @@ from model.trials import Trial
 BACK_NOISE = 0.05  # standard deviation of I and X¹ given the hand where they are learned functions of it: smooths ticks
 UNEXPLAINED = 0.2  # share of the prior's standard deviation, where inducing inputs are far, that these functions doubt
 BACK_BOUNDS = (1e-2, 1.0)  # bounds of that noise where r and s are regressions fitted after training
-HIDDEN_SHARE = 0.2  # of the time, how long the avatar layer is taken to have X¹ from I alone, the hand being hidden
 BACK_ITERATIONS = 60  # steps for each of those regressions
 
 
@@ -168,13 +167,13 @@ def assemble(
         now - dynamics_mean(previous, before, data.lag, preset),
         noise["dynamics"],
     )
-    human_latents, avatar_latents = lat.human, [(1.0, lat.avatar)]
+    human_latents, avatar_latents = lat.human, [lat.avatar]
     if preset.back_constrained:
         # Online, X² comes from I: its layer is fitted at what I gives. X¹ is projected back from the hand, as here, or
         # comes from I, too, while no hand is seen: its layer is fitted at both.
         reached = sparse.means(interaction, lat.interaction)
         human_latents = reached[:, preset.avatar_dims :]
-        avatar_latents = [(1.0 - HIDDEN_SHARE, lat.avatar), (HIDDEN_SHARE, reached[:, : preset.avatar_dims])]
+        avatar_latents.append(reached[:, : preset.avatar_dims])
     avatar = _avatar_layer(parameters, task, avatar_latents, noise["avatar"])
     human = sparse.fit(
         parameters.human,
@@ -217,20 +216,15 @@ def assemble(
     return model
 
 
-def _avatar_layer(
-    parameters: Parameters, task: Problem, inputs: Sequence[tuple[float, jax.Array]], noise: jax.Array
-) -> Posterior:
-    """From X¹ to the channels, given several X¹ (N, q) of the same points, and the share of the time each is had."""
+def _avatar_layer(parameters: Parameters, task: Problem, inputs: Sequence[jax.Array], noise: jax.Array) -> Posterior:
+    """From X¹ to the channels, given several X¹ (N, q) of the same points."""
     offset, scale = jnp.asarray(task.avatar_offset), jnp.asarray(task.avatar_scale)
-    scaled, size = (jnp.asarray(task.data.outputs) - offset) / scale, len(task.data.outputs)
-    shares = jnp.concatenate([jnp.full(size, share) for share, _ in inputs])
-    latent = jnp.concatenate([part for _, part in inputs])
-    styles, scaled = (jnp.tile(part, (len(inputs), 1)) for part in (jnp.asarray(task.data.styles), scaled))
-    layer = sparse.fit(parameters.avatar, latent, scaled, noise, styles, offset, scale, shares)
+    scaled, styles = (jnp.asarray(task.data.outputs) - offset) / scale, jnp.asarray(task.data.styles)
+    latent, scaled, styles = jnp.concatenate(inputs), *(jnp.tile(part, (len(inputs), 1)) for part in (scaled, styles))
+    layer = sparse.fit(parameters.avatar, latent, scaled, noise, styles, offset, scale)
     if task.preset.channel_noise:
         left = (sparse.means(layer, latent, styles) - offset) / scale - scaled
-        shown = shares @ left**2 / size
-        layer = layer._replace(noise=jnp.maximum(shown, task.preset.avatar_noise[0] ** 2))
+        layer = layer._replace(noise=jnp.maximum(jnp.mean(left**2, axis=0), task.preset.avatar_noise[0] ** 2))
     return layer
 
 

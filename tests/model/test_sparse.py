@@ -109,18 +109,3 @@ def test_noise_stays_in_bounds_and_inverts():
     for raw in (-1e3, -1.0, 0.0, 1.0, 1e3):
         assert 0.03 - 1e-12 <= np.sqrt(sparse.noise_variance(jnp.asarray(raw), bounds)) <= 0.06 + 1e-12
     assert np.isclose(np.sqrt(sparse.noise_variance(sparse.raw_noise(0.04, bounds), bounds)), 0.04)
-
-
-def test_a_point_that_counts_three_times_is_three_points(setting):
-    inputs, styles, values, kernel = setting
-    some = layer(kernel, inputs, styles, slice(0, 12))
-    times = np.array([1, 3, 0, 2] * 10)
-    again = np.repeat(np.arange(40), times)
-    posteriors = [
-        sparse.fit(
-            some, inputs[at], jnp.asarray(values[at]), jnp.asarray(NOISE), jnp.asarray(styles[at]), counts=counts
-        )
-        for at, counts in ((slice(None), jnp.asarray(times, dtype=float)), (again, None))
-    ]
-    np.testing.assert_allclose(*(each.weights for each in posteriors), rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(*(each.reduction for each in posteriors), rtol=1e-8, atol=1e-8)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +36,10 @@ AvatarSet = Annotated[str | None, typer.Option(help="The other's marker set: a n
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
+
+
+class Interrupted(Exception):
+    """Ctrl-C, and what is said behind the word: how to go on."""
 
 
 @app.command()
@@ -90,8 +95,10 @@ def simulate(
 def capture(
     out: Annotated[Path, typer.Option(help="Folder for the C3D files and trials.csv.")] = Path("captured"),
     emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
-    repetitions: Annotated[int, typer.Option(min=1, help="Trials for each emotion and cell.")] = 3,
-    test_repetitions: Annotated[int, typer.Option(min=0, help="So many of them are marked as held out.")] = 0,
+    repetitions: Annotated[int, typer.Option(min=1, help="Trials for each emotion and cell.")] = 4,
+    test_repetitions: Annotated[
+        int | None, typer.Option(min=0, help="So many of them are marked as held out (default: the last of several).")
+    ] = None,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -101,7 +108,8 @@ def capture(
 
     with progress_bars() as bar:
         chosen = tuple(emotion or EMOTIONS)
-        count = capture(out, chosen, repetitions, test_repetitions, seed, lambda total: bar("trials", total))
+        held_out = min(1, repetitions - 1) if test_repetitions is None else test_repetitions
+        count = capture(out, chosen, repetitions, held_out, seed, lambda total: bar("trials", total))
     if json:
         print_json({"trials": count, "emotions": list(chosen), "seed": seed, "folder": str(out), "simulated": True})
     else:
@@ -125,17 +133,16 @@ def train(
     json: Json = False,
 ) -> None:
     """Fit the model to recordings of two people; goes on where it was interrupted."""
-    from hil.train import TrainOptions, interrupted, summary, train  # noqa: PLC0415
+    from hil.train import TrainOptions, after_interruption, summary, train  # noqa: PLC0415
 
     options = TrainOptions(
         data, out, preset, inducing, human, avatar, human_set, avatar_set, seed, overwrite, restarts, iterations
     )
-    try:
-        with progress_bars() as bar:
+    with progress_bars() as bar:
+        try:
             result = train(options, bar)
-    except KeyboardInterrupt:
-        STDERR.print(interrupted(options), soft_wrap=True)
-        raise typer.Exit(1) from None
+        except KeyboardInterrupt:
+            raise Interrupted(after_interruption(options)) from None
     if json:
         print_json(result)
     else:
@@ -164,8 +171,13 @@ def evaluate(
     json: Json = False,
 ) -> None:
     """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
-    from hil.evaluate import EvaluateOptions, evaluate  # noqa: PLC0415
+    from hil.evaluate import MODELS, EvaluateOptions, evaluate  # noqa: PLC0415
 
+    for path in paths or []:
+        if not path.exists():
+            raise HighFiveError(
+                f"there is no {path}; give a data folder, after a model's file if you like, or --windows"
+            )
     data = [path for path in paths or [] if path.is_dir()]
     models = [path for path in paths or [] if not path.is_dir() and path.suffix != ".npz"]
     files = [path for path in paths or [] if path.suffix == ".npz" and not path.is_dir()]
@@ -186,7 +198,10 @@ def evaluate(
         out=out,
     )
     with progress_bars() as bar:
-        result = evaluate(options, bar)
+        try:
+            result = evaluate(options, bar)
+        except KeyboardInterrupt:
+            raise Interrupted(f"; the same command goes on from {out / MODELS}" if out else "") from None
     if json:
         print_json(result)
     else:
@@ -333,9 +348,10 @@ def main() -> None:
         _fail(f"{message} (see highfive --help)")
     except HighFiveError as error:
         _fail(str(error))
-    except (KeyboardInterrupt, typer.Abort):
-        STDERR.print("interrupted")
-        sys.exit(1)
+    except (KeyboardInterrupt, Interrupted, typer.Abort) as error:
+        STDERR.print(f"interrupted{error}", soft_wrap=True, markup=False)
+        sys.stdout.flush()
+        os._exit(1)  # not by Python's own way down: interrupted while it compiles, JAX crashes on it
 
 
 def _fail(message: str) -> NoReturn:

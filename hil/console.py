@@ -86,16 +86,27 @@ def print_scores(result: dict[str, Any]) -> None:
     title = str(result.get("windows") or result.get("data"))
     if result.get("leave_out"):
         title += f", each {result['leave_out']} left out in turn"
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left")
-    table.add_column("median of seeds (range)" if result["seeds"] > 1 else "one seed", no_wrap=True)
+    console = STDOUT if STDOUT.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
+    table = _score_table(result, title)
+    if Console(width=1000).measure(table).maximum > console.width:
+        table = _score_table(result, title, ranges=False)
+        table.caption = "medians of the seeds; their ranges: --out, --json or a wider window"
+    console.print(table)
+
+
+def _score_table(result: dict[str, Any], title: str, ranges: bool = True) -> Table:
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", caption_justify="left", padding=(0, 1, 0, 0))
+    table.show_edge = table.pad_edge = False
+    several = result["seeds"] > 1
+    table.add_column(f"median of seeds{' (range)' if ranges else ''}" if several else "one seed", no_wrap=True)
     for method in methods_of(result):
-        table.add_column(METHODS[method], justify="right")
-    rows = rows_of(result)
+        table.add_column(METHODS[method], justify="right", no_wrap=True)
+    rows = rows_of(result, ranges)
     for number, row in enumerate(rows):
         if len(rows) > 1 and row.group != "error" and row.group != rows[number - 1].group:
             table.add_row(f"[dim]{row.group}[/]")
         table.add_row(row.label, *(f"[bold]{text}[/]" if i in row.best else text for i, text in enumerate(row.cells)))
-    STDOUT.print(table, width=None if STDOUT.is_terminal else max(STDOUT.width, PLAIN_WIDTH))
+    return table
 
 
 def print_observations(result: dict[str, Any]) -> None:

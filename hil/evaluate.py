@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,18 +13,21 @@ import numpy as np
 
 from hil.avatar import avatar_skeleton
 from hil.console import Bar, training_bars
+from hil.fitted import fit_windows
 from hil.protocols import Run, run_protocol
 from hil.score_table import Scored
 from hil.training_data import load_trials
 from hil.trial_table import read_table
-from model import evaluation, horizons, training, windows
+from model import baselines, evaluation, horizons, windows
 from model.errors import HighFiveError
-from model.hierarchy import problem
 from model.optimise import ProgressCallback
 from model.presets import Preset, preset_named
 from model.splits import leave_out, own_split
 from model.store import load_model
 from model.trials import Trial
+
+MODELS = "models"
+"""Folder of a report's trainings, from which an interrupted run goes on."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +55,29 @@ def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
         HighFiveError: nothing or too much to score, broken files, no held-out trials.
     """
     if (options.data is None) == (options.windows is None):
-        raise HighFiveError("give either a data folder or --windows FILE.npz")
+        alone = f"{options.model} alone cannot be scored; " if options.model and not options.data else ""
+        raise HighFiveError(f"{alone}give either a data folder or --windows FILE.npz")
     preset = preset_named(options.preset)
+    kept = None if options.out is None else _folder(options.out) / MODELS
     if options.windows is not None:
         if options.model is not None or options.leave_out is not None:
             word = "the model" if options.model is not None else "--leave-out"
             raise HighFiveError(f"a windows file brings its own training part; leave {word} out")
-        return _on_windows(options.windows, preset, options, bar)
+        return _on_windows(options.windows, preset, options, kept, bar)
     if options.model is not None and options.leave_out is not None:
         raise HighFiveError("--leave-out trains models of its own; leave the model out")
     assert options.data is not None
-    return _on_trials(options.data, preset, options, bar)
+    return _on_trials(options.data, preset, options, kept, bar)
+
+
+def _folder(out: Path) -> Path:
+    """The folder of the report, made and tried before anything is worked out for it."""
+    try:
+        (out / MODELS).mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            return out
+    except OSError as error:
+        raise HighFiveError(f"cannot write to {out}: {error.strerror}; choose another --out") from None
 
 
 def _summary(runs: list[Scored]) -> dict[str, Scored]:
@@ -76,16 +92,16 @@ def _over(runs: list[Scored], summary: Callable[[list[float]], Any]) -> Scored:
     }
 
 
-def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
+def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     learn, test = windows.read_windows(path)
     chosen = windows.window_preset(preset)
-    task = problem(windows.window_set(learn), chosen)
     runs: list[Scored] = []
     for seed in range(options.seeds):
-        step = training_bars(bar, f"seed {seed}, ")
-        model = training.train_on(windows.window_set(learn), chosen, options.inducing, seed, progress=step)
-        scores = {"hgpdm": windows.window_scores(windows.respond(model, test), test)}
-        for name, predictor in evaluation.baseline_predictors(task, options.inducing, seed, step).items():
+        fitted = fit_windows(learn, chosen, options.inducing, seed, kept, training_bars(bar, f"seed {seed}, "))
+        scores = {"hgpdm": windows.window_scores(windows.respond(fitted.model, test), test)}
+        task = fitted.task
+        baseline = {"sparse_gp": baselines.regression(fitted.sparse_gp), **evaluation.plain_baselines(task)}
+        for name, predictor in baseline.items():
             scores[name] = windows.window_scores(windows.predicted(predictor, task.feature_map, test), test)
         runs.append(scores)
     unit = "m" if windows.is_person(test) else "rad²"
@@ -94,7 +110,7 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, bar: Bar) 
     return _reported(result, options.out, None, ())
 
 
-def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
+def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
     if model is not None and not any(row.test for row in read_table(folder)):
         advice = "mark some with split test in trials.csv and train again, or leave the model out"
@@ -110,7 +126,6 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, bar: Bar)
     )
     trials = [pair.trial for pair in pairs]
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
-    kept = None if options.out is None else options.out / "models"
     runs: list[Run] = []
     for seed in range(options.seeds):
         named = partial(_fold_steps, bar, seed)

@@ -13,14 +13,14 @@ import numpy as np
 from hil.avatar import avatar_skeleton
 from model import baselines, training
 from model.dataset import training_set
-from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.hierarchy import Problem, problem
 from model.optimise import ProgressCallback
 from model.presets import DEFAULT, Preset
 from model.sparse import Posterior
-from model.store import load_layer, load_model, save_layer, save_model
+from model.store import VERSION, load_layer, load_model, save_layer, save_model
 from model.trials import Trial
+from model.windows import Windows, window_set
 
 
 @dataclass(frozen=True)
@@ -64,24 +64,41 @@ def fit(
         model: a model that is trained already.
 
     Raises:
-        HighFiveError: the data cannot be learned from, or the folder cannot be used.
+        HighFiveError: the data cannot be learned from.
     """
-    if kept is not None:
-        try:
-            kept.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise HighFiveError(f"cannot make {kept}: {error.strerror}; choose another --out") from None
     if model is None:
         model = _model(trials, preset, inducing, seed, kept, progress)
     task = problem(training_set(trials, DEFAULT), DEFAULT)
-    inducing = model.avatar.inducing.shape[0]
-    path = _path(kept, "sparse_gp", f"{DEFAULT!r} {inducing} {seed} {task.data.data_hash}")
+    return Fitted(model, task, _sparse_gp(task, model.avatar.inducing.shape[0], seed, kept, progress))
+
+
+def fit_windows(
+    learn: Windows,
+    preset: Preset,
+    inducing: int,
+    seed: int,
+    kept: Path | None = None,
+    progress: ProgressCallback | None = None,
+) -> Fitted:
+    """Trains on the windows of a benchmark; see :func:`fit`."""
+    data = window_set(learn)
+    task = problem(data, preset)
+    # The model is no avatar's and has no file: its finished checkpoint stays, and is put together anew.
+    checkpoint = _path(kept, "windows", f"{preset!r} {inducing} {seed} {data.data_hash}", ".checkpoint.npz")
+    model = training.train_on(data, preset, inducing, seed, "", progress, checkpoint)
+    return Fitted(model, task, _sparse_gp(task, inducing, seed, kept, progress))
+
+
+def _sparse_gp(
+    task: Problem, inducing: int, seed: int, kept: Path | None, progress: ProgressCallback | None
+) -> Posterior:
+    path = _path(kept, "sparse_gp", f"{task.preset!r} {inducing} {seed} {task.data.data_hash}")
     if path is not None and path.is_file():
-        return Fitted(model, task, load_layer(path))
+        return load_layer(path)
     layer = baselines.sparse_gp(task, inducing, np.random.default_rng(seed), progress)
     if path is not None:
         save_layer(layer, path)
-    return Fitted(model, task, layer)
+    return layer
 
 
 def _model(
@@ -106,7 +123,7 @@ def _model(
     return model
 
 
-def _path(kept: Path | None, method: str, key: str) -> Path | None:
+def _path(kept: Path | None, method: str, key: str, ending: str = ".safetensors") -> Path | None:
     if kept is None:
         return None
-    return kept / f"{method}_{hashlib.sha256(key.encode()).hexdigest()[:16]}.safetensors"
+    return kept / f"{method}_{hashlib.sha256(f'{VERSION} {key}'.encode()).hexdigest()[:16]}{ending}"

@@ -63,18 +63,18 @@ def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[
         say: called with a line about each thing that had to be found out.
 
     Raises:
-        HighFiveError: a file cannot be read, a person is not in it, the points are not those of a body, or no trial is
-            left.
+        HighFiveError: a file is missing, none can be read, a person is not in one, the points are not those of a
+            body, or no trial is left.
     """
-    whole = [read_c3d(path, trust_unit=False) for path in paths]
-    human, avatar = _roles(whole, human, avatar, say)
-    pairs = [_together(_person(recording, human.prefix), _person(recording, avatar.prefix)) for recording in whole]
-    people = _set_of([one for one, _ in pairs], [other for _, other in pairs], human, say)
-    actors = _set_of([other for _, other in pairs], [one for one, _ in pairs], avatar, say)
+    whole = _read(paths, say)
+    human, avatar = _roles(list(whole.values()), human, avatar, say)
+    pairs = {n: _together(_person(one, human.prefix), _person(one, avatar.prefix)) for n, one in whole.items()}
+    persons, others = ([pair[role] for pair in pairs.values()] for role in (0, 1))
+    people, actors = _set_of(persons, others, human, say), _set_of(others, persons, avatar, say)
     if (known := canonical_names(actors)) and not known.keys() & {"pelvis", "left_hip", "right_hip"}:
         raise HighFiveError(f"{avatar.prefix}: no pelvis and no hip is recognised in {', '.join(actors.names)}")
-    long_enough = [n for n, (_, actor) in enumerate(pairs) if len(actor) >= SHORTEST_S * actor.rate_hz]
-    for n in sorted(set(range(len(pairs))) - set(long_enough)):
+    long_enough = [n for n, (_, actor) in pairs.items() if len(actor) >= SHORTEST_S * actor.rate_hz]
+    for n in sorted(pairs.keys() - set(long_enough)):
         say(f"{paths[n].name} is left out: {len(pairs[n][1])} frames are less than {SHORTEST_S} s")
     placed = _placed({n: pairs[n] for n in long_enough}, people, actors, say)
     if not placed:
@@ -91,6 +91,21 @@ def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[
         for person, actor in placed.values()
     ]
     return PlacedPairs(tuple(placed), tuple(seen), people, actors, hands.person != hands.actor)
+
+
+def _read(paths: Sequence[Path], say: Callable[[str], None]) -> dict[int, Recording]:
+    """The files that can be read: a damaged one costs its own trial; one that is not there is a slip in the table."""
+    whole = {}
+    for n, path in enumerate(paths):
+        try:
+            whole[n] = read_c3d(path, trust_unit=False)
+        except HighFiveError as error:
+            if not path.is_file():
+                raise
+            say(f"{path.name} is left out: {error}")
+    if not whole:
+        raise HighFiveError(f"none of the {len(paths)} files can be read; the reasons are above")
+    return whole
 
 
 def _placed(
@@ -153,7 +168,12 @@ def _person(recording: Recording, prefix: str) -> Recording:
     start = re.compile(re.escape(prefix.rstrip(":")) + r"[:._/| -]", re.IGNORECASE)
     columns = [m for m, name in enumerate(recording.names) if start.match(name)]
     if not columns:
-        return recording.person(prefix)
+        try:
+            return recording.person(prefix)
+        except HighFiveError as error:
+            ends = f"{recording.names[0]} … {recording.names[-1]}" if recording.names else "none"
+            hint = f"--human and --avatar say with what each person's labels begin (there are {ends})"
+            raise HighFiveError(f"{error}; {hint}") from None
     names = tuple(start.sub("", recording.names[m], count=1) for m in columns)
     return replace(recording, names=names, points=recording.points[:, columns], valid=recording.valid[:, columns])
 

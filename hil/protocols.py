@@ -147,7 +147,8 @@ def _answered(fold: Fold, fitted: Fitted) -> tuple[list[int], dict[str, list[Ans
 def learned(fold: Fold, emotions: Sequence[str]) -> list[int]:
     """Indices of the held-out trials of a fold that are of ``emotions``; says which emotions are missing."""
     if missing := {fold.trials[index].emotion for index in fold.held_out} - set(emotions):
-        tell(f"without {fold.name or 'the held-out trials'} there is no trial of {', '.join(sorted(missing))}")
+        where = f" of {fold.name}" if fold.name else ""
+        tell(f"{', '.join(sorted(missing))}: not learned; held-out trials{where} that show it are not scored")
     return [index for index in fold.held_out if fold.trials[index].emotion in emotions]
 
 

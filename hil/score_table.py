@@ -49,7 +49,7 @@ class Metric:
 
 
 def _calibration(kind: str, label: str) -> dict[str, Metric]:
-    group = "calibration: share of held-out values inside the predicted region"
+    group = "calibration"
     return {
         f"{kind}_within_50": Metric(group, f"{label}: % inside 50 %", "", 100.0, 0, 0.5),
         f"{kind}_within_90": Metric(group, f"{label}: % inside 90 %", "", 100.0, 0, 0.9),
@@ -112,21 +112,21 @@ def methods_of(result: dict[str, Any]) -> list[str]:
     return [*result["scores"], *(["recorded"] if result.get("recorded") else [])]
 
 
-def rows_of(result: dict[str, Any]) -> list[Row]:
-    """The rows of an evaluation's result; see :func:`hil.evaluate.evaluate`."""
+def rows_of(result: dict[str, Any], ranges: bool = True) -> list[Row]:
+    """The rows of an evaluation's result, see :func:`hil.evaluate.evaluate`; with the ranges over its seeds or not."""
     names = dict.fromkeys(name for values in result["scores"].values() for name in values)
     order = {name: place for place, name in enumerate(METRICS)}
     return [
-        _row(name, metric_named(name, result.get("unit", "")), result)
+        _row(name, metric_named(name, result.get("unit", "")), result, ranges)
         for name in sorted(names, key=lambda n: order.get(n, 0))
     ]
 
 
-def _row(name: str, metric: Metric, result: dict[str, Any]) -> Row:
+def _row(name: str, metric: Metric, result: dict[str, Any], ranges: bool) -> Row:
     methods = methods_of(result)
     values = [_value(result, method, name) for method in methods]
     cells = tuple(
-        NOTHING if value is None else metric.show(value) + _spread(result, method, name, metric)
+        NOTHING if value is None else metric.show(value) + (_spread(result, method, name, metric) if ranges else "")
         for method, value in zip(methods, values, strict=True)
     )
     return Row(metric.group, metric.heading, cells, _best(values, metric))
@@ -141,7 +141,8 @@ def _spread(result: dict[str, Any], method: str, name: str, metric: Metric) -> s
     if method == "recorded":
         return ""
     low, high = (metric.show(result[end][method][name]) for end in ("smallest", "largest"))
-    return "" if low == high else f" ({low}–{high})"
+    dash = " to " if "−" in low + high else "–"
+    return "" if low == high else f" ({low}{dash}{high})"
 
 
 def _best(values: Sequence[float | None], metric: Metric) -> tuple[int, ...]:

@@ -118,11 +118,11 @@ def summary(result: dict[str, Any]) -> list[str]:
     return lines
 
 
-def interrupted(options: TrainOptions) -> str:
-    """What to do after Ctrl-C."""
+def after_interruption(options: TrainOptions) -> str:
+    """What is said behind "interrupted"."""
     if options.checkpoint.exists():
-        return f"interrupted; the same command goes on from {options.checkpoint}"
-    return "interrupted before a first checkpoint; the same command begins again"
+        return f"; the same command goes on from {options.checkpoint}"
+    return " before a first checkpoint; the same command begins again"
 
 
 def _preset(options: TrainOptions) -> Preset:

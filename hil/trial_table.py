@@ -11,8 +11,8 @@ from pathlib import Path
 from hil.sim.capture import COLUMNS, TABLE
 from model.errors import HighFiveError
 
-NEEDED = ("file", "emotion")
-"""Columns without which there is no trial; the others may be missing."""
+NEEDED = "file"
+"""The column without which there is no trial; the others may be missing."""
 
 HOLD_OUT = 5
 """Where nobody says which trials are held out, it is every so many-th of each emotion."""
@@ -60,8 +60,8 @@ def read_table(folder: Path, say: Say = lambda line: None) -> list[TrialRow]:
     except (UnicodeDecodeError, csv.Error) as error:
         raise HighFiveError(f"{path} is not a table: {error}") from None
     names = {name.strip().lower(): name for name in columns}
-    if missing := [name for name in NEEDED if name not in names]:
-        raise HighFiveError(f"{path} has the columns {', '.join(columns) or 'none'}; missing are {', '.join(missing)}")
+    if NEEDED not in names:
+        raise HighFiveError(f"{path} has the columns {', '.join(columns) or 'none'}; {NEEDED} is missing")
     if not found:
         raise HighFiveError(f"{path} lists no trial")
     texts = [{key: (row.get(names.get(key, key)) or "").strip() for key in COLUMNS} for row in found]

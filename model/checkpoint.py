@@ -73,7 +73,3 @@ class Checkpoint:
         aside = self.path.with_name(self.path.name + ".old")
         os.replace(self.path, aside)
         return aside
-
-    def remove(self) -> None:
-        """Removes the file: the training is done."""
-        self.path.unlink(missing_ok=True)

@@ -16,7 +16,6 @@ from model.answers import Answer, Body
 from model.dataset import CLOCK_SCALE, STILL, Channels, output_channels
 from model.errors import HighFiveError
 from model.hierarchy import Problem
-from model.optimise import ProgressCallback
 from model.rotations import Array
 from model.trials import Trial
 
@@ -155,14 +154,6 @@ def _contact_errors(predicted: Array, held: HeldOut) -> dict[str, float]:
         for outputs in (predicted, held.outputs)
     )
     return {"contact_point": float(point.mean()), "time_to_contact": float(np.abs(got - wanted).mean())}
-
-
-def baseline_predictors(
-    task: Problem, inducing: int, seed: int, progress: ProgressCallback | None = None
-) -> dict[str, baselines.Predictor]:
-    """All baselines, fitted."""
-    layer = baselines.sparse_gp(task, inducing, np.random.default_rng(seed), progress)
-    return {"sparse_gp": baselines.regression(layer), **plain_baselines(task)}
 
 
 def plain_baselines(task: Problem) -> dict[str, baselines.Predictor]:

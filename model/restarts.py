@@ -138,7 +138,10 @@ def best_of(
         done = ", ".join(f"seed {s.seed}: {s.failure or f'{s.objective:.3f}'}" for s in memory.starts)
         at = 0 if memory.state is None else len(memory.state.trace)
         where = "" if checkpoint is None else f"found {checkpoint.path}: "
-        say(f"{where}training goes on after step {at} of seed {seed + len(memory.starts)}" + (done and f" ({done})"))
+        if sum(not start.failure for start in memory.starts) < restarts:
+            say(f"{where}training goes on after step {at} of seed {seed + len(memory.starts)}{done and f' ({done})'}")
+        else:
+            say(f"{where}training is done ({done})")
     while sum(not start.failure for start in memory.starts) < restarts:
         current = seed + len(memory.starts)
         begin = draw(current)

@@ -53,6 +53,6 @@ def test_held_out_trials_of_an_emotion_that_nobody_learned_are_named_and_left_ou
 
     fold = Fold("", (trial("neutral", False), trial("neutral", True), trial("happy", True)))
     assert learned(fold, ["neutral"]) == [1]
-    assert "no trial of happy" in capsys.readouterr().err
+    assert "happy: not learned" in capsys.readouterr().err
     with pytest.raises(HighFiveError, match="no held-out trial is of an emotion that was learned"):
         refuse_none([fold.trials[index] for index in learned(fold, ["sad"])])

@@ -98,8 +98,8 @@ def test_data_folders_that_are_none(highfive, tmp_path: Path) -> None:
     assert_one_line(highfive("train", "absent"), "absent", "trials.csv")
     folder = tmp_path / "data"
     folder.mkdir()
-    (folder / "trials.csv").write_text("file,mood\na.c3d,happy\n")
-    assert_one_line(highfive("train", folder), "emotion")
+    (folder / "trials.csv").write_text("recording,emotion\na.c3d,happy\n")
+    assert_one_line(highfive("train", folder), "file is missing")
     write_table(folder, [])
     assert_one_line(highfive("train", folder), "no trial")
     write_table(folder, [("a.c3d", "happy", "A1", "1", "training")])

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hil.cli import app
+from hil.simulate import DEFAULT_MODEL
 from model.errors import HighFiveError
 
 
@@ -52,17 +53,21 @@ def test_a_windows_file_gives_scores_of_all_methods(file: Path):
         ([], "either a data folder or --windows"),
         (["{file}", "{folder}"], "either a data folder or --windows"),
         (["{folder}", "{folder}"], "one data folder"),
-        (["model.safetensors", "{file}"], "leave the model out"),
+        (["{model}", "{file}"], "leave the model out"),
         (["{folder}"], "cannot read"),
         (["{file}", "--leave-out", "cell"], "leave --leave-out out"),
-        (["model.safetensors", "{folder}", "--leave-out", "cell"], "trains models of its own"),
-        (["missing.safetensors", "{folder}"], "no model file"),
-        (["--windows", "missing.npz"], "not a windows file"),
+        (["{model}", "{folder}", "--leave-out", "cell"], "trains models of its own"),
+        (["missing.safetensors", "{folder}"], "there is no missing.safetensors"),
+        (["missing"], "there is no missing"),
+        (["{model}"], "alone cannot be scored"),
+        (["--windows", "missing.npz"], "cannot be read as a windows file"),
+        (["--windows", "{model}"], "not a windows file (.npz), or it is cut short"),
+        (["{file}", "--out", "/proc/report"], "cannot write to /proc/report"),
         (["{file}", "--preset", "best"], "no preset called"),
     ],
 )
 def test_what_cannot_be_scored_is_said_in_one_line(file: Path, arguments: list[str], message: str):
-    filled = [text.format(file=file, folder=file.parent) for text in arguments]
+    filled = [text.format(file=file, folder=file.parent, model=DEFAULT_MODEL) for text in arguments]
     error = run(*filled).exception
     assert isinstance(error, HighFiveError)
     assert message in str(error)

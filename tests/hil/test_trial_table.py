@@ -37,6 +37,13 @@ def test_without_a_split_every_fifth_of_each_emotion_is_held_out(tmp_path: Path,
     assert said == ["trials.csv holds out no trial: 6 of 33 are, every 5th; split train or test says otherwise"]
 
 
+def test_a_table_may_name_files_alone(tmp_path: Path) -> None:
+    said: list[str] = []
+    rows = table(tmp_path, "file\na\nb\n", said)
+    assert [(row.emotion, row.test) for row in rows] == [("neutral", False), ("neutral", True)]
+    assert said[0] == "trials.csv names no emotion: all trials count as neutral"
+
+
 def test_two_trials_are_one_to_learn_from_and_one_to_test(tmp_path: Path) -> None:
     assert [row.test for row in table(tmp_path, "file,emotion\na,sad\nb,sad\n")] == [False, True]
     with pytest.raises(HighFiveError, match="a single trial"):

@@ -67,6 +67,23 @@ def test_any_export_gives_the_motion_that_was(tmp_path: Path, export: Export) ->
     assert any("told by how they move" in line for line in said) == (export.habit == "numbers")
 
 
+def test_a_damaged_recording_costs_its_own_trial_only(tmp_path: Path) -> None:
+    write_set(tmp_path, CELLS, Export(), test=0)
+    damaged, whole = (row.file for row in read_table(tmp_path))
+    content = (tmp_path / damaged).read_bytes()
+    (tmp_path / damaged).write_bytes(content[: len(content) // 2])
+    said: list[str] = []
+    (pair,) = load_trials(tmp_path, say=said.append)
+    check(pair, CELLS[1], 1)
+    assert sum(damaged in line and "left out" in line for line in said) == 1
+    (tmp_path / whole).write_bytes(b"")
+    with pytest.raises(HighFiveError, match="none of the 2 files can be read"):
+        load_trials(tmp_path, say=said.append)
+    (tmp_path / whole).unlink()
+    with pytest.raises(HighFiveError, match=whole):
+        load_trials(tmp_path, say=said.append)
+
+
 def test_actors_of_other_sizes_bring_the_scene_to_the_avatars_size(tmp_path: Path) -> None:
     """A short and a tall actor: each was measured, and the palms meet where the avatar's palm is."""
     for number, size in enumerate((0.92, 1.06)):

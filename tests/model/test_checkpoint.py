@@ -20,7 +20,7 @@ def test_what_is_saved_is_loaded(tmp_path: Path):
     for name, value in ARRAYS.items():
         np.testing.assert_array_equal(found[name], value)
     assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]
-    checkpoint.remove()
+    checkpoint.path.unlink()
     assert checkpoint.load() is None
 
 

@@ -34,6 +34,10 @@ HINGES = (
 """Joint, hinge, name and the sign that makes the named movement positive."""
 
 
+FULL_WIDTH = 9.0
+"""Inches of a figure that fills the page."""
+
+
 @dataclass(frozen=True)
 class Drawing:
     """A figure with its name (for a file) and the sentence below it."""
@@ -70,7 +74,10 @@ def to_svg(figure: Figure) -> str:
     text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text).replace("xlink:href", "href")
     # A hundredth of a point is enough for where things are; what is written keeps its digits.
     text = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), text)
-    text = re.sub(r'<svg [^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" role="img">', text, count=1)
+    # A narrow figure stays narrow on a page whose full width is that of FULL_WIDTH inches.
+    width = f"{100.0 * min(1.0, figure.get_figwidth() / FULL_WIDTH):.0f}%"
+    head = rf'<svg viewBox="\1" role="img" style="max-width:{width}">'
+    text = re.sub(r'<svg [^>]*viewBox="([^"]*)"[^>]*>', head, text, count=1)
     return text.replace(INK, "currentColor").replace("'DejaVu Sans'", "inherit").strip()
 
 

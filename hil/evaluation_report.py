@@ -117,10 +117,11 @@ def _headline(result: dict[str, Any]) -> str:
     names = [n for n in _HEADLINE if n in scores["hgpdm"]] or list(scores["hgpdm"])[:4]
     cards = []
     for name in names:
-        metric, own, other = metric_named(name, unit), scores["hgpdm"][name], scores["sparse_gp"][name]
+        metric, own = metric_named(name, unit), scores["hgpdm"][name]
+        other, best = min((values[name], method) for method, values in scores.items() if method != "hgpdm")
         state = '<span class="met">not worse</span>' if own <= other else '<span class="unmet">worse</span>'
         shown = f"{metric.show(own)} {metric.unit}".strip()
-        against = f"plain sparse GP {escape(f'{metric.show(other)} {metric.unit}'.strip())}: {state}"
+        against = f"best regression, {METHODS[best]}, {escape(f'{metric.show(other)} {metric.unit}'.strip())}: {state}"
         if name == "unseen_over_seen":
             good = "met" if own <= 1.5 else "unmet"
             against = f'target at most 1.5: <span class="{good}">{"met" if own <= 1.5 else "not met"}</span>'
@@ -133,12 +134,14 @@ def _headline(result: dict[str, Any]) -> str:
 
 def _scores(result: dict[str, Any]) -> str:
     heads = ["", *(METHODS[method] for method in methods_of(result))]
-    rows, group = [], "error"
-    for row in rows_of(result):
-        if row.group != group:
+    rows, found, group = [], rows_of(result), ""
+    for row in found:
+        if row.group != group and len({each.group for each in found}) > 1:
             group = row.group
             rows.append([f'<span class="soft">{escape(group)}</span>', *[""] * (len(heads) - 1)])
-        cells = [f"<b>{escape(t)}</b>" if i in row.best else escape(t) for i, t in enumerate(row.cells)]
+        shown = [escape(text).replace(" (", '<br><span class="soft">(') for text in row.cells]
+        shown = [text + "</span>" if "<br>" in text else text for text in shown]
+        cells = [f"<b>{text}</b>" if i in row.best else text for i, text in enumerate(shown)]
         rows.append([escape(row.label), *cells])
     spread = " In brackets the smallest and the largest of the seeds." if result["seeds"] > 1 else ""
     note = "" if "windows" in result else f'<p class="soft">{_METRICS}{spread}</p>'

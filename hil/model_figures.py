@@ -38,10 +38,13 @@ def latent_spaces(model: HGPDM, trials: Sequence[Trial]) -> Drawing:
     shown = known[:: max(1, -(-len(known) // _CLOUD_TRIALS))]
     times = [np.arange(0.0, len(t.joints) / t.rate_hz, 1.0 / _CLOUD_RATE) for t in shown]
     history = [hand_history(t, at, model.preset.history) for t, at in zip(shown, times, strict=True)]
-    interaction = model.back_project(np.concatenate(history))
+    projected, dims = model.back_project(np.concatenate(history)), model.preset.interaction_dims
+    interaction = projected[:, :dims]
     below = np.asarray(sparse.means(model.interaction, jnp.asarray(interaction)))
     split = model.preset.avatar_dims
-    spaces = {"interaction, I": interaction, "avatar, X¹": below[:, :split], "person's hand, X²": below[:, split:]}
+    # X¹ as it is used: from the hand where it is projected back, else from I like X².
+    avatar = projected[:, dims:] if projected.shape[1] > dims else below[:, :split]
+    spaces = {"interaction, I": interaction, "avatar, X¹": avatar, "person's hand, X²": below[:, split:]}
     phase = np.concatenate([t.contact_frame / t.rate_hz - at for t, at in zip(shown, times, strict=True)])
     emotion = np.repeat([model.emotions.index(t.emotion) for t in shown], [len(at) for at in times])
     figure = new_figure(9.0, 6.0)
@@ -110,13 +113,14 @@ def trajectories(run: Run) -> Drawing:
             _band(axes, time[part], table[part, place, 0], table[part, place, 1], recorded, colour)
         column[0].set_title(f"{trial.emotion}{trial.cell and ', cell ' + trial.cell}", color=colour)
         column[-1].set_xlabel("s from contact")
+    several = len(chosen) == 3 and len(run.fitted.emotions) == 1
     names = ["palm x, m", "palm y, m", "palm z, m", *(HINGES[n][2] + ", °" for n in _ANGLES)]
     for axes, name in zip(rows[:, 0], names, strict=True):
         axes.set_ylabel(name)
     caption = (
         "Palm and joint angles of the avatar's right arm, before any correction: in colour as generated, with the "
         "interval that is to hold 90 %, dark and dashed as recorded. For each emotion the held-out trial with the "
-        "median error at contact; of a single emotion also those with the quartiles."
+        f"median error at contact{'; left and right of it those with the quartiles' if several else ''}."
     )
     return Drawing("trajectories", caption, figure)
 

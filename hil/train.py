@@ -106,7 +106,8 @@ def summary(result: dict[str, Any]) -> list[str]:
     """The figures of a training for people."""
     worst = ", ".join(f"{name} {rms:.1f}" for name, rms in list(result["marker_rms_mm"].items())[:3])
     fall = f"it fell by {100.0 * result['fall_at_the_end']:.2f} % over the last tenth of {result['steps']} steps"
-    advice = "" if result["converged"] else f"; it has not settled: --iterations {2 * result['steps']} may do better"
+    more = f"--iterations {2 * result['steps']} lowers it further; evaluate says whether new trials gain"
+    advice = "" if result["converged"] else f"; it has not settled: {more}"
     lines = [
         f"{result['model']}: {result['trials']} trials, {result['points']} points, {result['seconds']:.0f} s; markers "
         f"met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",

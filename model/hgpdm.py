@@ -72,11 +72,11 @@ class HGPDM:
         return Channels(self.joints)
 
     def back_project(self, history: Array) -> Array:
-        """Expected I (T, q) of hand histories (T, H + 1, 6), m, each frame on its own."""
+        """Expected I (T, q), and X¹ (T, q_1) behind it if it is projected back, of hand histories (T, H + 1, 6), m."""
         values = jnp.asarray(self.feature_map(history))
         for stage in self.back:
             values = sparse.means(stage, values)
-        return np.asarray(values)[:, : self.preset.interaction_dims]
+        return np.asarray(values)
 
     def generate(self, interaction: Array, style: Array) -> Array:
         """Expected avatar channels (T, channels) of latents I (T, q) in one style (K,), going down the hierarchy."""

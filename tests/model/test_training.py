@@ -88,7 +88,7 @@ def test_poor_data_have_a_finite_objective_and_gradient_to_start_from(trials: li
     data = training_set(change([t for t in trials if not t.test]), preset)
     task = problem(data, preset)
     start = initial_parameters(task, 100, np.random.default_rng(0))  # more inducing inputs than points
-    value, gradient = jax.value_and_grad(lambda p: objective(p, task))(start)
+    value, gradient = jax.jit(jax.value_and_grad(lambda p: objective(p, task)))(start)
     assert np.isfinite(value)
     assert all(np.all(np.isfinite(part)) for part in jax.tree.leaves(gradient))
 

@@ -173,14 +173,11 @@ def evaluate(
     """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
     from hil.evaluate import MODELS, EvaluateOptions, evaluate  # noqa: PLC0415
 
+    # What is not there is what its ending says, and whoever reads it says that it is missing.
+    files, models, data = [], [], []
     for path in paths or []:
-        if not path.exists():
-            raise HighFiveError(
-                f"there is no {path}; give a data folder, after a model's file if you like, or --windows"
-            )
-    data = [path for path in paths or [] if path.is_dir()]
-    models = [path for path in paths or [] if not path.is_dir() and path.suffix != ".npz"]
-    files = [path for path in paths or [] if path.suffix == ".npz" and not path.is_dir()]
+        folder = path.is_dir() or not (path.is_file() or path.suffix in (".npz", ".safetensors"))
+        (data if folder else files if path.suffix == ".npz" else models).append(path)
     if len(data) > 1 or len(models) > 1 or len(files) + (windows is not None) > 1:
         raise HighFiveError("give one data folder or windows file, and at most one model")
     options = EvaluateOptions(

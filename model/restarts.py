@@ -83,6 +83,11 @@ class _Memory:
             point, mean, square = (arrays[name] for name in ("point", "mean", "square"))
             self.state = State(point, mean, square, float(arrays["rate"]), tuple(arrays["trace"].tolist()))
 
+    @property
+    def found(self) -> int:
+        """Seeds that did not fail."""
+        return sum(not start.failure for start in self.starts)
+
     def finish(self, start: Start, point: NDArray, trace: list[float]) -> None:
         """One more seed is done; ``point`` counts if it is the best."""
         found = [s.objective for s in self.starts if s.objective is not None]
@@ -138,11 +143,11 @@ def best_of(
         done = ", ".join(f"seed {s.seed}: {s.failure or f'{s.objective:.3f}'}" for s in memory.starts)
         at = 0 if memory.state is None else len(memory.state.trace)
         where = "" if checkpoint is None else f"found {checkpoint.path}: "
-        if sum(not start.failure for start in memory.starts) < restarts:
+        if memory.found < restarts:
             say(f"{where}training goes on after step {at} of seed {seed + len(memory.starts)}{done and f' ({done})'}")
         else:
             say(f"{where}training is done ({done})")
-    while sum(not start.failure for start in memory.starts) < restarts:
+    while memory.found < restarts:
         current = seed + len(memory.starts)
         begin = draw(current)
         state = memory.state

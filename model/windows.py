@@ -61,7 +61,7 @@ def read_windows(path: Path | str) -> tuple[Windows, Windows]:
                 raise HighFiveError(f"{path} holds one array; a windows file (.npz) holds train_input, train_target, …")
             arrays = {name: stored[name] for name in stored.files}
     except OSError as error:
-        raise HighFiveError(f"{path} cannot be read as a windows file (.npz): {error.strerror or error}") from None
+        raise HighFiveError(f"{path} is not a windows file (.npz): {error.strerror or error}") from None
     except (ValueError, EOFError, zipfile.BadZipFile):
         raise HighFiveError(f"{path} is not a windows file (.npz), or it is cut short") from None
     return _part(path, arrays, "train"), _part(path, arrays, "test")

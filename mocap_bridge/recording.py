@@ -52,17 +52,28 @@ class Recording:
         Raises:
             HighFiveError: there is no such person, or more than one to choose from.
         """
-        known = ", ".join(p or "(labels without a prefix)" for p in self.prefixes)
-        if prefix is None:
-            if len(self.prefixes) != 1:
-                raise HighFiveError(f"{self.source} holds several persons: {known}; say which one")
-            prefix = self.prefixes[0]
-        prefix = prefix.removesuffix(":")
-        columns = [m for m, name in enumerate(self.names) if name.rpartition(":")[0] == prefix]
-        if not columns:
-            raise HighFiveError(f"{self.source} has no labels of {prefix!r}; the persons in it are: {known}")
+        columns = columns_of_person(self.names, prefix, self.source)
         names = tuple(self.names[m].rpartition(":")[2] for m in columns)
         return replace(self, names=names, points=self.points[:, columns], valid=self.valid[:, columns])
+
+
+def columns_of_person(names: Sequence[str], prefix: str | None, source: str) -> list[int]:
+    """Columns of the labels ``names`` that are one person's; see :meth:`Recording.person`.
+
+    Raises:
+        HighFiveError: there is no such person, or more than one to choose from.
+    """
+    prefixes = tuple(dict.fromkeys(name.rpartition(":")[0] for name in names))
+    known = ", ".join(p or "(labels without a prefix)" for p in prefixes) or "(no labels)"
+    if prefix is None:
+        if len(prefixes) != 1:
+            raise HighFiveError(f"{source} holds several persons: {known}; say which one")
+        prefix = prefixes[0]
+    prefix = prefix.removesuffix(":")
+    columns = [m for m, name in enumerate(names) if name.rpartition(":")[0] == prefix]
+    if not columns:
+        raise HighFiveError(f"{source} has no labels of {prefix!r}; the persons in it are: {known}")
+    return columns
 
 
 def make_recording(rate_hz: float, names: Sequence[str], points: Array, valid: NDArray[np.bool_]) -> Recording:

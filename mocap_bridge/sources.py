@@ -36,12 +36,14 @@ class SourceHealth:
         age_ns: time since the newest frame arrived, ns; -1 before the first.
         received: frames that arrived so far.
         lost: frames that never arrived, from gaps in the source's frame numbers.
+        trouble: why there is no newer frame, in one line; '' where there is nothing to say.
     """
 
     connection: Connection
     age_ns: int
     received: int
     lost: int
+    trouble: str = ""
 
 
 class Source(Protocol):

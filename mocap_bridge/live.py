@@ -1,0 +1,225 @@
+"""A live system kept in touch with: a thread receives, connects again, and keeps the newest frame only.
+
+What is the same for every protocol is here; what differs, one connection and what comes through it, is a :class:`Link`.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.recording import columns_of_person
+from mocap_bridge.sources import Connection, SourceHealth
+from model.errors import HighFiveError
+
+STALLED_S = 0.25
+"""Without a frame for so long a source counts as stalled, s."""
+
+SILENT_S = 1.0
+"""Without a frame for so long a connection is taken for dead, and made anew, s."""
+
+BACK_OFF_S = (0.1, 2.0)
+"""First and longest pause before the next attempt to connect, s; it doubles in between."""
+
+LONGEST_GAP = 100_000
+"""A frame number that is further ahead says that the system started to count anew, not that so many were lost."""
+
+REORDERED = 10
+"""A frame number that is so little behind the newest says that the network changed the order."""
+
+SPAN = (0.01, 50.0)
+"""Between these, m, lies the span of a person's markers, whatever the room; outside the unit is wrong."""
+
+
+class LinkError(HighFiveError):
+    """A connection could not be made, broke, or brought what is not of its protocol."""
+
+
+class Link(Protocol):
+    """One connection to a system."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second as the system says; 0 where it does not say."""
+        ...
+
+    def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
+        """Whole frames that have come, oldest first; waits up to ``timeout_s`` for something to come.
+
+        Names keep the system's prefix of the person (``'Subject:RFIN'``). Positions are in metres, z up; a marker that
+        is not seen is not valid. Coordinates that are no numbers are the caller's to sort out.
+
+        Raises:
+            LinkError: the connection is lost, or what came is not of the protocol.
+        """
+        ...
+
+    def close(self) -> None:
+        """Lets go of the connection."""
+        ...
+
+
+class LiveSource:
+    """A source (see :class:`mocap_bridge.sources.Source`) that follows a live system until it is closed."""
+
+    def __init__(
+        self,
+        title: str,
+        connect: Callable[[], Link],
+        person: str | None = None,
+        rate_hz: float = 120.0,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ):
+        """Starts to connect, in a thread of its own.
+
+        Args:
+            title: the system's address, for messages.
+            connect: makes a connection, or raises :class:`LinkError`, within a second or two.
+            person: prefix of the person's markers; None takes the only one there is.
+            rate_hz: frames a second where the system does not say.
+            clock: this process's monotonic clock, ns.
+        """
+        self._title, self._connect, self._person, self._clock = title, connect, person, clock
+        self._rate_hz = rate_hz
+        self._changed = threading.Condition()
+        self._newest: MarkerFrame | None = None
+        self._number: int | None = None  # of the newest frame that came, whether it could be used or not
+        self._received, self._lost = 0, 0
+        self._linked = False
+        self._trouble = "connecting"
+        self._closing = threading.Event()
+        self._names: tuple[str, ...] | None = None  # as they come, with their prefixes
+        self._own_names: tuple[str, ...] = ()
+        self._columns = np.zeros(0, dtype=np.intp)
+        self._thread = threading.Thread(target=self._run, name=f"source {title}", daemon=True)
+        self._thread.start()
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second, as the system says once it is connected."""
+        return self._rate_hz
+
+    def newest(self, now_ns: int) -> MarkerFrame | None:
+        """The newest frame; None before the first. Never waits."""
+        return self._newest
+
+    def wait(self, seen: MarkerFrame | None, timeout_s: float) -> MarkerFrame | None:
+        """The newest frame as soon as it is another than ``seen``; None if that takes longer than ``timeout_s``."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not seen or self._closing.is_set(), timeout_s)
+            return self._newest if self._newest is not seen else None
+
+    def first(self, timeout_s: float = 5.0) -> MarkerFrame:
+        """The newest frame, waiting for the first one if there is none yet.
+
+        Raises:
+            HighFiveError: none came in time; the message says what stood in the way.
+        """
+        frame = self._newest or self.wait(None, timeout_s)
+        if frame is None:
+            raise HighFiveError(
+                f"{self._title}: no frame came within {timeout_s:g} s ({self._trouble or 'nothing was sent'})"
+            )
+        return frame
+
+    def health(self, now_ns: int) -> SourceHealth:
+        """State of the connection."""
+        newest = self._newest
+        age_ns = -1 if newest is None else max(0, now_ns - newest.arrival_time_ns)
+        if self._closing.is_set():
+            state = Connection.ENDED
+        elif newest is None or not self._linked:
+            state = Connection.CONNECTING
+        else:
+            state = Connection.LIVE if age_ns <= STALLED_S * 1e9 else Connection.STALLED
+        return SourceHealth(state, age_ns, self._received, self._lost, self._trouble)
+
+    def close(self) -> None:
+        """Ends the thread and the connection."""
+        self._closing.set()
+        with self._changed:
+            self._changed.notify_all()
+        if self._thread is not threading.current_thread():
+            self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        pause = BACK_OFF_S[0]
+        while not self._closing.is_set():
+            before = self._received
+            try:
+                self._follow()
+            except (HighFiveError, OSError) as error:
+                self._trouble = str(error) or type(error).__name__
+            self._linked = False
+            pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
+            self._closing.wait(pause)
+
+    def _follow(self) -> None:
+        """Takes frames from one connection until it is lost."""
+        link = self._connect()
+        try:
+            self._linked, last = True, self._clock()
+            while not self._closing.is_set():
+                frames = link.receive(0.1)
+                now = self._clock()
+                if frames:
+                    last = now
+                    self._rate_hz = link.rate_hz or self._rate_hz
+                    self._take(frames, now)
+                elif now - last > SILENT_S * 1e9:
+                    raise LinkError(f"connected, but nothing has come for {SILENT_S:g} s")
+        finally:
+            link.close()
+
+    def _take(self, frames: Sequence[MarkerFrame], now: int) -> None:
+        """Counts what came and keeps the newest."""
+        newest = None
+        for frame in frames:
+            step = 1 if self._number is None else frame.number - self._number
+            if -REORDERED <= step <= 0:  # late: it was counted as lost; or the same once more
+                self._lost -= 1 if step and self._lost else 0
+                continue
+            self._received += 1
+            self._lost += step - 1 if 1 < step <= LONGEST_GAP else 0
+            self._number, newest = frame.number, frame
+        if newest is None:
+            return
+        try:
+            newest = replace(self._of_person(newest), arrival_time_ns=now)
+        except HighFiveError as error:
+            self._trouble = str(error)
+            return
+        with self._changed:
+            self._newest, self._trouble = newest, ""
+            self._changed.notify_all()
+
+    def _of_person(self, frame: MarkerFrame) -> MarkerFrame:
+        """The person's part of a frame, checked: no number that is none is ever called valid."""
+        if frame.names is not self._names and frame.names != self._names:
+            columns = columns_of_person(frame.names, self._person, self._title)
+            self._own_names = tuple(frame.names[m].rpartition(":")[2] for m in columns)
+            self._columns = np.array(columns, dtype=np.intp)
+        self._names = frame.names
+        points, valid = frame.positions[self._columns], frame.valid[self._columns]
+        if not math.isfinite(points.sum()):
+            finite = np.asarray(np.isfinite(points).all(axis=1))
+            points, valid = np.where(finite[:, None], points, 0.0), valid & finite
+        seen = points[valid]
+        if len(seen) > 2:
+            span = float((seen.max(axis=0) - seen.min(axis=0)).max())
+            if not SPAN[0] <= span <= SPAN[1]:
+                raise HighFiveError(
+                    f"the markers span {span:.3g} m, a person spans about 2 m: "
+                    f"{self._title} sends another unit than its protocol says; set it right there"
+                )
+        loose = frame.unlabelled
+        if len(loose) and not math.isfinite(loose.sum()):
+            loose = loose[np.isfinite(loose).all(axis=1)]
+        return replace(frame, names=self._own_names, positions=points, valid=valid, unlabelled=loose)

@@ -200,6 +200,7 @@ class LiveSource:
             self._newest, self._trouble = newest, ""
             self._changed.notify_all()
 
+    @np.errstate(invalid="ignore", over="ignore")  # ∞ - ∞ is looked for, not warned of
     def _of_person(self, frame: MarkerFrame) -> MarkerFrame:
         """The person's part of a frame, checked: no number that is none is ever called valid."""
         if frame.names is not self._names and frame.names != self._names:

@@ -298,6 +298,61 @@ def observe(
         print_observations(result)
 
 
+@app.command()
+def serve(
+    protocol: Annotated[str, typer.Argument(help="vicon, qtm, natnet or lsl.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.c3d", help="The recording to send.")],
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port (default: the protocol's; 0: any).")] = None,
+    host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 lets in the whole network.")] = "127.0.0.1",
+    fault: Annotated[
+        list[str] | None, typer.Option(help="What goes wrong: occlusion=RFIN+RMC5@2-2.3; may be given again.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Frames a second (default: the recording's).")] = None,
+    person: Annotated[str | None, typer.Option(help="Send only the markers of this prefix.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Replay a recording as a live motion capture system, with faults on demand (docs/mocap.md)."""
+    from hil.serve import ServeOptions, serve_recording  # noqa: PLC0415
+
+    options = ServeOptions(protocol, file, loop, port, host, tuple(fault or ()), rate, person, seconds, seed)
+    result = serve_recording(options, _say_aside if json else _say)
+    if json:
+        print_json(result)
+
+
+@app.command()
+def stream(
+    address: Annotated[
+        str, typer.Argument(help="vicon://host, qtm://host, natnet://host, lsl://name or a C3D file (docs/mocap.md).")
+    ],
+    person: Annotated[str | None, typer.Option(help="Prefix of the person's markers.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="End so long after the first frame.")] = None,
+    record: Annotated[Path | None, typer.Option(metavar="FILE.c3d", help="Keep everything that comes.")] = None,
+    marker_set: Annotated[str | None, typer.Option(help="The marker set: a name or a TOML file.")] = None,
+    json: Json = False,
+) -> None:
+    """Show a live motion capture system: rate, latency, gaps, each marker, the right arm; Ctrl-C ends it."""
+    from hil.stream import StreamOptions, stream  # noqa: PLC0415
+
+    result = stream(StreamOptions(address, person, seconds, record, marker_set, quiet=json), _say_aside)
+    if json:
+        print_json(result)
+    if not result["frames"]:
+        _say_aside(f"no frame came from {result['source']}: {result['trouble'] or 'nothing was sent'}")
+        raise typer.Exit(1)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _say_aside(line: str) -> None:
+    STDERR.print(line, soft_wrap=True, markup=False)
+
+
 def _style(text: str) -> dict[str, float]:
     """``angry=0.5,neutral=0.5`` as weights."""
     weights: dict[str, float] = {}

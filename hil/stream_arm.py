@@ -1,0 +1,109 @@
+"""The right arm of whoever is seen live, for the screen: angles and hand, where a marker set fits."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_bridge.frames import HumanArm, MarkerFrame
+from mocap_bridge.human_arm import HumanArmEstimator
+from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
+from mocap_bridge.tracker import Tracker
+from model.errors import HighFiveError
+from model.rotations import Array
+
+
+@dataclass(frozen=True)
+class ArmView:
+    """What is shown of an arm.
+
+    Attributes:
+        elbow_flexion: rad, 0 with a straight arm.
+        shoulder_elevation: rad, of the upper arm from hanging straight down.
+        hand: (3,) m, centre of the palm.
+        valid: it rests on usable markers.
+    """
+
+    elbow_flexion: float
+    shoulder_elevation: float
+    hand: Array
+    valid: bool
+
+
+def arm_view(arm: HumanArm) -> ArmView:
+    """Angles from the joint centres; the world's z axis is up."""
+    upper, fore = arm.elbow - arm.shoulder, arm.wrist - arm.elbow
+    return ArmView(_angle(upper, fore), _angle(upper, np.array([0.0, 0.0, -1.0])), arm.palm.position, arm.valid)
+
+
+def _angle(one: Array, other: Array) -> float:
+    """Angle between two vectors, rad."""
+    return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
+
+
+def choose_marker_set(labels: Sequence[str], wanted: str | None) -> MarkerSet | None:
+    """The set that was asked for, or the shipped one that fits; None where none does.
+
+    Raises:
+        HighFiveError: the set that was asked for does not exist, or needs markers that are not there.
+    """
+    if wanted is None:
+        try:
+            return find_marker_set(labels)
+        except HighFiveError:
+            return None
+    marker_set = load_marker_set(wanted)
+    nothing = np.zeros((len(labels), 3)), np.zeros(len(labels), dtype=bool)
+    marker_set.arrange(labels, *nothing, required=marker_set.arm.markers)
+    return marker_set
+
+
+def arm_follower(marker_set: MarkerSet, rate_hz: float) -> Callable[[MarkerFrame], ArmView]:
+    """What gives the arm, frame by frame. The one place where the tracker is used."""
+    tracker, estimator = Tracker(marker_set, rate_hz), HumanArmEstimator(marker_set)
+    return lambda frame: arm_view(estimator(tracker.update(frame)))
+
+
+class ArmThread:
+    """Follows the arm beside whoever receives, so that neither waits for the other."""
+
+    def __init__(self, follow: Callable[[MarkerFrame], ArmView]):
+        """Args: ``follow`` gives the arm in a frame."""
+        self._follow = follow
+        self.newest: ArmView | None = None
+        self.trouble = ""
+        self._changed = threading.Condition()
+        self._frame: MarkerFrame | None = None
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="arm", daemon=True)
+        self._thread.start()
+
+    def offer(self, frame: MarkerFrame) -> None:
+        """The newest frame; takes the place of one that was not looked at yet."""
+        with self._changed:
+            self._frame = frame
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Ends the thread."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._closing or self._frame is not None)
+                frame, self._frame = self._frame, None
+            if self._closing or frame is None:
+                return
+            try:
+                self.newest = self._follow(frame)
+            except HighFiveError as error:
+                self.newest, self.trouble = None, str(error)
+                return

@@ -1,0 +1,432 @@
+"""NatNet's client and server over real sockets: with each other, an independent client, and what is no NatNet."""
+
+import contextlib
+import itertools
+import socket
+import threading
+import time
+from dataclasses import replace
+
+import natnet
+import numpy as np
+import pytest
+
+from mocap_bridge.faults import Faults, parse_fault
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.live import LinkError, LiveSource
+from mocap_bridge.natnet import connect_natnet
+from mocap_bridge.servers.natnet import NatNetServer
+from mocap_bridge.serving import LOOPBACK
+from mocap_bridge.sources import Connection
+from mocap_bridge.wire import natnet as wire
+from mocap_bridge.wire.natnet import Kind
+
+NAMES = tuple(f"Anna:M{m}" for m in range(12))
+OWN = tuple(name.removeprefix("Anna:") for name in NAMES)
+RNG = np.random.default_rng(4)
+POINTS = RNG.uniform(-1.0, 2.0, size=(12, 3))
+RATE = 120.0
+GROUP = "239.255.42.99"
+
+
+def frame(number, names=NAMES, loose=2, hidden=()):
+    """Every marker has a place of its own, and moves 1 mm a frame."""
+    valid = np.array([name not in hidden for name in names])
+    points = POINTS[[NAMES.index(name) for name in names]] + np.array([0.001 * number, 0.0, 0.0])
+    time_ns = round(number * 1e9 / RATE)
+    return MarkerFrame(tuple(names), points, valid, number, time_ns, time_ns, POINTS[:loose] + 0.1)
+
+
+@pytest.fixture
+def server():
+    with contextlib.closing(NatNetServer(port=0, rate_hz=RATE)) as made:
+        yield made
+
+
+@contextlib.contextmanager
+def following(server, person=None, **options):
+    connect = lambda: connect_natnet(LOOPBACK, server.port, timeout_s=0.5, **options)  # noqa: E731
+    with contextlib.closing(LiveSource("natnet", connect, person)) as source:
+        yield source
+
+
+@contextlib.contextmanager
+def playing(server, frames=None, rate=RATE):
+    """Sends frames at their rate in a thread until the end of the block."""
+    stop, frames = threading.Event(), frames or (frame(k) for k in itertools.count())
+
+    def send():
+        for one in frames:
+            server.send(one)
+            if stop.wait(1.0 / rate):
+                return
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def until(condition, timeout_s=5.0):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.002)
+
+
+def live(source):
+    return source.health(time.monotonic_ns()).connection is Connection.LIVE
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind((LOOPBACK, 0))
+        return sock.getsockname()[1]
+
+
+@contextlib.contextmanager
+def impostor(answer):
+    """A UDP server that is not ours: ``answer`` gives the datagrams that it sends back for one that comes."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind((LOOPBACK, 0))
+        sock.settimeout(0.05)
+        ended = threading.Event()
+
+        def run():
+            while not ended.is_set():
+                with contextlib.suppress(TimeoutError):
+                    datagram, sender = sock.recvfrom(65536)
+                    for back in answer(datagram):
+                        sock.sendto(back, sender)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            yield sock.getsockname()[1]
+        finally:
+            ended.set()
+            thread.join()
+
+
+def motive(version=(3, 0), after=()):
+    """Answers as a server of some version does, and sends ``after`` with the descriptions."""
+
+    def answer(datagram):
+        if datagram[0] == Kind.CONNECT:
+            return [wire.encode_server_info(wire.ServerInfo("Motive", version))]
+        return (
+            [wire.encode_model([wire.MarkerSet("Anna", ("a", "b"))], version), *after]
+            if datagram[0] == Kind.REQUEST_MODEL
+            else []
+        )
+
+    return answer
+
+
+@pytest.mark.parametrize("version", [(3, 0), (3, 1), (4, 0), (4, 1)])
+@pytest.mark.parametrize("y_up", [True, False])
+def test_points_names_times_and_state_arrive(version, y_up):
+    server = NatNetServer(port=0, rate_hz=100.0, version=version, y_up=y_up)
+    with contextlib.closing(server), following(server, y_up=y_up) as source, playing(server):
+        first = source.first()
+        until(lambda: source.newest(0).number > first.number + 5)
+        got = source.newest(0)
+        sent = frame(got.number)
+        assert got.names == OWN
+        np.testing.assert_allclose(got.positions, sent.positions, atol=2e-7)
+        np.testing.assert_allclose(got.unlabelled, sent.unlabelled, atol=2e-7)
+        assert got.valid.all()
+        assert abs(got.source_time_ns - sent.source_time_ns) <= 1
+        until(lambda: source.rate_hz == 100.0)
+        health = source.health(time.monotonic_ns())
+        assert (health.connection, health.lost, health.trouble) == (Connection.LIVE, 0, "")
+
+
+def test_y_up_on_the_wire_is_what_motive_means(server):
+    """An independent reader sees y up."""
+    client = natnet.NatNetClient(command_port=server.port, use_multicast=False)
+    got = []
+    client.on_data_frame_received_event.handlers.append(got.append)
+    with client, playing(server):
+        until(lambda: client.update_sync() or got)
+    x, y, z = got[-1].labeled_markers[0].pos
+    np.testing.assert_allclose([x, -z, y], frame(got[-1].prefix.frame_number).positions[0], atol=2e-7)
+
+
+def test_by_multicast():
+    port = free_port()
+    server = NatNetServer(port=0, multicast=GROUP, data_port=port)
+    with contextlib.closing(server), following(server, multicast=GROUP, data_port=port) as source, playing(server):
+        got = source.first()
+        np.testing.assert_allclose(got.positions, frame(got.number).positions, atol=2e-7)
+    with (
+        contextlib.closing(NatNetServer(port=0, multicast=GROUP, data_port=port)) as server,
+        following(server) as source,
+    ):
+        until(lambda: f"multicast group {GROUP}:{port}" in source.health(0).trouble)
+    with pytest.raises(LinkError, match="cannot join multicast group"):
+        connect_natnet(LOOPBACK, port, multicast="10.0.0.1")
+
+
+def test_names_are_the_same_object_from_frame_to_frame(server):
+    with playing(server), contextlib.closing(connect_natnet(LOOPBACK, server.port)) as link:
+        frames = [*link.receive(0.5), *link.receive(0.5), *link.receive(0.5), *link.receive(0.5)]
+        assert len({id(one.names) for one in frames}) == 1
+        assert frames[0].names == NAMES
+
+
+def test_hidden_markers_and_numbers_that_are_none_are_not_valid(server):
+    with following(server) as source:
+        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
+        one = frame(7, hidden=("Anna:M3", "Anna:M5"))
+        one.positions[8] = np.nan
+        one.positions[9] = [np.inf, -np.inf, 0.0]
+        one.positions[10] = 0.0  # at the origin, and seen
+        server.send(replace(one, unlabelled=np.array([[np.nan, 0.0, 0.0], [1.0, 2.0, 3.0]])))
+        until(lambda: source.newest(0).number == 7)
+        got = source.newest(0)
+        assert [name for name, seen in zip(OWN, got.valid, strict=True) if not seen] == ["M3", "M5", "M8", "M9"]
+        assert np.isfinite(got.positions).all()
+        np.testing.assert_allclose(got.unlabelled, [[1.0, 2.0, 3.0]])
+
+
+def test_a_gap_in_the_numbers_counts_as_lost(server):
+    with following(server) as source:
+        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
+        for number in (1, 2, 15, 16):
+            server.send(frame(number))
+        until(lambda: source.newest(0).number == 16)
+        assert source.health(0).lost == 12
+
+
+def test_labels_in_another_order_are_followed(server):
+    """In each frame another order, with markers hidden: every point keeps its own name, and no frame is lost."""
+    faults = Faults([parse_fault("reorder"), parse_fault("occlusion=0.3")])
+    sent = {}
+
+    def frames():
+        for k in itertools.count():
+            sent[k] = faults.of(frame(k))[0]
+            yield sent[k]
+
+    with following(server) as source, playing(server, frames()):
+        got = source.first()
+        while got.number < 100:
+            until(lambda: source.newest(0) is not got)  # noqa: B023
+            got = source.newest(0)
+            one = sent[got.number]
+            seen = {name for name, valid in zip(one.names, one.valid, strict=True) if valid}
+            assert {f"Anna:{name}" for name, valid in zip(got.names, got.valid, strict=True) if valid} == seen
+            expected = frame(got.number).positions[[OWN.index(name) for name in got.names]]
+            np.testing.assert_allclose(got.positions[got.valid], expected[got.valid], atol=2e-7)
+        assert source.health(0).lost == 0
+
+
+def test_other_markers_than_before(server):
+    """Somebody loads another recording: fewer markers, other names; no frame is lost over it."""
+    frames = (frame(k, NAMES if k < 20 else NAMES[6:2:-1]) for k in itertools.count())
+    with following(server) as source, playing(server, frames):
+        until(lambda: source.newest(0) is not None and len(source.newest(0).names) == 4)
+        got = source.newest(0)
+        assert got.names == OWN[6:2:-1]
+        np.testing.assert_allclose(got.positions, frame(got.number, NAMES[6:2:-1]).positions, atol=2e-7)
+        assert source.health(0).lost == 0
+
+
+def test_several_persons(server):
+    both = (*NAMES, *(name.replace("Anna", "Bert") for name in NAMES))
+    frames = (
+        replace(one, names=both, positions=np.tile(one.positions, (2, 1)), valid=np.tile(one.valid, 2))
+        for one in (frame(k) for k in itertools.count())
+    )
+    with following(server, "Bert") as source, following(server) as nobody, playing(server, frames):
+        assert source.first().names == OWN
+        until(lambda: "Anna, Bert" in nobody.health(0).trouble)
+
+
+def test_a_server_that_goes_and_comes_back(server):
+    with following(server) as source, playing(server):
+        source.first()
+        server.hang_up()
+        gone = time.monotonic()
+        until(lambda: not live(source), 1.5)
+        assert time.monotonic() - gone < 1.5
+        until(lambda: "nothing listens" in source.health(0).trouble)
+        server.answer()
+        until(lambda: live(source))
+
+
+def test_frames_that_stop_are_seen(server):
+    with following(server) as source:
+        with playing(server):
+            source.first()
+        until(lambda: not live(source), 1.5)
+        until(lambda: "nothing has come" in source.health(0).trouble, 3.0)
+
+
+def test_another_unit_is_told(server):
+    with (
+        following(server) as source,
+        playing(server, (replace(frame(k), positions=POINTS * 1e3) for k in itertools.count())),
+    ):
+        until(lambda: "unit" in source.health(0).trouble)
+
+
+def test_a_slow_reader_gets_the_newest(server):
+    sent = []
+
+    def frames():
+        for k in itertools.count():
+            sent.append(k)
+            yield frame(k)
+
+    with following(server) as source, playing(server, frames()):
+        source.first()
+        for _ in range(20):
+            time.sleep(0.03)
+            assert sent[-1] - source.newest(0).number <= 2  # one on its way, one just made
+
+
+def test_a_client_that_reads_nothing_holds_nobody_up(server):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as lazy, following(server) as source:
+        lazy.sendto(wire.encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))
+        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
+        slowest = 0.0
+        for number in range(1, 1_000):
+            start = time.perf_counter()
+            server.send(frame(number))
+            slowest = max(slowest, time.perf_counter() - start)
+            time.sleep(0.0002)
+        assert slowest < 0.5
+        until(lambda: source.newest(0).number > 900)
+
+
+def test_closing_is_quick_and_leaves_nothing():
+    before = set(threading.enumerate())
+    server = NatNetServer(port=0)
+    with following(server) as source, playing(server):
+        source.first()
+        start = time.monotonic()
+        source.close()
+        source.close()
+        assert time.monotonic() - start < 0.5
+    start = time.monotonic()
+    server.close()
+    server.close()
+    assert time.monotonic() - start < 0.5
+    until(lambda: set(threading.enumerate()) <= before)
+
+
+def test_a_port_that_is_taken(server):
+    with pytest.raises(LinkError, match="cannot listen"):
+        NatNetServer(port=server.port)
+
+
+def test_where_nothing_listens():
+    with pytest.raises(LinkError, match="nothing listens there"):
+        connect_natnet(LOOPBACK, free_port(), timeout_s=1.0)
+
+
+@pytest.mark.parametrize(("host", "port"), [("no-such-host.invalid", 1510), (LOOPBACK, 99999), ("x" * 80, 1)])
+def test_addresses_that_cannot_be(host, port):
+    with pytest.raises(LinkError, match=f"{host}:{port}: "):
+        connect_natnet(host, port, timeout_s=0.5)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda _: [], "no answer"),
+        (lambda _: [b"SIP/2.0 400 Bad Request"], "not NatNet.*sent b'SIP/2.0"),
+        (lambda datagram: [datagram], "does not answer what NatNet servers answer"),
+        (motive((2, 10)), "NatNet 2.10; 3.0 to 4.x"),
+        (motive((5, 0)), "NatNet 5.0"),
+        (lambda datagram: motive()(datagram) if datagram[0] == Kind.CONNECT else [], "does not answer"),
+    ],
+)
+def test_what_is_no_natnet_is_told_in_one_line(answer, message):
+    with impostor(answer) as port:
+        start = time.monotonic()
+        with pytest.raises(LinkError, match=message) as error:
+            connect_natnet(LOOPBACK, port, timeout_s=0.4)
+        assert time.monotonic() - start < 1.0
+        assert "\n" not in str(error.value)
+        assert f"{LOOPBACK}:{port}" in str(error.value)
+
+
+def test_damage_on_the_way_is_our_own_error():
+    broken = wire.encode(Kind.FRAME, b"\1\0\0\0\xff\xff\xff\xff")
+    with impostor(motive(after=[broken])) as port:
+        link = connect_natnet(LOOPBACK, port)
+        with contextlib.closing(link), pytest.raises(LinkError, match="4294967295"):
+            link.receive(1.0)
+
+
+def test_descriptions_that_get_lost_are_asked_for_again():
+    """The frame says that models changed; the first answer never comes."""
+    points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
+    data = wire.Frame(1, (("Anna", points),), points[:0], wire.labelled_markers([], points[:0], []), 1.0, True)
+    asked = []
+
+    def answer(datagram):
+        if datagram[0] != Kind.REQUEST_MODEL:
+            return motive()(datagram)
+        asked.append(datagram)
+        before, after = (wire.MarkerSet("Anna", names) for names in (("a", "b"), ("b", "a")))
+        changed = [wire.encode_frame(data, (3, 0))]
+        return {1: [wire.encode_model([before], (3, 0)), *changed], 2: []}.get(
+            len(asked), [wire.encode_model([after], (3, 0))]
+        )
+
+    with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:
+        frames = []
+        until(lambda: frames.extend(link.receive(0.05)) or frames)
+        assert frames[0].names == ("Anna:b", "Anna:a")
+        assert len(asked) == 3
+
+
+def test_only_the_server_is_listened_to(server):
+    """A datagram from another computer than the server's is passed over, whatever it is."""
+    link = connect_natnet(LOOPBACK, server.port)
+    with contextlib.closing(link):
+        link._server = ("127.0.0.2", server.port)
+        server.send(frame(1))
+        assert not link.receive(0.2)
+
+
+@pytest.mark.parametrize("version", [(3, 0), (4, 1)])
+@pytest.mark.parametrize("multicast", [None, GROUP])
+def test_an_independent_client_gets_the_same_points(version, multicast):
+    port = free_port()
+    server = NatNetServer(port=0, version=version, multicast=multicast, data_port=port, y_up=False)
+    client = natnet.NatNetClient(
+        command_port=server.port, data_port=port, use_multicast=bool(multicast), multicast_address=multicast or GROUP
+    )
+    sent, got, described = [frame(k, hidden=("Anna:M2",)) for k in range(20)], [], []
+    client.on_data_frame_received_event.handlers.append(got.append)
+    client.on_data_description_received_event.handlers.append(described.append)
+    server.send(frame(0))
+    with contextlib.closing(server), client:
+        assert client.server_info.application_name == "High Five"
+        client.run_async()
+        client.request_modeldef()
+        until(lambda: described)
+        for one in sent:
+            server.send(one)
+            time.sleep(0.002)
+        until(lambda: len(got) == len(sent))
+    assert (described[0].marker_sets[0].name, described[0].marker_sets[0].marker_names) == ("Anna", OWN)
+    for packet, one in zip(got, sent, strict=True):
+        assert packet.prefix.frame_number == one.number
+        assert packet.suffix.timestamp == pytest.approx(one.source_time_ns * 1e-9)
+        labelled = [marker for marker in packet.labeled_markers if not marker.unlabeled]
+        assert [marker.occluded for marker in labelled] == [name == "Anna:M2" for name in NAMES]
+        points = np.array([marker.pos for marker in labelled if not marker.occluded])
+        np.testing.assert_allclose(points, one.positions[one.valid], atol=2e-7)
+        np.testing.assert_allclose(
+            np.array(packet.marker_sets[0].marker_pos_list)[one.valid], one.positions[one.valid], atol=2e-7
+        )
+        np.testing.assert_allclose(np.array(packet.unlabeled_marker_pos), one.unlabelled, atol=2e-7)

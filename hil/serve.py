@@ -85,7 +85,7 @@ def serve_recording(options: ServeOptions, say: Callable[[str], None]) -> dict[s
             if timer is not None:
                 timer.cancel()
             server.close()
-    say(f"{count} frames sent")
+    say(f"{count} frame{'' if count == 1 else 's'} sent")
     return {
         "protocol": options.protocol,
         "address": str(address),

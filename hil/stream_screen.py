@@ -54,24 +54,24 @@ def screen(view: StreamView, width: int, height: int) -> RenderableType:
     head = Text.assemble(
         (view.title, "bold"), "   ", (health.connection.value, f"bold {_COLOURS[health.connection]}"), _since(health)
     )
-    figures = Table.grid(padding=(0, 3))
-    figures.add_row(
-        f"[dim]rate[/] {seen.rate_hz:.0f} Hz [dim]of {view.nominal_hz:g}[/]",
-        f"[dim]frames[/] {health.received}",
-        f"[dim]lost[/] {_warned(health.lost)}",
-        f"[dim]unlabelled[/] {seen.unlabelled}",
-    )
-    figures.add_row(
-        f"[dim]age[/] {seen.age_ms[0]:.2f} ms",
-        f"[dim]p99[/] {seen.age_ms[1]:.2f} ms",
-        f"[dim]max[/] {seen.age_ms[2]:.1f} ms",
-        f"[dim]jitter[/] {seen.jitter_ms[0]:.2f} ms  [dim]p99 of the period[/] {seen.jitter_ms[1]:.2f} ms",
-    )
-    lines: list[RenderableType] = [head, figures]
+    age, jitter = seen.age_ms, seen.jitter_ms
+    lines: list[RenderableType] = [
+        head,
+        Text.from_markup(
+            f"[dim]rate[/] {seen.rate_hz:.0f} Hz [dim]of {view.nominal_hz:g}[/]   [dim]frames[/] {health.received}   "
+            f"[dim]lost[/] {_warned(health.lost)}   [dim]without a label[/] {seen.unlabelled}"
+        ),
+        Text.from_markup(
+            f"[dim]age[/] {age[0]:.2f} ms [dim]p99[/] {age[1]:.2f} [dim]max[/] {age[2]:.1f}   "
+            f"[dim]jitter[/] {jitter[0]:.2f} ms [dim]period p99[/] {jitter[1]:.2f}"
+        ),
+    ]
     if health.trouble:
         lines.append(Text(health.trouble, style="yellow"))
-    lines.append(_arm_line(view))
-    lines += [Text(note, style="dim") for note in view.notes]
+    lines += [_arm_line(view), *(Text(note, style="dim") for note in view.notes)]
+    for line in lines:
+        if isinstance(line, Text):
+            line.no_wrap, line.overflow = True, "ellipsis"
     if seen.names:
         lines.append(_markers(seen, width, max(3, height - len(lines) - 4)))
     return Group(*lines)

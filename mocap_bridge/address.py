@@ -69,9 +69,8 @@ class Address:
         """The address as it is written; :func:`parse_address` reads it back."""
         if self.scheme == FILE:
             return self.host
-        host = (
-            f"[{self.host}]" if ":" in self.host else quote(self.host, safe="") if self.scheme == "lsl" else self.host
-        )
+        host = quote(self.host, safe="") if self.scheme == "lsl" else self.host
+        host = f"[{host}]" if ":" in host else host
         port = f":{self.port}" if self.port else ""
         options = "&".join(f"{key}={value}" for key, value in self.options.items())
         return f"{self.scheme}://{host}{port}{'?' + options if options else ''}"
@@ -92,24 +91,33 @@ def parse_address(text: str) -> Address:
     if scheme not in SCHEMES:
         raise HighFiveError(f"unknown address {text!r}: there are {_examples()} and the paths of C3D files")
     kind = SCHEMES[scheme]
-    try:
-        parts = urlsplit(f"//{rest}")
-        host = unquote(parts.netloc) if scheme == "lsl" else parts.hostname or ""
-        port = None if scheme == "lsl" else parts.port
-    except ValueError as error:
-        raise HighFiveError(f"address {text!r}: {_lower(str(error))}; write it as {kind.example}") from None
-    if not host or any(c in host for c in "'\"") or (scheme != "lsl" and any(c.isspace() for c in host)):
+    if scheme == "lsl":  # a name may be anything, where a host may not
+        name, _, query = rest.partition("?")
+        host, port = unquote(name.removesuffix("/")).strip(), 0
+    else:
+        host, port, query = _host(text, rest, kind)
+    if not host or any(c in "'\"" or (c.isspace() and scheme != "lsl") for c in host):
         raise HighFiveError(
             f"address {text!r} names no {'stream' if scheme == 'lsl' else 'host'}; as in {kind.example}"
         )
-    if port == 0:
-        raise HighFiveError(f"address {text!r}: port 0 is none; expected 1 to 65535")
-    if parts.path not in ("", "/") or parts.fragment or (scheme != "lsl" and "@" in parts.netloc):
-        raise HighFiveError(f"address {text!r}: not understood beyond the host; write it as {kind.example}")
-    options = parse_qsl(parts.query, keep_blank_values=True)
+    options = parse_qsl(query, keep_blank_values=True)
     if len(dict(options)) != len(options):
         raise HighFiveError(f"address {text!r} gives an option twice")
     return Address(scheme, host, port or kind.port, {k: _checked(text, kind, k, v) for k, v in options})
+
+
+def _host(text: str, rest: str, kind: Scheme) -> tuple[str, int, str]:
+    """Host, port (0 where none is given) and what follows the question mark."""
+    try:
+        parts = urlsplit(f"//{rest}")
+        host, port = parts.hostname or "", parts.port
+    except ValueError as error:
+        raise HighFiveError(f"address {text!r}: {_lower(str(error))}; write it as {kind.example}") from None
+    if port == 0:
+        raise HighFiveError(f"address {text!r}: port 0 is none; expected 1 to 65535")
+    if parts.path not in ("", "/") or parts.fragment or "@" in parts.netloc:
+        raise HighFiveError(f"address {text!r}: not understood beyond the host; write it as {kind.example}")
+    return host, port or 0, parts.query
 
 
 def _checked(text: str, kind: Scheme, key: str, value: str) -> str:

@@ -57,7 +57,8 @@ def write_frames(
             written += 1
         if written != count:
             raise HighFiveError(f"cannot write {path}: {written} frames came, {count} were announced")
-        file.write(b"\0" * (-file.tell() % BLOCK))
+        if count <= 0xFFFF:  # of a longer file other readers go on to its end
+            file.write(b"\0" * (-file.tell() % BLOCK))
 
 
 def _header(rate_hz: float, points: int, count: int, data_block: int) -> bytes:

@@ -170,8 +170,8 @@ def checked_times(stamps: Array) -> Array:
 class FrameCounter:
     """Frame numbers from time stamps and the nominal rate, so that lost samples leave a gap.
 
-    The time at which the next sample is expected follows the stamps slowly, so that stamps which are up to half a
-    period early or late count right, and a rate that is not quite the nominal one does too.
+    The time at which the next sample is expected follows the stamps slowly, so that stamps which are up to a
+    quarter of a period early or late count right, and a rate that is not quite the nominal one does too.
     """
 
     def __init__(self, rate_hz: float):

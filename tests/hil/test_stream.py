@@ -1,0 +1,197 @@
+"""``highfive stream`` as a user runs it, on this machine's own network."""
+
+import json
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_commands import ended, lab_recording, serving, start, stop, summary, wait_for
+from rich.console import Console
+
+from hil import cli
+from hil.stream_arm import ArmView
+from hil.stream_screen import StreamView, plain_line, screen
+from hil.stream_statistics import Histogram, StreamStatistics
+from mocap_bridge.c3d import read_c3d
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.sources import Connection, SourceHealth
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lab_recording(tmp_path_factory.mktemp("stream") / "lab.c3d")
+
+
+@pytest.fixture(scope="module")
+def vicon(lab: Path) -> Iterator[str]:
+    process, address, _ = serving("vicon", lab, "--loop", "--port", 0)
+    yield address
+    stop(process)
+
+
+@pytest.fixture
+def fails(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def run(*words: object) -> str:
+        monkeypatch.setattr("sys.argv", ["highfive", "stream", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        out, err = capsys.readouterr()
+        assert end.value.code == 2
+        assert out == ""
+        assert len(err.strip().splitlines()) == 1
+        assert err.startswith("error:")
+        return err
+
+    return run
+
+
+def test_bad_input_is_one_line(fails, vicon: str, lab: Path, tmp_path: Path) -> None:
+    assert "vicon://" in fails("vrpn://here")
+    assert "absent.c3d" in fails(tmp_path / "absent.c3d")
+    assert "several persons" in fails(lab, "--seconds", 1)
+    assert "human, avatar" in fails(vicon, "--person", "Eve", "--seconds", 1)
+    assert "RSHO" in fails(vicon, "--person", "avatar", "--marker-set", "paper", "--seconds", 1)
+    assert "no marker set 'mine'" in fails(vicon, "--person", "human", "--marker-set", "mine", "--seconds", 1)
+    (tmp_path / "there.c3d").write_bytes(b"kept")
+    assert "there already" in fails(vicon, "--record", tmp_path / "there.c3d")
+    assert "take.c3d" in fails(vicon, "--record", tmp_path / "take.mcap")
+    assert "no folder" in fails(vicon, "--record", tmp_path / "nowhere" / "take.c3d")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["there.c3d"]
+
+
+def test_a_summary_for_machines(vicon: str) -> None:
+    said = summary(vicon, "--person", "human", "--seconds", 1.5)
+    assert said["connection"] == "live"
+    assert 100 < said["rate_hz"] < 140
+    assert said["lost_frames"] == 0
+    assert 0.0 < said["age_ms"]["p50"] <= said["age_ms"]["p99"] <= said["age_ms"]["max"]
+    assert set(said["jitter_ms"]) == {"std", "p99"}
+    assert min(said["markers"].values()) > 0.9
+    assert said["marker_set"] == "paper"
+    assert said["arm"] is None or 0.0 <= said["arm"]["elbow_flexion_deg"] < 60.0
+
+
+def test_what_is_recorded_is_whole_after_ctrl_c_and_after_a_kill(vicon: str, tmp_path: Path) -> None:
+    take = tmp_path / "take.c3d"
+    raw = tmp_path / "take.c3d.part"
+    killed = start("stream", vicon, "--person", "human", "--record", take)
+    assert wait_for(raw, 20_000)
+    other = start("stream", vicon, "--person", "human", "--record", take, "--seconds", 1)
+    code, _, err = ended(other)
+    assert code == 2
+    assert "another process" in err
+    killed.kill()
+    killed.communicate()
+    assert not take.exists()
+    again = start("stream", vicon, "--person", "human", "--record", take)
+    assert wait_for(tmp_path / "take-recovered.c3d", 20_000)
+    assert wait_for(raw, 40_000)
+    code, _, err = ended(again, signal.SIGINT)
+    assert code == 0
+    assert "crash" in err
+    assert "gaps" in err
+    for path in (take, tmp_path / "take-recovered.c3d"):
+        recording = read_c3d(path)
+        assert len(recording) > 30
+        assert recording.rate_hz == 120.0
+        assert set(recording.prefixes) == {"human", "avatar"}
+        assert recording.valid.mean() > 0.9
+    assert not raw.exists()
+
+
+def test_a_file_is_shown_until_its_end(
+    lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["highfive", "stream", str(lab), "--person", "human", "--json"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["connection"] == "ended"
+    assert said["frames"] == 240
+    assert said["markers"]["RFIN"] == 1.0
+
+
+def test_where_no_frame_comes_one_line_says_why(vicon: str) -> None:
+    """Nothing there; a server that accepts and says nothing; another protocol."""
+    with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as gone:
+        quiet, nothing = silent.getsockname()[1], gone.getsockname()[1]
+        gone.close()
+        addresses = [f"vicon://127.0.0.1:{nothing}", f"vicon://127.0.0.1:{quiet}", vicon.replace("vicon", "qtm")]
+        begun = time.monotonic()
+        processes = [start("stream", address, "--seconds", 1, "--json") for address in addresses]
+        for address, process in zip(addresses, processes, strict=True):
+            code, out, err = ended(process)
+            assert code == 1, err
+            assert json.loads(out)["frames"] == 0
+            assert json.loads(out)["trouble"]
+            assert len(err.strip().splitlines()) == 1
+            assert err.startswith(f"no frame came from {address}: ")
+        assert time.monotonic() - begun < 20.0
+
+
+@pytest.mark.slow
+def test_a_system_that_goes_and_comes_back(lab: Path, tmp_path: Path) -> None:
+    process, address, _ = serving("vicon", lab, "--loop", "--port", 0, "--fault", "disconnect@3-5")
+    try:
+        said = summary(address, "--person", "human", "--seconds", 7, "--record", tmp_path / "a.c3d")
+    finally:
+        stop(process)
+    assert said["connection"] == "live"
+    recording = read_c3d(tmp_path / "a.c3d")
+    assert 800 < len(recording) < 900  # seven seconds, with a gap
+    assert 200 < (~recording.valid.any(axis=1)).sum() < 420
+
+
+def test_percentiles_are_right_to_a_hundredth() -> None:
+    rng, histogram = np.random.default_rng(0), Histogram()
+    values = rng.lognormal(1.0, 1.0, 5000)
+    for value in values:
+        histogram.add(float(value))
+    for share in (0.5, 0.99):
+        assert histogram.percentile(share) == pytest.approx(np.quantile(values, share), rel=0.02)
+    assert histogram.max == values.max()
+    assert histogram.std == pytest.approx(values.std())
+    assert Histogram().percentile(0.5) == Histogram().std == 0.0
+
+
+def statistics(frames: int = 240) -> StreamStatistics:
+    kept = StreamStatistics()
+    names = tuple(f"M{m}" for m in range(40))
+    for k in range(frames):
+        valid = np.ones(40, dtype=bool)
+        valid[3] = k < 60
+        valid[4] = False
+        arrival = round(k * 1e9 / 120)
+        kept.add(MarkerFrame(names, np.zeros((40, 3)), valid, k, arrival, arrival, np.zeros((2, 3))), arrival + 500_000)
+    return kept
+
+
+def test_markers_are_counted_in_the_last_second_and_altogether() -> None:
+    seen = statistics().snapshot(2_000_000_000)
+    assert seen.frames == 240
+    assert 119 <= seen.rate_hz <= 121
+    assert seen.share[[2, 3, 4]].tolist() == [1.0, 0.25, 0.0]
+    assert seen.recent[[2, 3, 4]].tolist() == [1.0, 0.0, 0.0]
+    assert seen.last_seen_s[3] == pytest.approx(1.5, abs=0.02)
+    assert np.isinf(seen.last_seen_s[4])
+    assert seen.age_ms[0] == pytest.approx(0.5, rel=0.01)
+    assert seen.jitter_ms[0] < 0.01
+
+
+@pytest.mark.parametrize(("width", "height"), [(100, 30), (60, 12), (200, 50)])
+def test_the_screen_fits_and_shows_the_worst_markers(width: int, height: int) -> None:
+    arm = ArmView(1.0, 0.5, np.array([0.5, 0.1, 1.2]), True)
+    health = SourceHealth(Connection.STALLED, 1_200_000_000, 240, 7, "nothing [came]")
+    view = StreamView("lsl://x", health, 120.0, statistics().snapshot(2_000_000_000), "paper", arm, ("recording",))
+    console = Console(width=width, height=height, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(screen(view, width, height))
+    shown = console.export_text()
+    assert len(shown.splitlines()) <= height
+    for text in ("lsl://x", "stalled", "nothing [came]", "M3", "M4", "never", "elbow 57°"):
+        assert text in shown
+    assert "hidden: M3 M4" in plain_line(view)

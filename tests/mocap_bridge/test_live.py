@@ -1,0 +1,178 @@
+"""A live source against real servers: it keeps in touch, never waits, never grows old, and says what is wrong."""
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from mocap_bridge.faults import Faults, parse_fault
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.live import LiveSource
+from mocap_bridge.recording import make_recording
+from mocap_bridge.servers.vicon import ViconServer
+from mocap_bridge.serving import serve
+from mocap_bridge.sources import Connection
+from mocap_bridge.tap import tapped
+from mocap_bridge.vicon import connect_vicon
+from model.errors import HighFiveError
+
+NAMES = ("human:RFIN", "human:RMC5", "human:RWRA", "other:RFIN")
+Serving = Callable[..., ViconServer]
+
+
+@pytest.fixture
+def serving() -> Iterator[Serving]:
+    stop, threads, servers = threading.Event(), [], []
+
+    def start(*faults: str, names: tuple[str, ...] = NAMES) -> ViconServer:
+        points = np.random.default_rng(0).uniform(0.2, 1.6, size=(1, len(names), 3)) + np.zeros((1200, 1, 1))
+        recording = make_recording(120.0, names, points, np.ones((1200, len(names)), dtype=bool))
+        server = ViconServer(port=0)
+        replay = Faults([parse_fault(fault) for fault in faults])
+        thread = threading.Thread(target=serve, args=(recording, server, replay, True, stop))
+        thread.start()
+        threads.append(thread)
+        servers.append(server)
+        return server
+
+    yield start
+    stop.set()
+    for thread in threads:
+        thread.join()
+    for server in servers:
+        server.close()
+
+
+@pytest.fixture
+def listen() -> Iterator[Callable[..., LiveSource]]:
+    sources = []
+
+    def start(port: int, person: str | None = "human") -> LiveSource:
+        source = LiveSource(f"vicon://127.0.0.1:{port}", lambda: connect_vicon("127.0.0.1", port), person)
+        sources.append(source)
+        return source
+
+    yield start
+    for source in sources:
+        source.close()
+        source.close()
+
+
+def until(condition: Callable[[], object], seconds: float) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def health(source: LiveSource):
+    return source.health(time.monotonic_ns())
+
+
+def test_frames_of_one_person_without_the_prefix(serving, listen) -> None:
+    source = listen(serving().port)
+    frame = source.first(5.0)
+    assert frame.names == ("RFIN", "RMC5", "RWRA")
+    assert frame.arrival_time_ns <= time.monotonic_ns()
+    assert health(source).connection is Connection.LIVE
+    after = source.wait(frame, 1.0)
+    assert after is not None
+    assert after.number > frame.number
+    assert source.newest(0) is not None
+
+
+def test_a_slow_reader_gets_fresh_frames(serving, listen) -> None:
+    source = listen(serving().port)
+    seen, ages = source.first(5.0), []
+    for _ in range(20):
+        time.sleep(0.03)
+        frame = source.newest(time.monotonic_ns())
+        ages.append((time.monotonic_ns() - frame.arrival_time_ns) * 1e-9)
+        assert frame.number > seen.number
+        seen = frame
+    assert float(np.median(ages)) < 0.0125  # a frame and a half
+
+
+def test_lost_frames_are_counted(serving, listen) -> None:
+    source = listen(serving("gap=12@1").port)
+    assert until(lambda: health(source).lost, 5.0)
+    assert health(source).lost == 12
+
+
+def test_a_server_that_dies_is_seen_and_one_that_is_back_is_found(serving, listen) -> None:
+    server = serving()
+    source = listen(server.port)
+    source.first(5.0)
+    server.hang_up()
+    assert until(lambda: health(source).connection is not Connection.LIVE, 1.5)
+    assert until(lambda: health(source).trouble, 2.0)
+    before = source.newest(0)
+    server.answer()
+    assert source.wait(before, 5.0) is not None
+    assert health(source).connection is Connection.LIVE
+
+
+def test_a_stall_ends_the_connection_and_nothing_else(serving, listen) -> None:
+    source = listen(serving("stall@0.7-2.4").port)
+    source.first(5.0)
+    assert until(lambda: health(source).connection is Connection.STALLED, 3.0)
+    assert until(lambda: health(source).connection is Connection.LIVE, 6.0)
+
+
+def test_no_number_that_is_none_is_called_valid(serving, listen) -> None:
+    source = listen(serving("nan=RFIN").port)
+    frame = source.first(5.0)
+    assert frame.valid.tolist() == [False, True, True]
+    assert np.isfinite(frame.positions).all()
+
+
+@pytest.mark.parametrize(
+    ("faults", "person", "says"),
+    [((), None, "human, other"), ((), "Eve", "'Eve'.*human, other"), (("metres",), "human", "unit")],
+)
+def test_frames_that_cannot_be_used_say_why(serving, listen, faults, person, says) -> None:
+    source = listen(serving(*faults).port, person)
+    with pytest.raises(HighFiveError, match=says):
+        source.first(1.0)
+    assert until(lambda: health(source).received, 3.0)
+
+
+def test_nothing_there_and_nothing_said(listen) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        source = listen(port)
+        with pytest.raises(HighFiveError, match="no frame came"):
+            source.first(0.3)
+        start = time.monotonic()
+        source.close()
+        assert time.monotonic() - start < 3.0
+    absent = listen(port)
+    assert until(lambda: "127.0.0.1" in health(absent).trouble, 2.0)
+    assert absent.wait(None, 0.05) is None
+    assert absent.newest(0) is None
+    assert health(absent).age_ns == -1
+    absent.close()
+    assert health(absent).connection is Connection.ENDED
+
+
+def test_a_tap_is_told_of_every_frame_of_everyone(serving) -> None:
+    port, told = serving().port, []
+
+    def tap(frames: list[MarkerFrame], rate_hz: float) -> None:
+        told.extend((frame, rate_hz) for frame in frames)
+
+    source = LiveSource("tapped", tapped(lambda: connect_vicon("127.0.0.1", port), tap), "human")
+    try:
+        source.first(5.0)
+        assert until(lambda: len(told) > 30, 3.0)
+        assert told[0][0].names == NAMES
+        assert told[-1][1] == 120.0
+        numbers = [frame.number for frame, _ in told]
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    finally:
+        source.close()

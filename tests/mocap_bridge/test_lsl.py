@@ -1,0 +1,121 @@
+"""LSL over the real library on this machine: our server, and outlets that know nothing of us."""
+
+import itertools
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pylsl
+import pytest
+
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.live import LinkError, LiveSource
+from mocap_bridge.lsl import configure, connect_lsl
+from mocap_bridge.recording import Recording, make_recording
+from mocap_bridge.servers.lsl import LslServer
+from mocap_bridge.serving import serve
+from mocap_bridge.sources import Connection
+from model.errors import HighFiveError
+
+NAMES = ("human:RFIN", "human:RMC5", "human:RWRA", "human:LFHD")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def this_machine_alone() -> None:
+    configure(local_only=True)
+
+
+def body(frames: int = 2400) -> Recording:
+    points = np.random.default_rng(0).uniform(0.2, 1.6, size=(1, len(NAMES), 3)) + np.zeros((frames, 1, 1))
+    valid = np.ones((frames, len(NAMES)), dtype=bool)
+    valid[:, 2] = False
+    return make_recording(120.0, NAMES, points, valid)
+
+
+@pytest.fixture
+def playing() -> Iterator[LslServer]:
+    server, stop = LslServer(NAMES, 120.0, "HighFiveTest"), threading.Event()
+    thread = threading.Thread(target=serve, args=(body(), server), kwargs={"stop": stop, "loop": True})
+    thread.start()
+    yield server
+    stop.set()
+    thread.join()
+    server.close()
+    server.close()
+
+
+def test_frames_arrive_with_their_times_and_hidden_markers(playing: LslServer) -> None:
+    assert playing.port > 0
+    source = LiveSource("lsl://HighFiveTest", lambda: connect_lsl("HighFiveTest"), "human")
+    try:
+        frame = source.first(5.0)
+        numbers, ages = [], []
+        for _ in range(60):
+            following = source.wait(frame, 1.0)
+            assert following is not None
+            frame = following
+            numbers.append(frame.number)
+            ages.append((time.monotonic_ns() - frame.source_time_ns) * 1e-9)
+        assert frame.names == ("RFIN", "RMC5", "RWRA", "LFHD")
+        assert frame.valid.tolist() == [True, True, False, True]
+        assert np.allclose(frame.positions[[0, 1, 3]], body(1).points[0, [0, 1, 3]], atol=1e-6)
+        assert source.rate_hz == 120.0
+        assert all(after > before for before, after in itertools.pairwise(numbers))
+        assert -0.005 < float(np.median(ages)) < 0.1
+        playing.hang_up()
+        assert playing.port == 0
+        until = time.monotonic() + 1.5
+        while source.health(time.monotonic_ns()).connection is Connection.LIVE and time.monotonic() < until:
+            time.sleep(0.02)
+        assert source.health(time.monotonic_ns()).connection is not Connection.LIVE
+        playing.answer()
+        assert source.wait(source.newest(0), 8.0) is not None
+    finally:
+        source.close()
+
+
+def test_an_outlet_of_someone_else_in_millimetres_with_y_up() -> None:
+    info = pylsl.StreamInfo("NotOurs", "mocap", 4, 0.0, pylsl.cf_double64, "not ours")
+    channels = info.desc().append_child("channels")
+    for label in ("FrameNumber", "RFIN_X", "RFIN_Y", "RFIN_Z"):
+        channel = channels.append_child("channel")
+        channel.append_child_value("label", label)
+        channel.append_child_value("unit", "millimeters")
+    outlet = pylsl.StreamOutlet(info)
+    link = connect_lsl("NotOurs", y_up=True)
+    try:
+        assert link.rate_hz == 0.0
+        frames: list[MarkerFrame] = []
+        until = time.monotonic() + 5.0
+        while len(frames) < 3 and time.monotonic() < until:
+            outlet.push_sample([41.0 + len(frames), 1000.0, 2000.0, 3000.0])
+            frames += link.receive(0.1)
+        assert frames[0].number >= 41
+        assert np.allclose(frames[0].positions, [[1.0, -3.0, 2.0]])
+        del outlet
+        with pytest.raises(LinkError, match="lost"):
+            for _ in range(50):
+                link.receive(0.1)
+    finally:
+        link.close()
+    with pytest.raises(LinkError, match="closed"):
+        link.receive(0.0)
+
+
+def test_streams_that_are_none() -> None:
+    with pytest.raises(LinkError, match="no stream called 'NotThere'"):
+        connect_lsl("NotThere", 0.2)
+    with pytest.raises(LinkError, match="quotation"):
+        connect_lsl("it's")
+    for kind, fmt, says in (
+        ("EEG", pylsl.cf_float32, "EEG"),
+        ("MoCap", pylsl.cf_string, "text"),
+        ("MoCap", pylsl.cf_float32, "no marker"),
+    ):
+        outlet = pylsl.StreamOutlet(pylsl.StreamInfo("Strange", kind, 3, 120.0, fmt, f"strange {kind} {fmt}"))
+        with pytest.raises(LinkError, match=says):
+            connect_lsl("Strange", 2.0)
+        del outlet
+    with pytest.raises(HighFiveError, match="markers"):
+        LslServer((), 120.0, "Empty")

@@ -122,34 +122,30 @@ def _check_markers(faults: Sequence[Fault], labels: Sequence[str]) -> None:
 
 
 def make_server(options: ServeOptions, recording: Recording) -> Server:
-    """The server of the protocol, listening; its library is imported only where it is wanted."""
+    """The server of the protocol, listening; its library is imported only where it is wanted.
+
+    Raises:
+        HighFiveError: the port is taken or not allowed.
+    """
     port = SCHEMES[options.protocol].port if options.port is None else options.port
     rate = recording.rate_hz
-    try:
-        if options.protocol == "vicon":
-            from mocap_bridge.servers.vicon import ViconServer  # noqa: PLC0415
+    if options.protocol == "vicon":
+        from mocap_bridge.servers.vicon import ViconServer  # noqa: PLC0415
 
-            return ViconServer(rate_hz=rate, host=options.host, port=port)
-        if options.protocol == "qtm":
-            from mocap_bridge.servers.qtm import QtmServer  # noqa: PLC0415
+        return ViconServer(rate_hz=rate, host=options.host, port=port)
+    if options.protocol == "qtm":
+        from mocap_bridge.servers.qtm import QtmServer  # noqa: PLC0415
 
-            return QtmServer(host=options.host, port=port, names=recording.names, rate_hz=rate)
-        if options.protocol == "natnet":
-            from mocap_bridge.servers.natnet import NatNetServer  # noqa: PLC0415
+        return QtmServer(host=options.host, port=port, names=recording.names, rate_hz=rate)
+    if options.protocol == "natnet":
+        from mocap_bridge.servers.natnet import NatNetServer  # noqa: PLC0415
 
-            return NatNetServer(host=options.host, port=port, names=recording.names, rate_hz=rate)
-        from mocap_bridge.servers.lsl import LslServer  # noqa: PLC0415
+        return NatNetServer(host=options.host, port=port, names=recording.names, rate_hz=rate)
+    from mocap_bridge.servers.lsl import LslServer  # noqa: PLC0415
 
-        if options.port is not None:
-            raise HighFiveError("an LSL stream is found by its name; --port does not go with it")
-        return LslServer(recording.names, recording.rate_hz, STREAM_NAME, local_only=options.host == LOOPBACK)
-    except OSError as error:
-        raise HighFiveError(_why_not(options.host, port, error)) from None
-
-
-def _why_not(host: str, port: int, error: OSError) -> str:
-    reason = (error.strerror or str(error)).lower()
-    return f"cannot listen at {host}:{port}: {reason}; give another --port (0: any that is free) or --host"
+    if options.port is not None:
+        raise HighFiveError("an LSL stream is found by its name; --port does not go with it")
+    return LslServer(recording.names, rate, STREAM_NAME, local_only=options.host == LOOPBACK)
 
 
 def address_of(options: ServeOptions, port: int) -> Address:

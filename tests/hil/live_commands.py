@@ -51,7 +51,7 @@ def ended(process: subprocess.Popen[str], with_signal: int | None = None, within
     except subprocess.TimeoutExpired:
         process.kill()
         raise
-    assert "Traceback" not in err
+    assert "Traceback" not in err, err
     return process.returncode, out, err
 
 

@@ -11,7 +11,7 @@ OURS = {"model", "mocap_bridge", "calibration", "hil", "scenes"}
 ALLOWED = {
     "scenes": {"scenes"},
     "model": {"model"},
-    "mocap_bridge": {"mocap_bridge", "model.rotations", "model.skeleton", "model.errors"},
+    "mocap_bridge": {"mocap_bridge", "model.rotations", "model.skeleton", "model.errors", "model.compiled"},
     "calibration": {"calibration", "mocap_bridge", "model"},
     "hil/drivers": {"hil.drivers", "model.errors"},
 }

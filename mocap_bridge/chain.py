@@ -1,0 +1,152 @@
+"""The skeleton as the tracker sees it: the segments of a marker set, joined by hinges, with every number in arrays.
+
+Segments without a parent in the set move freely; all others turn about their joint. Which turns a joint has, how far
+from rest it may be expected and how fast it is driven is anatomy, and the same for every marker set.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap_bridge.marker_sets import MarkerSet
+from model.rotations import Array
+
+SHIFT, TURN, HINGE = 0, 1, 2
+"""Kinds of freedom: of a free segment along and about the world's axes, of a joint about an axis of its own."""
+
+_LOOSE, _STIFF, _FREE = 0.7, 0.1, 10.0  # rad, standard deviation of a hinge about rest
+_TILT = 0.35  # rad, of a free segment from upright
+_HEADING = 0.6  # rad, of a free segment from where the head looks
+
+# Axis of each turn from parent to child, as in scenes/anthropometry.py, standard deviation about rest, rest angle, rad.
+_TURNS: dict[str, tuple[tuple[str, float, float], ...]] = {
+    "clavicle": (("z", 0.25, 0.0), ("x", 0.25, 0.0)),
+    "shoulder": (("y", 1.2, -0.5), ("x", _LOOSE, 0.0), ("z", 1.0, 0.0)),
+    "elbow": (("y", 1.0, -0.7), ("x", 0.08, 0.0), ("z", 0.8, 0.0)),
+    "wrist": (("x", 0.5, 0.0), ("y", 0.25, 0.0)),
+    "hip": (("y", _LOOSE, 0.0), ("x", 0.3, 0.0), ("z", 0.3, 0.0)),
+    "knee": (("y", _LOOSE, 0.3), ("z", _STIFF, 0.0)),
+    "ankle": (("y", 0.4, 0.0), ("x", 0.3, 0.0), ("z", 0.3, 0.0)),
+    "toe": (("y", 0.3, 0.0),),
+    "neck": (("y", 0.3, 0.0), ("x", 0.2, 0.0), ("z", 0.4, 0.0)),
+    "head": (("y", 0.4, 0.0), ("x", 0.3, 0.0), ("z", 0.6, 0.0)),
+}
+_TRUNK = (("y", 0.3, 0.0), ("x", 0.2, 0.0), ("z", 0.3, 0.0))
+_FINGER = (("x", _LOOSE, 0.0), ("y", 0.2, 0.0))
+
+# Power of the white accelerations that drive a freedom: m²/s³ of a shift, rad²/s³ of a turn.
+_SHIFT_POWER, _TURN_POWER = 5.0, 20.0
+_POWERS = {"clavicle": 20.0, "shoulder": 200.0, "elbow": 300.0, "wrist": 100.0, "head": 50.0, "neck": 20.0}
+_OTHER_POWER = 30.0
+# s, in which a speed falls to a third where nothing is seen: no one keeps a speed for long.
+_COASTING, _COASTINGS = 0.1, {"wrist": 0.07, "elbow": 0.07}
+
+
+class Chain(NamedTuple):
+    """J segments (a parent before its children), n freedoms, M markers.
+
+    Attributes:
+        parents: (J,) index of each segment's parent, -1 for a free segment.
+        offsets: (J, 3) m, the joint's centre from its parent's in the zero pose; of a free segment from the floor.
+        first, count: (J,) the freedoms of a segment are ``first`` to ``first + count``.
+        kind: (n,) :data:`SHIFT`, :data:`TURN` or :data:`HINGE`.
+        axis: (n,) 0, 1 or 2 for x, y, z: of the world, or of the joint's frame before the turn.
+        joint: (n,) the segment that it moves.
+        rest: (n,) rad.
+        stiffness: (n,) 1/rad², inverse variance about rest; for a free segment's turns: from upright and ahead.
+        power: (n,) of the accelerations, m²/s³ or rad²/s³.
+        coasting: (n,) s, in which a speed falls to a third where nothing is seen.
+        path: (J, L) the freedoms that move a segment, padded with -1.
+        lengths: (J,) how many of them there are.
+        carrier: (M,) the segment of each marker.
+        places: (M, 3) m, of the markers in their segment's frame.
+        spreads: (M,) m, standard deviation of a coordinate of that place from person to person.
+        head: the free segment whose heading the others follow, or -1.
+    """
+
+    parents: NDArray[np.int64]
+    offsets: Array
+    first: NDArray[np.int64]
+    count: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    axis: NDArray[np.int64]
+    joint: NDArray[np.int64]
+    rest: Array
+    stiffness: Array
+    power: Array
+    coasting: Array
+    path: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    carrier: NDArray[np.int64]
+    places: Array
+    spreads: Array
+    head: int
+
+
+def segment_order(marker_set: MarkerSet) -> list[str]:
+    """The set's segments, every parent before its children: the order of a :class:`Chain`."""
+    order: list[str] = []
+    waiting = list(marker_set.segments)
+    while waiting:
+        ready = [name for name in waiting if marker_set.segments[name].parent in (None, *order)]
+        order += ready
+        waiting = [name for name in waiting if name not in ready]
+    return order
+
+
+def make_chain(marker_set: MarkerSet) -> Chain:
+    """The chain of a marker set, on the body for which the set was written."""
+    names = segment_order(marker_set)
+    segments = [marker_set.segments[name] for name in names]
+    parents = [-1 if s.parent is None else names.index(s.parent) for s in segments]
+    offsets = [s.centre - (segments[p].centre if p >= 0 else 0.0) for s, p in zip(segments, parents, strict=True)]
+    rows: list[tuple[int, int, int, float, float, float]] = []  # kind, axis, joint, rest, stiffness, power
+    first, path = [], []
+    for joint, (name, parent) in enumerate(zip(names, parents, strict=True)):
+        first.append(len(rows))
+        plain = _plain(name)
+        if parent < 0:
+            rows += [(SHIFT, axis, joint, 0.0, 0.0, _SHIFT_POWER) for axis in range(3)]
+            away = (_TILT, _TILT, _HEADING)
+            rows += [(TURN, axis, joint, 0.0, away[axis] ** -2, _TURN_POWER) for axis in range(3)]
+        else:
+            turns = _TURNS.get(plain, _FINGER if plain[-1:].isdigit() and "_" in plain and _is_digit(plain) else _TRUNK)
+            power = _POWERS.get(plain, _OTHER_POWER)
+            rows += [  # what hardly bends is hardly driven
+                (HINGE, "xyz".index(axis), joint, rest, sd**-2, power * min(1.0, (sd / _LOOSE) ** 2))
+                for axis, sd, rest in turns
+            ]
+        path.append(([] if parent < 0 else path[parent]) + list(range(first[-1], len(rows))))
+    kind, axis, moved, rest, stiffness, power = (np.array(column) for column in zip(*rows, strict=True))
+    longest = max(len(p) for p in path)
+    free = [name for name, parent in zip(names, parents, strict=True) if parent < 0]
+    return Chain(
+        parents=np.array(parents),
+        offsets=np.array(offsets, dtype=float),
+        first=np.array(first),
+        count=np.diff([*first, len(rows)]),
+        kind=kind,
+        axis=axis,
+        joint=moved,
+        rest=rest.astype(float),
+        stiffness=stiffness.astype(float),
+        power=power.astype(float),
+        coasting=np.array([_COASTINGS.get(_plain(names[j]), _COASTING) for j in moved]),
+        path=np.array([p + [-1] * (longest - len(p)) for p in path]),
+        lengths=np.array([len(p) for p in path]),
+        carrier=np.array([names.index(joint) for joint in marker_set.joints]),
+        places=np.array(marker_set.local_positions, dtype=float),
+        spreads=np.array(marker_set.spreads, dtype=float),
+        head=names.index("head") if "head" in free and len(free) > 1 else -1,
+    )
+
+
+def _plain(name: str) -> str:
+    return name.removeprefix("left_").removeprefix("right_")
+
+
+def _is_digit(name: str) -> bool:
+    return name.partition("_")[0] in ("thumb", "index", "middle", "ring", "little")

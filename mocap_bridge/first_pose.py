@@ -1,0 +1,85 @@
+"""The tracker's beginning: a pose of the chain, and the body's size, from one frame."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap_bridge.chain import HINGE, SHIFT, Chain
+from mocap_bridge.pose_filter import NEVER, Pose, State, corrected, kinematics, misfit_of, on_segments, settled
+from model.rotations import Array
+
+HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0])
+SIZES = (1.0, 0.92, 1.08, 0.85, 1.15)
+"""Sizes of the body that are tried, relative to the one for which the marker set was written."""
+
+ENOUGH = 4
+"""Markers that a frame must show to begin with."""
+
+_BENDS = (0.0, -1.0, -2.0)  # rad, of the shoulders' first hinge beyond rest: arms hanging, forward, up
+_SHIFT_SIGMA, _TURN_SIGMA = 0.3, 1.0  # m and rad, of the first guess
+_SPEEDS = (0.7, 3.0)  # m/s and rad/s, standard deviation of a speed that is not known
+_ROUNDS = 25
+
+
+def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: NDArray[np.bool_]) -> State | None:
+    """The state that explains one frame best, from several guesses; None where the frame shows too little.
+
+    Args:
+        chain: the skeleton.
+        shoulders: freedoms that lift the arms.
+        points: (M, 3) m.
+        seen: (M,).
+    """
+    if seen.sum() < ENOUGH:
+        return None
+    best, least = None, np.inf
+    for heading, bend in itertools.product(HEADINGS, _BENDS):
+        state, cost = _fitted(chain, points, seen, heading, chain.rest + bend * _of(shoulders, len(chain.rest)), 1.0)
+        if cost < least:
+            best, least, guess = state, cost, (heading, bend)
+    if best is None:
+        return None
+    heading, bend = guess
+    for size in SIZES[1:]:
+        state, cost = _fitted(chain, points, seen, heading, chain.rest + bend * _of(shoulders, len(chain.rest)), size)
+        if cost < least:
+            best, least = state, cost
+    return settled(chain, best, points, seen, 0.0)
+
+
+def _of(freedoms: NDArray[np.intp], count: int) -> Array:
+    chosen = np.zeros(count)
+    chosen[freedoms] = 1.0
+    return chosen
+
+
+def _fitted(
+    chain: Chain, points: Array, seen: NDArray[np.bool_], heading: float, angles: Array, size: float
+) -> tuple[State | None, float]:
+    """The pose found from one guess, and how badly it explains the frame."""
+    n, segments, markers = len(chain.kind), len(chain.parents), len(chain.carrier)
+    turn = np.array(
+        [[np.cos(heading), -np.sin(heading), 0.0], [np.sin(heading), np.cos(heading), 0.0], [0.0, 0.0, 1.0]]
+    )
+    offsets, places = size * chain.offsets, size * chain.places
+    upright = Pose(offsets.copy(), np.tile(turn, (segments, 1, 1)), np.array(angles))
+    upright.centres[:] = offsets @ turn.T  # of free segments: as they stand to each other
+    pose, _ = kinematics(chain, offsets, upright)
+    away = (points - on_segments(chain, pose, places))[seen].mean(axis=0)
+    pose = Pose(pose.centres + away, pose.frames, pose.angles)
+    variance = np.where(chain.kind == HINGE, 1.0 / np.maximum(chain.stiffness, 1e-9), _TURN_SIGMA**2)
+    variance = np.where(chain.kind == SHIFT, _SHIFT_SIGMA**2, variance)
+    speed = np.where(chain.kind == SHIFT, _SPEEDS[0], _SPEEDS[1]) ** 2
+    covariance = np.stack([np.diag(variance), np.zeros((n, n)), np.diag(speed)])
+    none, ages, later = np.zeros(markers), np.where(seen, 0, NEVER), np.zeros(markers, dtype=np.int64)
+    state = State(
+        pose, np.zeros(n), covariance, offsets, places, chain.spreads**2, none, np.zeros((markers, 3)),
+        ages, later, points, np.full((markers, 3), np.nan), 0,
+    )  # fmt: skip
+    state, worked = corrected(chain, state, points, seen, 0.0, _ROUNDS)
+    if not worked or not np.isfinite(state.pose.centres).all():
+        return None, np.inf
+    return state, misfit_of(chain, state, points, seen)

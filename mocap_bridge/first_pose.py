@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.chain import HINGE, SHIFT, Chain
-from mocap_bridge.pose_filter import NEVER, Pose, State, corrected, kinematics, misfit_of, on_segments, settled
+from mocap_bridge.chain import SHIFT, Chain
+from mocap_bridge.pose_filter import NEVER, PULL_S, Pose, State, corrected, kinematics, misfit_of, on_segments, settled
 from model.rotations import Array
 
 HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0])
@@ -19,9 +20,9 @@ ENOUGH = 4
 """Markers that a frame must show to begin with."""
 
 _BENDS = (0.0, -1.0, -2.0)  # rad, of the shoulders' first hinge beyond rest: arms hanging, forward, up
-_SHIFT_SIGMA, _TURN_SIGMA = 0.3, 1.0  # m and rad, of the first guess
+_SHIFT_SIGMA, _TURN_SIGMA = 1.0, 10.0  # m and rad, of a guess: it is where to begin, not what is known
 _SPEEDS = (0.7, 3.0)  # m/s and rad/s, standard deviation of a speed that is not known
-_ROUNDS = 25
+_ROUNDS, _SMALL = 30, 1e-6
 
 
 def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: NDArray[np.bool_]) -> State | None:
@@ -35,30 +36,19 @@ def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: 
     """
     if seen.sum() < ENOUGH:
         return None
-    best, least = None, np.inf
-    for heading, bend in itertools.product(HEADINGS, _BENDS):
-        state, cost = _fitted(chain, points, seen, heading, chain.rest + bend * _of(shoulders, len(chain.rest)), 1.0)
-        if cost < least:
-            best, least, guess = state, cost, (heading, bend)
-    if best is None:
-        return None
-    heading, bend = guess
-    for size in SIZES[1:]:
-        state, cost = _fitted(chain, points, seen, heading, chain.rest + bend * _of(shoulders, len(chain.rest)), size)
-        if cost < least:
-            best, least = state, cost
-    return settled(chain, best, points, seen, 0.0)
-
-
-def _of(freedoms: NDArray[np.intp], count: int) -> Array:
-    chosen = np.zeros(count)
-    chosen[freedoms] = 1.0
-    return chosen
+    lifting = np.zeros(len(chain.rest))
+    lifting[shoulders] = 1.0
+    guesses = [(heading, chain.rest + bend * lifting) for heading, bend in itertools.product(HEADINGS, _BENDS)]
+    tried = [_fitted(chain, points, seen, *guess, SIZES[0]) for guess in guesses]
+    best = int(np.argmin([cost for _, cost in tried]))
+    tried = [tried[best]] + [_fitted(chain, points, seen, *guesses[best], size) for size in SIZES[1:]]
+    state, cost = min(tried, key=lambda found: found[1])
+    return settled(chain, state, points, seen, 0.0) if math.isfinite(cost) else None
 
 
 def _fitted(
     chain: Chain, points: Array, seen: NDArray[np.bool_], heading: float, angles: Array, size: float
-) -> tuple[State | None, float]:
+) -> tuple[State, float]:
     """The pose found from one guess, and how badly it explains the frame."""
     n, segments, markers = len(chain.kind), len(chain.parents), len(chain.carrier)
     turn = np.array(
@@ -70,8 +60,7 @@ def _fitted(
     pose, _ = kinematics(chain, offsets, upright)
     away = (points - on_segments(chain, pose, places))[seen].mean(axis=0)
     pose = Pose(pose.centres + away, pose.frames, pose.angles)
-    variance = np.where(chain.kind == HINGE, 1.0 / np.maximum(chain.stiffness, 1e-9), _TURN_SIGMA**2)
-    variance = np.where(chain.kind == SHIFT, _SHIFT_SIGMA**2, variance)
+    variance = np.where(chain.kind == SHIFT, _SHIFT_SIGMA, _TURN_SIGMA) ** 2
     speed = np.where(chain.kind == SHIFT, _SPEEDS[0], _SPEEDS[1]) ** 2
     covariance = np.stack([np.diag(variance), np.zeros((n, n)), np.diag(speed)])
     none, ages, later = np.zeros(markers), np.where(seen, 0, NEVER), np.zeros(markers, dtype=np.int64)
@@ -79,7 +68,7 @@ def _fitted(
         pose, np.zeros(n), covariance, offsets, places, chain.spreads**2, none, np.zeros((markers, 3)),
         ages, later, points, np.full((markers, 3), np.nan), 0,
     )  # fmt: skip
-    state, worked = corrected(chain, state, points, seen, 0.0, _ROUNDS)
+    state, worked = corrected(chain, state, points, seen, PULL_S, _ROUNDS, _SMALL)
     if not worked or not np.isfinite(state.pose.centres).all():
-        return None, np.inf
+        return state, math.inf
     return state, misfit_of(chain, state, points, seen)

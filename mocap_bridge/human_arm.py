@@ -185,11 +185,11 @@ def arm_of(
     points[1], points[2], points[3] = shoulder, elbow, wrist
     points[4:8] = hand
     points[8] = (moved[0] - hand[0]) / _STEP_S
-    usable, oldest = True, np.int64(0)
+    usable, oldest = True, 0
     for m in recipe.used:
-        usable = usable and valid[m]
+        usable = usable and bool(valid[m])
     for m in recipe.of_hand:
-        oldest = max(oldest, age_ns[m])
+        oldest = max(oldest, int(age_ns[m]))
     return points, quaternion, usable, oldest
 
 

@@ -453,11 +453,11 @@ def _look(
 
 @compiled_entry
 def corrected(
-    chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], seconds: float, rounds: int
+    chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], seconds: float, rounds: int, small: float
 ) -> tuple[State, bool]:
     """The state after looking at the points (M, 3) of the markers that were ``seen`` (M,); False where it failed.
 
-    ``rounds`` linearisations at most.
+    ``rounds`` linearisations at most; a step below ``small``, rad or m, ends them.
     """
     n = len(state.speeds)
     prior = state.covariance[0].copy()
@@ -485,7 +485,7 @@ def corrected(
             largest = max(largest, abs(step[d]))
             moved[d] += step[d]
         pose, axes = kinematics(chain, state.offsets, shifted(chain, pose, step))
-        if largest < _SMALL:
+        if largest < small:
             break
     after = _inverse(system)
     cross, speed = state.covariance[1], state.covariance[2]
@@ -706,7 +706,7 @@ def followed(
     if wanting and rejected + len(loose) > 0:
         points = _take_up(state, markers, precisions, points, loose, seen, doubted)
     state = _paceless(chain, state, seen)
-    state, worked = corrected(chain, state, points, seen, seconds, _ROUNDS)
+    state, worked = corrected(chain, state, points, seen, seconds, _ROUNDS, _SMALL)
     state = _remembered(
         chain, settled(chain, state, points, seen, seconds), points, labelled, seen, rejected, elapsed_ns
     )

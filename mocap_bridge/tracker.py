@@ -41,7 +41,7 @@ class Tracker:
             self._chain.first[j] for j, name in enumerate(order)
             if name.endswith("shoulder") and self._chain.parents[j] >= 0
         ]  # fmt: skip
-        self._segments = arm_segments(order)
+        self._order, self._segments = tuple(order), arm_segments(order)
         self._shoulders = np.array(lifting, dtype=np.intp)
         self._names: tuple[str, ...] | None = None
         self._columns, self._there = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
@@ -86,6 +86,16 @@ class Tracker:
             return None
         return ArmAngles(*arm_angles_of(self._chain, self._state, self._segments))
 
+    @property
+    def pose(self) -> tuple[tuple[str, ...], Array, Array] | None:
+        """The set's J segments after the last frame: names, joint centres (J, 3), m, and frames (J, 3, 3) in the world.
+
+        A parent stands before its children. None before the first pose.
+        """
+        if self._state is None:
+            return None
+        return self._order, self._state.pose.centres, self._state.pose.frames
+
     def _arranged(self, frame: MarkerFrame) -> tuple[Array, NDArray[np.bool_]]:
         """Positions (M, 3) and validity (M,) in the order of the set; columns are looked up by name."""
         if frame.names is not self._names and frame.names != self._names:
@@ -95,7 +105,7 @@ class Tracker:
         points = frame.positions.take(self._columns, axis=0, mode="wrap")
         labelled = self._there & frame.valid.take(self._columns, mode="wrap")
         if not math.isfinite(points.sum()):  # one test for all is quicker, and mostly enough
-            finite = np.isfinite(points).all(axis=1)
+            finite = np.asarray(np.isfinite(points).all(axis=1))
             points, labelled = np.where(finite[:, None], points, 0.0), labelled & finite
         return points, labelled
 

@@ -179,8 +179,8 @@ def test_moving_the_world_moves_the_output():
     there = follow(rotations.rotate(turn, NOISY[:130]) + shift, valid)
     matrix = rotations.to_matrix(turn)
     for a, b in zip(here[::10], there[::10], strict=True):
-        np.testing.assert_allclose(b.positions, rotations.rotate(turn, a.positions) + shift, atol=2e-5)
-        np.testing.assert_allclose(b.covariances, matrix @ a.covariances @ matrix.T, atol=1e-7)
+        np.testing.assert_allclose(b.positions, rotations.rotate(turn, a.positions) + shift, atol=1e-4)
+        np.testing.assert_allclose(b.covariances, matrix @ a.covariances @ matrix.T, atol=1e-6)
 
 
 def test_a_marker_that_never_came_is_not_valid_and_unknown_names_are_ignored():

@@ -69,16 +69,12 @@ def read_c3d(path: str | Path, max_bytes: int = MAX_BYTES, trust_unit: bool = Tr
         HighFiveError: no such file, larger than ``max_bytes``, empty, cut off, not a C3D, without labels, without a
             usable rate or unit, or of a size that no person has.
     """
-    data = _read_bytes(Path(path), max_bytes)
+    data = read_bytes(Path(path), max_bytes)
     name = Path(path).name
-    layout = _layout(data, name)
-    unit = _text(layout, "UNITS", "mm").strip().lower() or "mm"
-    if unit not in UNITS:
-        raise HighFiveError(
-            f"{name} gives its points in {unit!r}; expected one of {', '.join(UNITS)}; correct POINT:UNITS"
-        )
+    layout = layout_of(data, name)
+    unit = unit_of(layout, name)
     points, seen = _points(data, layout)
-    labels = _labels(layout)
+    labels = point_labels(layout)
     outputs = {label for group in _OUTPUT_GROUPS for label in _strings(layout, group)}
     labelled = [m for m, label in enumerate(labels) if not _UNLABELLED.fullmatch(label) and label not in outputs]
     ghosts = [m for m, label in enumerate(labels) if _UNLABELLED.fullmatch(label)]
@@ -134,7 +130,7 @@ def write_c3d(path: str | Path, recording: Recording) -> None:
         os.close(handle)
         file.write(temporary)
         # ezc3d does not notice a full disk: what was written must be whole before it gets the name.
-        _layout(_read_bytes(Path(temporary), MAX_BYTES), path.name)
+        layout_of(read_bytes(Path(temporary), MAX_BYTES), path.name)
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
         temporary = None
@@ -151,7 +147,26 @@ def _umask() -> int:
     return mask
 
 
-def _read_bytes(path: Path, max_bytes: int) -> bytes:
+def unit_of(layout: Layout, name: str) -> str:
+    """The unit of the points, one of :data:`UNITS`.
+
+    Raises:
+        HighFiveError: the file ``name`` gives another one.
+    """
+    unit = _text(layout, "UNITS", "mm").strip().lower() or "mm"
+    if unit not in UNITS:
+        raise HighFiveError(
+            f"{name} gives its points in {unit!r}; expected one of {', '.join(UNITS)}; correct POINT:UNITS"
+        )
+    return unit
+
+
+def read_bytes(path: Path, max_bytes: int) -> bytes:
+    """The bytes of a file that has the size and the first bytes of a C3D file.
+
+    Raises:
+        HighFiveError: no such file, no permission, larger than ``max_bytes``, empty, or no C3D file.
+    """
     try:
         if not path.is_file():
             raise HighFiveError(f"no file {path}" if not path.exists() else f"{path} is not a file; give a C3D file")
@@ -168,8 +183,12 @@ def _read_bytes(path: Path, max_bytes: int) -> bytes:
     return data
 
 
-def _layout(data: bytes, name: str) -> Layout:
-    """Reads header and parameters; raises if they contradict each other or the size of the file."""
+def layout_of(data: bytes, name: str) -> Layout:
+    """Reads header and parameters of the file ``name``.
+
+    Raises:
+        HighFiveError: they contradict each other or the size of the file.
+    """
     section = (data[0] - 1) * BLOCK
     if section < BLOCK or section + 4 > len(data):
         raise HighFiveError(
@@ -283,7 +302,7 @@ def _text(layout: Layout, name: str, otherwise: str) -> str:
     return strings[0] if strings else otherwise
 
 
-def _labels(layout: Layout) -> list[str]:
+def point_labels(layout: Layout) -> list[str]:
     """A label for every point; more than 255 of them are spread over LABELS, LABELS2, … . Missing ones are empty."""
     groups = ["LABELS", *(f"LABELS{i}" for i in range(2, 10))]
     labels = [label for group in groups for label in _strings(layout, group)][: layout.points]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.c3d import MAX_BYTES, Layout, layout_of, metres_a_unit, point_labels, read_bytes
+from mocap_bridge.c3d import MAX_BYTES, UNITS, Layout, layout_of, point_labels, read_bytes, unit_of
 from model.errors import HighFiveError
 from model.rotations import Array
 
@@ -40,7 +40,7 @@ def write_filled(source: str | Path, target: str | Path, filled: Mapping[str, tu
     layout = layout_of(bytes(data), path.name)
     labels = point_labels(layout)
     columns = [labels.index(label) for label in filled if label in labels]
-    unit = metres_a_unit(layout, path.name)
+    unit = UNITS[unit_of(layout, path.name)]
     words = _words(data, layout)
     put_in = 0
     measured = []

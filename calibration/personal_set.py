@@ -11,7 +11,7 @@ from mocap_bridge.marker_sets import MarkerSet, Segment, segment_lengths
 from model import rotations
 
 SPREAD = 0.003
-"""Standard deviation of a marker's place on the person it was fitted to, m: skin moves, and markers are glued on again."""
+"""Standard deviation of a marker's place on its own person, m: skin moves, and markers are glued on again."""
 
 _DIGITS = 5  # of a metre: a hundredth of a millimetre
 

@@ -17,8 +17,13 @@ from mocap_bridge.c3d import MAX_BYTES, UNITS, Layout, layout_of, point_labels, 
 from model.errors import HighFiveError
 from model.rotations import Array
 
+Words = NDArray[np.float32] | NDArray[np.int16]
+
 _DEC, _MIPS = 85, 86
 _LARGEST = 32767  # of a 16-bit coordinate
+# A residual of one POINT:SCALE (0.01 to 0.1 mm) and one camera. The guide has the residual in the lower byte and the
+# cameras in the upper one, ezc3d the other way round: this is the same both ways.
+_MEASURED = 0x0101
 
 
 def write_filled(source: str | Path, target: str | Path, filled: Mapping[str, tuple[Array, NDArray[np.bool_]]]) -> int:
@@ -58,28 +63,27 @@ def write_filled(source: str | Path, target: str | Path, filled: Mapping[str, tu
         measured.append((column, ~missing))
     if put_in and not any(words[seen, 4 * column + 3].any() for column, seen in measured):
         for column, seen in measured:
-            words[seen, 4 * column + 3] = 1  # times POINT:SCALE: 0.01 to 0.1 mm
+            words[seen, 4 * column + 3] = _MEASURED
     if put_in:  # decoding and encoding a file without gaps would be for nothing
         _put_back(data, layout, words)
     _write(Path(target), bytes(data))
     return put_in
 
 
-def _words(data: bytearray, layout: Layout) -> Array:
+def _words(data: bytearray, layout: Layout) -> Words:
     """The point and analogue words (T, W) of the file: single precision numbers or 16-bit integers, ours to change."""
     size = layout.frames * layout.words_a_frame * (4 if layout.scale < 0 else 2)
     raw = bytes(data[layout.start : layout.start + size])
+    shape = layout.frames, layout.words_a_frame
     if layout.scale > 0:
-        words = np.frombuffer(raw, ">i2" if layout.processor == _MIPS else "<i2").astype(np.int16)
-    elif layout.processor == _DEC:
+        return np.frombuffer(raw, ">i2" if layout.processor == _MIPS else "<i2").astype(np.int16).reshape(shape)
+    if layout.processor == _DEC:
         halves = np.frombuffer(raw, "<u2").reshape(-1, 2)[:, ::-1].copy()
-        words = halves.view("<f4")[:, 0] / np.float32(4.0)
-    else:
-        words = np.frombuffer(raw, ">f4" if layout.processor == _MIPS else "<f4").astype(np.float32)
-    return words.reshape(layout.frames, layout.words_a_frame)
+        return (halves.view("<f4")[:, 0] / np.float32(4.0)).astype(np.float32).reshape(shape)
+    return np.frombuffer(raw, ">f4" if layout.processor == _MIPS else "<f4").astype(np.float32).reshape(shape)
 
 
-def _put_back(data: bytearray, layout: Layout, words: Array) -> None:
+def _put_back(data: bytearray, layout: Layout, words: Words) -> None:
     """The inverse of :func:`_words`."""
     if layout.scale > 0:
         raw = words.astype(">i2" if layout.processor == _MIPS else "<i2").tobytes()

@@ -14,9 +14,9 @@ Value = str | float | bool | Sequence[str] | Sequence[float]
 """What may stand in the ``[subject]`` table."""
 
 _HEAD = """\
-# Positions are in metres, in the frame of the joint that carries the marker (x forward, y left, z up while the body stands
-# with hanging arms; the right palm then faces +y), on the body whose segments are given under [segments]. spread: standard
-# deviation of a coordinate of that place, m. How to write one: docs/markers.md.
+# Positions are in metres, in the frame of the joint that carries the marker (x forward, y left, z up while the body
+# stands with hanging arms; the right palm then faces +y), on the body whose segments are given under [segments].
+# spread: standard deviation of a coordinate of that place, m. How to write one: docs/markers.md.
 """
 
 
@@ -98,6 +98,6 @@ def _entry(value: Value | Mapping[str, float]) -> str:
 
 def _value(value: Value) -> str:
     """A TOML value. JSON's strings are TOML's basic strings, and its numbers are written to be read back exactly."""
-    if isinstance(value, str | bool | float):
+    if isinstance(value, str | bool | float | int):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return "[" + ", ".join(_value(item) for item in value) + "]"

@@ -1,0 +1,216 @@
+"""What the trackers are compared on: a simulated arm, simulated high fives, and a real recording, all with gaps.
+
+Markers are hidden for 300 ms at a time; where they really were is known, because they were there and were left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.subject import fit_subject
+from hil.avatar import avatar_skeleton
+from hil.peer_models import PeerModel, peer_model, start_of
+from mocap_bridge.c3d import read_c3d
+from mocap_bridge.chain import make_chain, segment_order
+from mocap_bridge.first_pose import first_state
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.marker_sets import MarkerSet, Segment, load_marker_set, segment_lengths
+from model.errors import HighFiveError
+from model.rotations import Array
+from model.skeleton import Skeleton
+
+RATE_HZ = 120.0
+NOISE = 0.001
+"""Standard deviation of a simulated measurement, a coordinate, m."""
+
+HIDDEN_FRAMES = 36
+"""300 ms."""
+
+REAL = Path("/work/shared/data/markers/85_12.c3d")
+REAL_PERSON, REAL_SET = "Male", "plug_in_gait"
+REAL_HIDDEN = ("RWRA", "RWRB", "RFIN")
+
+ARM_COORDINATES = ("shoulder y", "shoulder x", "shoulder z", "elbow y", "elbow z", "wrist x", "wrist y")
+"""The seven joints of the simulated arm, in the order of its coordinates."""
+
+_FIRST, _PERIOD, _REAL_PERIOD = 60, 72, 90  # frames: of the first gap, and from one gap to the next
+_PERSONAL_SPREAD = 0.003  # m, of a marker's place where it was fitted to the person
+_BELOW = ("hip", "knee", "ankle", "toe")
+
+
+@dataclass(frozen=True)
+class Case:
+    """T frames of one person, M markers.
+
+    Attributes:
+        marker_set: the set as it comes with the project.
+        personal: the same on the person's own body.
+        truth: (T, M, 3) m.
+        measured: (T, M, 3) m.
+        seen: (T, M) what the trackers are given.
+        hidden: (T, M) what was left out, and is compared.
+        peer: the model that the peers are given.
+        start: (n,) coordinates of that model in the first frame.
+        coordinates: (T, n) the true ones, where they are known.
+    """
+
+    marker_set: MarkerSet
+    personal: MarkerSet
+    truth: Array
+    measured: Array
+    seen: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+    peer: PeerModel
+    start: Array
+    coordinates: Array | None = None
+
+    def without_gaps(self) -> Case:
+        """The same with nothing left out."""
+        return replace(self, seen=self.seen | self.hidden, hidden=np.zeros_like(self.hidden))
+
+    def frames(self) -> Iterator[MarkerFrame]:
+        """What a tracker is given, frame by frame."""
+        return frames_of(self.marker_set.names, self.measured, self.seen)
+
+
+def frames_of(names: tuple[str, ...], points: Array, seen: NDArray[np.bool_]) -> Iterator[MarkerFrame]:
+    """Frames at 120 Hz of points (T, M, 3), m, of which some are ``seen`` (T, M)."""
+    none = np.zeros((0, 3))
+    for k in range(len(points)):
+        yield MarkerFrame(names, points[k], seen[k], k, round(k * 1e9 / RATE_HZ), 0, none)
+
+
+def gaps(frames: int, markers: int, groups: Sequence[NDArray[np.intp]], period: int = _PERIOD) -> NDArray[np.bool_]:
+    """Mask (T, M) of what is hidden: one group of markers after the other, 300 ms at a time."""
+    hidden = np.zeros((frames, markers), dtype=bool)
+    for number, start in enumerate(range(_FIRST, frames - HIDDEN_FRAMES, period)):
+        hidden[start : start + HIDDEN_FRAMES, groups[number % len(groups)]] = True
+    return hidden
+
+
+def personal_set(marker_set: MarkerSet, skeleton: Skeleton) -> MarkerSet:
+    """The set on the body of ``skeleton``: its segments, and the markers where they are on them."""
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(skeleton), 1))
+    centres, _ = skeleton.forward_kinematics(skeleton.offsets[0], upright)
+    lengths = segment_lengths(skeleton)
+    segments = {
+        name: Segment(float(lengths[skeleton.index(name)]), centres[skeleton.index(name)], segment.parent)
+        for name, segment in marker_set.segments.items()
+    }
+    return replace(
+        marker_set,
+        local_positions=marker_set.positions_on(skeleton),
+        segments=segments,
+        spreads=np.full(len(marker_set), _PERSONAL_SPREAD),
+    )
+
+
+def simulated_arm(seed: int, frames: int) -> Case:
+    """An arm of seven joints that sway as sums of two sines, on a body that stands still.
+
+    The eleven arm markers of the paper's set, its five head markers, and 1 mm of noise.
+    """
+    rng = np.random.default_rng([seed, 0])
+    paper, skeleton, time = load_marker_set("paper"), avatar_skeleton(), np.arange(frames) / RATE_HZ
+
+    def sway(size: float) -> Array:
+        rate, phase = rng.uniform(0.3, 0.9, size=2), rng.uniform(0.0, 2.0 * np.pi, size=2)
+        slow, quick = np.sin(2.0 * np.pi * rate[:, None] * time + phase[:, None])
+        return size * (0.7 * slow + 0.3 * quick)
+
+    coordinates = np.stack(
+        [-0.9 + sway(0.7), -0.2 + sway(0.4), sway(0.5), -0.9 + sway(0.6), sway(0.7), sway(0.35), sway(0.175)], axis=1
+    )
+    angles = np.zeros((frames, len(skeleton), 3))  # hinges y, x, z
+    angles[:, skeleton.index("right_shoulder")] = coordinates[:, :3]
+    angles[:, skeleton.index("right_elbow")] = coordinates[:, [3, 3, 4]] * [1.0, 0.0, 1.0]
+    angles[:, skeleton.index("right_wrist"), :2] = coordinates[:, 5:]
+    root = np.tile(skeleton.offsets[0], (frames, 1))
+    truth = paper.simulate(skeleton, *skeleton.forward_kinematics(root, skeleton.from_hinges(angles)))
+    arm = [name for name, joint in zip(paper.names, paper.joints, strict=True) if joint != "head"]
+    peer = peer_model(paper, arm, fixed=["right_clavicle"], rigid=["right_elbow.x"])
+    personal = personal_set(paper, skeleton)
+    return _with_gaps(paper, personal, truth, rng, peer, coordinates[0], coordinates)
+
+
+def simulated_high_five(seed: int) -> Case:
+    """A simulated person of some size who raises a hand to a high five; the paper's set and 1 mm of noise.
+
+    The peers are given the person's own body, with a shoulder girdle that moves freely.
+    """
+    from hil.sim.actors import CELLS, simulate_pair  # noqa: PLC0415  (it loads MuJoCo)
+    from hil.sim.emotions import EMOTIONS  # noqa: PLC0415
+
+    rng = np.random.default_rng([seed, 1])
+    emotion, cell = list(EMOTIONS)[seed % len(EMOTIONS)], CELLS[seed % len(CELLS)]
+    person, paper = simulate_pair(emotion, cell, 0, rng).person, load_marker_set("paper")
+    truth = paper.simulate(
+        person.skeleton, *person.skeleton.forward_kinematics(person.root_in_world, person.quaternions)
+    )
+    personal = personal_set(paper, person.skeleton)
+    arm = [name for name, joint in zip(paper.names, paper.joints, strict=True) if joint != "head"]
+    peer = peer_model(personal, arm)
+    return _with_gaps(paper, personal, truth, rng, peer, _start(peer, personal, truth[0]), None)
+
+
+def real_recording(path: Path = REAL, frames: int | None = None) -> Case | None:
+    """Head, trunk and right arm of a recorded person, with wrist and hand hidden; None where the file is not there.
+
+    The person's body is fitted to the same recording, without what is hidden.
+    """
+    if not path.is_file():
+        return None
+    recording = read_c3d(path).person(REAL_PERSON)
+    whole = load_marker_set(REAL_SET)
+    points, valid = whole.arrange(recording.names, recording.points[:frames], recording.valid[:frames])
+    hidden = gaps(len(points), len(whole), [whole.indices(REAL_HIDDEN)], _REAL_PERIOD) & valid
+    subject = fit_subject(avatar_skeleton(), whole, points, valid & ~hidden)
+    fitted = personal_set(subject.marker_set, subject.skeleton)
+    kept = [
+        name
+        for name, joint in zip(whole.names, whole.joints, strict=True)
+        if not joint.startswith("left_") and joint.rpartition("_")[2] not in _BELOW
+    ]
+    columns = whole.indices(kept)
+    personal, shipped = fitted.subset(kept), whole.subset(kept)
+    points, valid, hidden = points[:, columns], valid[:, columns], hidden[:, columns]
+    if not valid[0].all():
+        raise HighFiveError(f"{path}: not all of {', '.join(kept)} are seen in the first frame, where the peers begin")
+    peer = peer_model(personal, kept)
+    start = _start(peer, personal, points[0])
+    return Case(shipped, personal, points, points, valid & ~hidden, hidden, peer, start)
+
+
+def _with_gaps(
+    paper: MarkerSet,
+    personal: MarkerSet,
+    truth: Array,
+    rng: np.random.Generator,
+    peer: PeerModel,
+    start: Array,
+    coordinates: Array | None,
+) -> Case:
+    measured = truth + rng.normal(scale=NOISE, size=truth.shape)
+    hidden = gaps(len(truth), len(paper), [paper.indices(["RFIN", "RMC5"]), paper.indices(["RWRA", "RWRB"])])
+    return Case(paper, personal, truth, measured, ~hidden, hidden, peer, start, coordinates)
+
+
+def _start(peer: PeerModel, personal: MarkerSet, points: Array) -> Array:
+    """Coordinates of the peers' model in a frame of which every marker is there: as our own tracker begins."""
+    chain = make_chain(personal)
+    state = first_state(chain, lifting(personal), points, np.ones(len(points), dtype=bool))
+    if state is None:
+        raise HighFiveError("the first frame shows too few markers to begin with")
+    return start_of(peer, personal, state.pose.centres, state.pose.frames, state.pose.angles)
+
+
+def lifting(marker_set: MarkerSet) -> NDArray[np.intp]:
+    """The freedoms of a set's chain that lift its arms, as the tracker's first pose wants them."""
+    chain, order = make_chain(marker_set), segment_order(marker_set)
+    shoulders = [j for j, name in enumerate(order) if name.endswith("shoulder") and chain.parents[j] >= 0]
+    return chain.first[shoulders].astype(np.intp)

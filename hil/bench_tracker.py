@@ -157,7 +157,8 @@ def _methods(peers: dict[str, str], python: Path) -> dict[str, list[Method]]:
         methods["biorbd_tuned"] = [peer("biorbd", noise=factor) for factor in NOISE_FACTORS]
     for order, powers in POWERS.items():
         methods[_FILTERS[order]] = [filtered(order, power) for power in powers]
-    return methods | {"hold": [lambda case: (held(case.measured, case.seen), None)]}
+    methods["hold"] = [lambda case: (held(case.measured, case.seen), None)]
+    return methods
 
 
 def _tracked(case: Case, marker_set: MarkerSet) -> Array:
@@ -201,9 +202,9 @@ def _detail(cases: list[Case], errors: list[Array]) -> dict[str, Any]:
             by_marker[name] = round(_rms(values), 2)
     worst = (0.0, 0, 0)
     for number, (error, case) in enumerate(zip(errors, cases, strict=True)):
-        any_hidden = case.hidden.any(axis=1)
-        for start in np.flatnonzero(any_hidden & ~np.roll(any_hidden, 1)):
-            gap = slice(start, start + int(np.argmin(np.append(any_hidden[start:], False))))
+        edges = np.diff(case.hidden.any(axis=1).astype(int), prepend=0, append=0)
+        for start, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+            gap = slice(int(start), int(end))
             worst = max(worst, (_rms(error[gap][case.hidden[gap]]), number, int(start)))
     p50, p95 = np.percentile(pooled, [50, 95])
     return {

@@ -1,0 +1,92 @@
+"""A server of one live protocol in a process of its own, which remembers when it sent what: for ``highfive bench``.
+
+Arguments: protocol, C3D file, and where the send times go (.npz). Prints the address to listen to, and sends, again and
+again, until its standard input ends; then it writes frame numbers and, ns on the monotonic clock, when each was sent.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from hil.ending import until_told
+from hil.serve import ServeOptions, address_of, make_server
+from mocap_bridge.address import Address
+from mocap_bridge.c3d import read_c3d
+from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.recording import Recording, resample
+from mocap_bridge.serving import Server, serve
+from mocap_bridge.sources import RATE_HZ
+
+
+class Stamped:
+    """A server that notes the time just before it sends."""
+
+    def __init__(self, server: Server):
+        """Nothing is sent yet."""
+        self._server = server
+        self.numbers: list[int] = []
+        self.times_ns: list[int] = []
+
+    @property
+    def port(self) -> int:
+        """The port that it listens at."""
+        return self._server.port
+
+    def send(self, frame: MarkerFrame) -> None:
+        """Notes the time and sends."""
+        self.numbers.append(frame.number)
+        self.times_ns.append(time.monotonic_ns())
+        self._server.send(frame)
+
+    def hang_up(self) -> None:
+        """As the server does."""
+        self._server.hang_up()
+
+    def answer(self) -> None:
+        """As the server does."""
+        self._server.answer()
+
+    def close(self) -> None:
+        """Ends everything."""
+        self._server.close()
+
+
+def start_server(protocol: str, recording: Recording) -> tuple[Stamped, Address]:
+    """The server, at a free port or under a name of its own, and what a client gives to get its stream.
+
+    Raises:
+        HighFiveError: it cannot listen.
+    """
+    if protocol == "lsl":
+        from mocap_bridge.servers.lsl import LslServer  # noqa: PLC0415
+
+        name = f"HighFiveBench{os.getpid()}"
+        return Stamped(LslServer(recording.names, recording.rate_hz, name)), Address("lsl", name)
+    options = ServeOptions(protocol, Path(recording.source), port=0)
+    server = make_server(options, recording)
+    return Stamped(server), address_of(options, server.port)
+
+
+def main() -> None:
+    """Sends until told to end."""
+    protocol, file, out = sys.argv[1:]
+    recording = resample(read_c3d(file), RATE_HZ)
+    with until_told() as told:
+        server, address = start_server(protocol, recording)
+        threading.Thread(target=lambda: (sys.stdin.read(), told.set()), daemon=True).start()
+        try:
+            print(address, flush=True)
+            serve(recording, server, loop=True, stop=told)
+        finally:
+            server.close()
+            np.savez(out, numbers=np.array(server.numbers), times_ns=np.array(server.times_ns))
+
+
+if __name__ == "__main__":
+    main()

@@ -27,12 +27,18 @@ bench = typer.Typer(
 )
 app.add_typer(bench, name="bench")
 
+calibrate = typer.Typer(help="Fit what the project knows of a person or a place to a recording.", no_args_is_help=True)
+app.add_typer(calibrate, name="calibrate")
+
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
 Human = Annotated[str, typer.Option(help="Prefix of the person's markers.")]
 Avatar = Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")]
 HumanSet = Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")]
 AvatarSet = Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")]
+
+Person = Annotated[str | None, typer.Option(help="Prefix of the person's markers.")]
+AnySet = Annotated[str | None, typer.Option(help="The marker set: a name or a TOML file.")]
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
@@ -64,7 +70,8 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
-    from hil.simulate import DEFAULT_MODEL, SimulateOptions, next_folder, simulate  # noqa: PLC0415
+    from hil.folders import next_folder  # noqa: PLC0415
+    from hil.simulate import DEFAULT_MODEL, SimulateOptions, simulate  # noqa: PLC0415
 
     options = SimulateOptions(
         trials=trials,
@@ -80,7 +87,7 @@ def simulate(
         correct=not no_correction,
         pictures=not no_pictures,
     )
-    folder = out or next_folder()
+    folder = out or next_folder("session")
     with progress_bars() as bar:
         summary = simulate(options, folder, bar)
     if json:
@@ -392,6 +399,46 @@ def stream(
     if not result["frames"]:
         _say_aside(f"no frame came from {result['source']}: {result['trouble'] or 'nothing was sent'}")
         raise typer.Exit(1)
+
+
+@app.command()
+def track(
+    file: Annotated[Path, typer.Argument(metavar="FILE.c3d", help="The recording.")],
+    person: Person = None,
+    marker_set: AnySet = None,
+    subject: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The person's own set, from calibrate subject.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/track-1, -2, …).")] = None,
+    json: Json = False,
+) -> None:
+    """Fill a recording's gaps, and write the right arm's angles and a report with figures (docs/mocap.md)."""
+    from hil.track import TrackOptions, print_track, track  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = track(TrackOptions(file, person, marker_set, subject, out), bar)
+    if json:
+        print_json(result)
+    else:
+        print_track(result)
+
+
+@calibrate.command("subject")
+def calibrate_subject(
+    file: Annotated[Path, typer.Argument(metavar="FILE.c3d", help="A recording of the person, still or moving.")],
+    person: Person = None,
+    marker_set: AnySet = None,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The person's own marker set.")] = Path("subject.toml"),
+    json: Json = False,
+) -> None:
+    """Fit segment lengths and places of markers to a person, and write her own marker set (docs/markers.md)."""
+    from hil.calibrate import CalibrateOptions, calibrate_subject, print_subject  # noqa: PLC0415
+
+    result = calibrate_subject(CalibrateOptions(file, person, marker_set, out))
+    if json:
+        print_json(result)
+    else:
+        print_subject(result)
 
 
 def _say(line: str) -> None:

@@ -7,7 +7,6 @@ import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -158,11 +157,6 @@ def _make(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise HighFiveError(f"cannot write to {folder}: {error.strerror}; give another --out") from None
-
-
-def next_folder(base: Path = Path("out")) -> Path:
-    """The first of ``out/session-1``, ``out/session-2``, … that is not there yet."""
-    return next(folder for number in count(1) if not (folder := base / f"session-{number}").exists())
 
 
 def _run(

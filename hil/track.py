@@ -1,0 +1,133 @@
+"""``highfive track``: a recording with its gaps filled, the arm's angles, and a report."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from hil.console import STDOUT
+from hil.folders import next_folder
+from hil.page import write_file
+from hil.track_input import OnePerson, read_person
+from hil.track_report import write_track_report
+from hil.track_summary import angle_rows, summarise_track
+from hil.tracked_recording import TrackedRecording, passes, track_recording
+from mocap_bridge.c3d_fill import write_filled
+from model.errors import HighFiveError
+
+ANGLES_FILE = "angles.csv"
+
+ProgressBar = Callable[[str, int], Callable[[], None]]
+
+
+@dataclass(frozen=True)
+class TrackOptions:
+    """What to track.
+
+    Attributes:
+        file: a C3D file.
+        person: prefix of the person's markers; None for the only one.
+        marker_set: name or file of the marker set; None finds one.
+        subject: file of the person's own set, from ``highfive calibrate subject``, instead of ``marker_set``.
+        out: folder for the results; None takes ``out/track-1``, ``-2``, ….
+    """
+
+    file: Path
+    person: str | None = None
+    marker_set: str | None = None
+    subject: Path | None = None
+    out: Path | None = None
+
+
+def track(options: TrackOptions, bar: ProgressBar) -> dict[str, Any]:
+    """Tracks a recording and writes the filled file, the angles and the report.
+
+    Returns:
+        The summary; its ``files`` are names in its ``folder``.
+
+    Raises:
+        HighFiveError: the file is not usable, the labels do not fit, or a result cannot be written.
+    """
+    if options.marker_set is not None and options.subject is not None:
+        raise HighFiveError("give --marker-set or --subject: a subject's file is a marker set")
+    wanted = options.marker_set if options.subject is None else str(options.subject)
+    person = read_person(options.file, options.person, wanted)
+    folder = options.out or next_folder("track")
+    _check_folder(folder)
+    advance = bar("tracking", len(person.recording) * passes(person.recording, person.marker_set))
+    tracked = track_recording(person.recording, person.marker_set, advance)
+    filled = f"{options.file.stem}_filled.c3d"
+    if (folder / filled).resolve() == options.file.resolve():
+        raise HighFiveError(f"{folder / filled} is the recording itself; choose another --out")
+    files = {"filled": filled, "angles": ANGLES_FILE, "report": "report.html"}
+    summary = summarise_track(person, tracked) | {"folder": str(folder), "files": files}
+    _write_angles(folder / ANGLES_FILE, tracked)
+    _write_filled(folder / filled, person, tracked)
+    write_track_report(folder, summary, tracked, _command(options, folder))
+    return summary
+
+
+def print_track(summary: dict[str, Any]) -> None:
+    """The summary for people."""
+    whose = f", {summary['person']}" if summary["person"] else ""
+    print(
+        f"{Path(summary['file']).name}{whose}: {summary['frames']} frames at {summary['rate_hz']:g} Hz, "
+        f"marker set {summary['marker_set']}"
+    )
+    residual = summary["residual_mm"]
+    if residual is not None:
+        print(f"  measured to tracked   median {residual['median']:.1f} mm, 95 % within {residual['p95']:.1f} mm")
+    hidden, filled = summary["hidden_points"], summary["filled_points"]
+    print(f"  hidden points         {hidden} in {summary['gaps']} gaps, {filled} filled")
+    print(f"  not believed          {summary['disbelieved_points']}")
+    if summary["missing"]:
+        print(f"  never there           {', '.join(summary['missing'])}")
+    rows = {name: of for name, of in summary["markers"].items() if of["hidden"] or of["disbelieved"]}
+    if rows:
+        shown = Table("marker", "gaps", "longest, ms", "hidden", "filled", "not believed", box=SIMPLE_HEAD)
+        for name, of in rows.items():
+            keys = ("gaps", "longest_gap_ms", "hidden", "filled", "disbelieved")
+            shown.add_row(name, *(f"{of[key]:g}" for key in keys))
+        STDOUT.print(shown)
+    print(f"Open {Path(summary['folder']) / summary['files']['report']}")
+
+
+def _check_folder(folder: Path) -> None:
+    """Makes the folder now: better to fail before the work than after it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise HighFiveError(f"cannot write into {folder}: {error.strerror or error}; choose another --out") from None
+
+
+def _write_angles(path: Path, tracked: TrackedRecording) -> None:
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    heads, rows = angle_rows(tracked)
+    writer.writerow(heads)
+    writer.writerows(rows)
+    write_file(path, buffer.getvalue().encode())
+
+
+def _write_filled(path: Path, person: OnePerson, tracked: TrackedRecording) -> None:
+    hidden = tracked.hidden & tracked.usable
+    columns = {}
+    for m in range(len(tracked.marker_set)):
+        if (label := person.label(m)) is not None:
+            columns[label] = (tracked.filled[:, m], hidden[:, m])
+    write_filled(person.path, path, columns)
+
+
+def _command(options: TrackOptions, folder: Path) -> list[str]:
+    words = ["highfive", "track", str(options.file)]
+    for name in ("person", "marker_set", "subject"):
+        if (value := getattr(options, name)) is not None:
+            words += [f"--{name.replace('_', '-')}", str(value)]
+    return [*words, "--out", str(folder)]

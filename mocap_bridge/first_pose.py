@@ -68,7 +68,7 @@ def _fitted(
         pose, np.zeros(n), covariance, offsets, places, chain.spreads**2, none, np.zeros((markers, 3)),
         ages, later, points, np.full((markers, 3), np.nan), 0,
     )  # fmt: skip
-    state, worked = corrected(chain, state, points, seen, PULL_S, _ROUNDS, _SMALL)
+    state, worked = corrected(chain, state, points, seen, none, PULL_S, _ROUNDS, _SMALL)
     if not worked or not np.isfinite(state.pose.centres).all():
         return state, math.inf
     return state, misfit_of(chain, state, points, seen)

@@ -42,10 +42,10 @@ FIRST_STEP = 0.04
 RETURN_NS = 40_000_000
 """A marker that was not seen for so long brings back a part of the body whose speed is not known any more."""
 
-RETURN_SPEED = 8.0
+RETURN_SPEED = 6.0
 """How fast that part may be, rad/s."""
 
-UNSURE = 0.02
+UNSURE = 0.1
 """A freedom counts as out of sight from this standard deviation on, rad."""
 
 MISFIT_S = 0.5
@@ -59,6 +59,18 @@ GATE = 25.0
 
 TAKE_UP_GATE = 11.3
 """The same within which a point without a label may be taken for a marker (1 in 100 missed)."""
+
+GHOSTS = 20.0
+"""Points without a label that belong to nothing, in a m³ about the body."""
+
+TAKEN = 0.02
+"""How probable it is that a hidden marker has a point without a label, over the odds that are asked for to take it."""
+
+CAUTION = 0.1
+"""Share of what was not known of a marker that is added to its variance in the frame in which it is seen again.
+
+A wrong point may come under a right label; it must not shut out the right one in the next frame.
+"""
 
 REACH = 0.10
 """Most that a point without a label may be away from the marker that it is taken for, m."""
@@ -429,8 +441,8 @@ def _expect_rest(chain: Chain, pose: Pose, seconds: float, system: Array, right:
 
 @compiled
 def _look(
-    chain: Chain, state: State, pose: Pose, axes: Array, points: Array, seen: NDArray[np.bool_], system: Array,
-    right: Array,
+    chain: Chain, state: State, pose: Pose, axes: Array, points: Array, seen: NDArray[np.bool_], caution: Array,
+    system: Array, right: Array,
 ) -> None:  # fmt: skip
     """Adds what the points (M, 3) of the markers that were ``seen`` (M,) say: normal equations, lower triangle."""
     slopes, gap = np.empty((chain.path.shape[1], 3)), np.empty(3)
@@ -440,7 +452,7 @@ def _look(
             continue
         j = chain.carrier[m]
         count = _slopes(chain, pose, axes, j, markers[m], slopes)
-        weight = 1.0 / (MARKER_SIGMA**2 + state.doubt[m] + state.misfit[m])
+        weight = 1.0 / (MARKER_SIGMA**2 + state.doubt[m] + state.misfit[m] + caution[m])
         for k in range(3):
             gap[k] = weight * (points[m, k] - markers[m, k])
         for a in range(count):
@@ -453,11 +465,12 @@ def _look(
 
 @compiled_entry
 def corrected(
-    chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], seconds: float, rounds: int, small: float
-) -> tuple[State, bool]:
+    chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], caution: Array, seconds: float, rounds: int,
+    small: float,
+) -> tuple[State, bool]:  # fmt: skip
     """The state after looking at the points (M, 3) of the markers that were ``seen`` (M,); False where it failed.
 
-    ``rounds`` linearisations at most; a step below ``small``, rad or m, ends them.
+    ``caution`` (M,), m², is added to their variances. ``rounds`` linearisations at most; a step below ``small``, rad or m, ends them.
     """
     n = len(state.speeds)
     prior = state.covariance[0].copy()
@@ -475,7 +488,7 @@ def corrected(
                 total -= information[i, k] * moved[k]
             step[i] = total
         _expect_rest(chain, pose, seconds, system, step)
-        _look(chain, state, pose, axes, points, seen, system, step)
+        _look(chain, state, pose, axes, points, seen, caution, system, step)
         if not _factor(system):
             return state, False
         _solve(system, step)
@@ -573,6 +586,13 @@ def _precision(out: Array, extra: float) -> None:
 
 
 @compiled
+def _determinant(a: Array) -> float:
+    """Determinant of a symmetric matrix (3, 3)."""
+    x, y = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 1] * a[2, 2] - a[0, 2] * a[1, 2]
+    return a[0, 0] * x - a[0, 1] * y + a[0, 2] * (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1])
+
+
+@compiled
 def _distance(precision: Array, gap: Array) -> float:
     """Squared Mahalanobis distance of a gap (3,)."""
     total = 0.0
@@ -629,7 +649,10 @@ def _take_up(
             for i in range(3):
                 gap[i] = point[i] - markers[m, i]
                 square += gap[i] * gap[i]
-            if square < REACH * REACH and _distance(precisions[m], gap) < TAKE_UP_GATE:
+            away = _distance(precisions[m], gap)
+            # Odds that it is the marker and not one of the ghosts in the space where the marker may be.
+            odds = TAKEN * math.sqrt(_determinant(precisions[m])) * math.exp(-0.5 * away) / (GHOSTS * 15.75)
+            if square < REACH * REACH and away < TAKE_UP_GATE and odds > 1.0:
                 owner[p] = m if owner[p] == -1 else -2
                 choice[m] = p if choice[m] == -1 else -2
     for m in range(count):
@@ -679,7 +702,7 @@ def followed(
     pose, axes = kinematics(chain, state.offsets, state.pose)
     markers = on_segments(chain, pose, state.places)
     precisions, slopes = np.zeros((count, 3, 3)), np.empty((chain.path.shape[1], 3))
-    slides = np.full_like(markers, np.inf)
+    slides, caution = np.full_like(markers, np.inf), np.zeros(count)
     for m in range(count):
         if state.ages[m] == NEVER:
             continue
@@ -687,9 +710,12 @@ def followed(
         for i in range(3):
             square += (points[m, i] - markers[m, i]) ** 2
         # No variance is below the measurement's own, so that what is this near lies inside the gate.
-        if not labelled[m] or square > GATE * MARKER_SIGMA**2:
+        if not labelled[m] or square > GATE * MARKER_SIGMA**2 or state.ages[m] > 0:
             slack = DRIFT * 1e-9 * state.ages[m]
             _covariance(chain, state, axes, m, markers[m], slopes, precisions[m])
+            if state.ages[m] > 0:
+                for i in range(3):
+                    caution[m] += CAUTION * precisions[m, i, i] / 3.0
             _precision(precisions[m], MARKER_SIGMA**2 + state.misfit[m] + slack * slack)
         if state.ages[m] == 0:
             for i in range(3):
@@ -706,7 +732,7 @@ def followed(
     if wanting and rejected + len(loose) > 0:
         points = _take_up(state, markers, precisions, points, loose, seen, doubted)
     state = _paceless(chain, state, seen)
-    state, worked = corrected(chain, state, points, seen, seconds, _ROUNDS, _SMALL)
+    state, worked = corrected(chain, state, points, seen, caution, seconds, _ROUNDS, _SMALL)
     state = _remembered(
         chain, settled(chain, state, points, seen, seconds), points, labelled, seen, rejected, elapsed_ns
     )

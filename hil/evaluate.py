@@ -22,7 +22,7 @@ from model import baselines, evaluation, horizons, windows
 from model.errors import HighFiveError
 from model.optimise import ProgressCallback
 from model.presets import Preset, preset_named
-from model.splits import leave_out, own_split
+from model.splits import check_leave_out, leave_out, own_split
 from model.store import load_model
 from model.trials import Trial
 
@@ -58,6 +58,8 @@ def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
         alone = f"{options.model} alone cannot be scored; " if options.model and not options.data else ""
         raise HighFiveError(f"{alone}give either a data folder or --windows FILE.npz")
     preset = preset_named(options.preset)
+    if options.leave_out is not None:
+        check_leave_out(options.leave_out)
     kept = None if options.out is None else _folder(options.out) / MODELS
     if options.windows is not None:
         if options.model is not None or options.leave_out is not None:

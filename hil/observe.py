@@ -25,6 +25,7 @@ from hil.sim.emotions import EMOTIONS
 from hil.sim.scene import build_scene
 from hil.threads import parallel_map
 from hil.training_data import load_trials
+from hil.trial_table import TrialRow, read_table
 from mocap_bridge.marker_sets import load_marker_set
 from mocap_bridge.sources import C3DSource
 from model.errors import HighFiveError
@@ -100,16 +101,20 @@ def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
 
 def _captured(options: ObserveOptions, emotions: Sequence[str], bar: Bar) -> list[Trial]:
     """The recordings that the observer learns from and is tried on."""
+    _check_enough(options.data, read_table(options.data), emotions)  # before anything is worked out for it
     roles = options.human, options.avatar, options.human_set, options.avatar_set
     pairs = load_trials(options.data, *roles, lambda total: bar("solving markers", total))
     trials = [pair.trial for pair in pairs]
-    if missing := set(emotions) - {trial.emotion for trial in trials if not trial.test}:
-        raise HighFiveError(
-            f"{options.data} shows no {sorted(missing)[0]}; an observer learns all that the model knows"
-        )
-    if not any(trial.test for trial in trials):
-        raise HighFiveError(f"{options.data} has no held-out trial; mark some with split test in trials.csv")
+    _check_enough(options.data, trials, emotions)  # what could not be read is left out
     return trials
+
+
+def _check_enough(folder: Path, trials: Sequence[Trial | TrialRow], emotions: Sequence[str]) -> None:
+    """Raises HighFiveError if an observer cannot learn all ``emotions``, or cannot be tried."""
+    if missing := set(emotions) - {trial.emotion for trial in trials if not trial.test}:
+        raise HighFiveError(f"{folder} shows no {sorted(missing)[0]}; an observer learns all that the model knows")
+    if not any(trial.test for trial in trials):
+        raise HighFiveError(f"{folder} has no held-out trial; mark some with split test in trials.csv")
 
 
 def _judge(

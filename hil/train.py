@@ -18,6 +18,9 @@ from model.optimise import fall_at_the_end
 from model.presets import Preset, preset_named
 from model.store import save_model
 
+FEW = 10
+"""With fewer trials a model is made, but there is a warning."""
+
 CONVERGED = 1e-3
 """An objective that falls by no more, relatively, over the last tenth of the steps has converged."""
 
@@ -63,6 +66,8 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
         lambda total: bar("solving markers", total),
         learn_only=True,
     )
+    if len(pairs) < FEW:
+        tell(f"{_trials(len(pairs))} to learn from: places and people that are not among them will be answered poorly")
     solved = time.monotonic()
     model = training.train(
         [pair.trial for pair in pairs],
@@ -109,14 +114,18 @@ def summary(result: dict[str, Any]) -> list[str]:
     more = f"--iterations {2 * result['steps']} lowers it further; evaluate says whether new trials gain"
     advice = "" if result["converged"] else f"; it has not settled: {more}"
     lines = [
-        f"{result['model']}: {result['trials']} trials, {result['points']} points, {result['seconds']:.0f} s; markers "
-        f"met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
+        f"{result['model']}: {_trials(result['trials'])}, {result['points']} points, {result['seconds']:.0f} s; "
+        f"markers met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
         f"objective {result['objective']:.3f}; {fall}{advice}",
     ]
     if len(result["starts"]) > 1:
         each = [f"seed {s['seed']} {s['failure'] or format(s['objective'], '.3f')}" for s in result["starts"]]
         lines.append(f"kept seed {result['seed']} of: {', '.join(each)}")
     return lines
+
+
+def _trials(count: int) -> str:
+    return "1 trial" if count == 1 else f"{count} trials"
 
 
 def after_interruption(options: TrainOptions) -> str:

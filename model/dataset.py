@@ -158,7 +158,7 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])
     trial_index = np.repeat(np.arange(len(trials)), [len(at) for at in times])
     labels = np.array([emotions.index(trial.emotion) for trial in trials])[trial_index]
-    _check_motion(history[:, 0], outputs[:, :-AUXILIARY])
+    _check_motion(history[:, 0], outputs[:, :-AUXILIARY], trial_index)
     digest = hashlib.sha256(repr((emotions, highest)).encode())
     for array in (history, outputs, labels):
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -170,14 +170,21 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
     return TrainingSet(emotions, 1.0 / highest, history, outputs, weights, styles, trial_index, digest.hexdigest()[:16])
 
 
-def _check_motion(hand: Array, joints: Array) -> None:
+def _check_motion(hand: Array, joints: Array, trial: NDArray[np.int64]) -> None:
+    """Raises HighFiveError if there is too little, or if nobody moves within any trial."""
     if len(hand) < MINIMUM_POINTS:
         raise HighFiveError(
             f"{len(hand)} training points; at least {MINIMUM_POINTS} are needed: record more or longer trials"
         )
-    if np.all(np.std(hand, axis=0) < STILL):
+    if np.all(_motion(hand, trial) < STILL):
         raise HighFiveError(
             "the person's hand never moves in the training trials; check which markers were read as hand"
         )
-    if np.all(np.std(joints, axis=0) < STILL):
+    if np.all(_motion(joints, trial) < STILL):
         raise HighFiveError("the avatar actor never moves in the training trials; check the joint angles")
+
+
+def _motion(values: Array, trial: NDArray[np.int64]) -> Array:
+    """Standard deviation of each channel about its mean in the same trial: that trials differ is no motion."""
+    means = np.array([values[trial == number].mean(axis=0) for number in range(trial[-1] + 1)])
+    return np.std(values - means[trial], axis=0)

@@ -42,6 +42,12 @@ def own_split(trials: Sequence[Trial]) -> list[Fold]:
     return [Fold("", tuple(trials))]
 
 
+def check_leave_out(what: str) -> None:
+    """Raises HighFiveError for another word than those of ``LEAVE_OUT``."""
+    if what not in LEAVE_OUT:
+        raise HighFiveError(f"cannot leave out one {what!r} in turn; expected {' or '.join(LEAVE_OUT)}")
+
+
 def leave_out(trials: Sequence[Trial], what: str) -> list[Fold]:
     """One fold for each repetition or cell: its trials are held out, whatever their split, the others are not.
 
@@ -50,8 +56,7 @@ def leave_out(trials: Sequence[Trial], what: str) -> list[Fold]:
     Raises:
         HighFiveError: fewer than two repetitions or cells, or another word.
     """
-    if what not in LEAVE_OUT:
-        raise HighFiveError(f"cannot leave out one {what!r} in turn; expected {' or '.join(LEAVE_OUT)}")
+    check_leave_out(what)
     groups = sorted({group for trial in trials if (group := group_of(trial, what))}, key=_natural)
     if len(groups) < 2:
         known = f"only {what} {groups[0]}" if groups else f"no {what}"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from model.baselines import Predictor
 from model.belief import Filter
-from model.dataset import TrainingSet
+from model.dataset import FURTHEST, MINIMUM_POINTS, STILL, TrainingSet
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.presets import Preset
@@ -77,10 +77,20 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
         raise HighFiveError(
             f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)"
         )
+    if words := [
+        full
+        for full, values in zip(wanted.values(), (inputs, target, lengths, action), strict=True)
+        if values.dtype.kind not in "iuf"
+    ]:
+        raise HighFiveError(f"{path}: {', '.join(words)} holds no numbers")
     if lengths.shape != action.shape or np.any(lengths < 1) or lengths.sum() != count:
         raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
     if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(target))):
         raise HighFiveError(f"{path}: the {name} windows hold NaN or infinity")
+    if (largest := np.abs(inputs).max()) > FURTHEST:
+        raise HighFiveError(f"{path}: {name}_input reaches {largest:.3g}; expected metres: are these millimetres?")
+    if name == "train":
+        _check_enough(path, inputs, target)
     frames = inputs.astype(float).reshape(count, FRAMES, 2, POINTS)
     before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
     history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
@@ -88,6 +98,14 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
     return Windows(
         history, target.astype(float), np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
     )
+
+
+def _check_enough(path: Path | str, inputs: Array, target: Array) -> None:
+    if len(target) < MINIMUM_POINTS:
+        raise HighFiveError(f"{path}: {len(target)} training windows; at least {MINIMUM_POINTS} are needed")
+    for key, values in (("input", inputs), ("target", target)):
+        if np.all(np.std(values, axis=0) < STILL):
+            raise HighFiveError(f"{path}: train_{key} is the same in all windows; there is nothing to learn")
 
 
 def is_person(windows: Windows) -> bool:

@@ -96,6 +96,19 @@ def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path
         (lambda a: a.update(train_input=a["train_input"][:, :80]), "expected \\(n, 90\\)"),
         (lambda a: a.update(test_sequence_lengths=np.array([3, 4])), "do not add up"),
         (lambda a: a.update(train_target=np.full_like(a["train_target"], np.nan)), "NaN"),
+        (lambda a: a.update(train_target=np.full_like(a["train_target"], 0.3)), "train_target is the same"),
+        (lambda a: a.update(train_input=np.zeros_like(a["train_input"])), "train_input is the same"),
+        (lambda a: a.update(test_input=1e3 * a["test_input"]), "test_input reaches .* millimetres"),
+        (lambda a: a.update(train_action=a["train_action"].astype(str)), "train_action holds no numbers"),
+        (
+            lambda a: a.update(
+                train_input=a["train_input"][:9],
+                train_target=a["train_target"][:9],
+                train_sequence_lengths=np.array([9]),
+                train_action=np.array([0]),
+            ),
+            "9 training windows; at least 50",
+        ),
         (lambda a: a.update(test_input=np.empty((0, 90)), test_target=np.empty((0, 20))), "expected|add up"),
     ],
 )

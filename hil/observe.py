@@ -80,11 +80,11 @@ def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
         if style not in model.emotions:
             raise HighFiveError(f"--morph: the model knows no {style!r}; it knows {', '.join(model.emotions)}")
     trials = _captured(options, model.emotions, bar)
+    values = np.array([features(Motion(t.rate_hz, t.joints, t.palm), avatar_skeleton()) for t in trials])
     people = simulated_partners(
         options.people, tuple(EMOTIONS), CELLS, options.seed, lambda total: bar("people", total)
     )
     answers = _in_styles(people, [{emotion: 1.0} for emotion in model.emotions], options.model, bar)
-    values = np.array([features(Motion(t.rate_hz, t.joints, t.palm), avatar_skeleton()) for t in trials])
     judged = {cue: _judge(trials, values, people, answers, model.emotions, own) for cue, own in CUES.items()}
     return {
         "observer_accuracy": judged[BOTH]["accuracy"],
@@ -111,8 +111,11 @@ def _captured(options: ObserveOptions, emotions: Sequence[str], bar: Bar) -> lis
 
 def _check_enough(folder: Path, trials: Sequence[Trial | TrialRow], emotions: Sequence[str]) -> None:
     """Raises HighFiveError if an observer cannot learn all ``emotions``, or cannot be tried."""
-    if missing := set(emotions) - {trial.emotion for trial in trials if not trial.test}:
-        raise HighFiveError(f"{folder} shows no {sorted(missing)[0]}; an observer learns all that the model knows")
+    shown = [trial.emotion for trial in trials if not trial.test]
+    if rare := [emotion for emotion in emotions if shown.count(emotion) < 2]:
+        count = shown.count(rare[0]) or "no"
+        need = "an observer learns all that the model knows, from two trials each"
+        raise HighFiveError(f"{folder} shows {count} {rare[0]} to learn from; {need}")
     if not any(trial.test for trial in trials):
         raise HighFiveError(f"{folder} has no held-out trial; mark some with split test in trials.csv")
 

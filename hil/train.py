@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hil.avatar import avatar_skeleton
-from hil.console import Bar, training_bars
+from hil.console import Bar, counted, training_bars
 from hil.training_data import SolvedPair, load_trials, tell
 from model import training
 from model.errors import HighFiveError
@@ -67,7 +67,8 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
         learn_only=True,
     )
     if len(pairs) < FEW:
-        tell(f"{_trials(len(pairs))} to learn from: places and people that are not among them will be answered poorly")
+        advice = "places and people that are not among them will be answered poorly"
+        tell(f"{counted(len(pairs), 'trial')} to learn from: {advice}")
     solved = time.monotonic()
     model = training.train(
         [pair.trial for pair in pairs],
@@ -114,18 +115,14 @@ def summary(result: dict[str, Any]) -> list[str]:
     more = f"--iterations {2 * result['steps']} lowers it further; evaluate says whether new trials gain"
     advice = "" if result["converged"] else f"; it has not settled: {more}"
     lines = [
-        f"{result['model']}: {_trials(result['trials'])}, {result['points']} points, {result['seconds']:.0f} s; "
-        f"markers met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
+        f"{result['model']}: {counted(result['trials'], 'trial')}, {result['points']} points, "
+        f"{result['seconds']:.0f} s; markers met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
         f"objective {result['objective']:.3f}; {fall}{advice}",
     ]
     if len(result["starts"]) > 1:
         each = [f"seed {s['seed']} {s['failure'] or format(s['objective'], '.3f')}" for s in result["starts"]]
         lines.append(f"kept seed {result['seed']} of: {', '.join(each)}")
     return lines
-
-
-def _trials(count: int) -> str:
-    return "1 trial" if count == 1 else f"{count} trials"
 
 
 def after_interruption(options: TrainOptions) -> str:

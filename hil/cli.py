@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from hil.console import STDERR, print_json, print_observations, print_scores, progress_bars
+from hil.console import STDERR, counted, print_json, print_observations, print_scores, progress_bars
 from model.errors import HighFiveError
 
 app = typer.Typer(
@@ -465,7 +465,7 @@ def _tell(summary: dict[str, Any], folder: Path) -> None:
     """The summary for people."""
     who = "simulated person" if summary["simulated"] else "recorded person"
     error, uncorrected = summary["contact_error_mm"], summary["uncorrected_error_mm"]
-    print(f"{summary['trials']} high fives with a {who}, {len(error['by_emotion'])} emotions")
+    print(f"{counted(summary['trials'], 'high five')} with a {who}, {counted(len(error['by_emotion']), 'emotion')}")
     print(f"  palm to palm at contact   median {error['median']:.2f} mm, worst {error['max']:.2f} mm")
     print(f"  before correction         median {uncorrected['median']:.1f} mm, worst {uncorrected['max']:.1f} mm")
     print(

@@ -138,6 +138,11 @@ def print_observations(result: dict[str, Any]) -> None:
     STDOUT.print(table)
 
 
+def counted(count: int, thing: str) -> str:
+    """``1 trial``, ``2 trials``."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
 def print_json(value: dict[str, Any]) -> None:
     """One JSON object on standard output."""
     print(json.dumps(value, allow_nan=False, ensure_ascii=False))

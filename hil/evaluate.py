@@ -22,7 +22,7 @@ from model import baselines, evaluation, horizons, windows
 from model.errors import HighFiveError
 from model.optimise import ProgressCallback
 from model.presets import Preset, preset_named
-from model.splits import leave_out, own_split
+from model.splits import leave_out, left_out_in_turn, own_split
 from model.store import load_model
 from model.trials import Trial
 
@@ -112,7 +112,10 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path
 
 def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
-    if model is not None and not any(row.test for row in read_table(folder)):
+    rows = read_table(folder)
+    if options.leave_out is not None:  # what the table tells is told before any marker is solved
+        left_out_in_turn(rows, options.leave_out)
+    if model is not None and not any(row.test for row in rows):
         advice = "mark some with split test in trials.csv and train again, or leave the model out"
         raise HighFiveError(f"{folder} has no held-out trial; {advice}")
     pairs = load_trials(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hil import evaluation_figures, model_figures
+from hil.console import counted
 from hil.drawing import Drawing, draw, to_png
 from hil.moving_styles import morphs
 from hil.page import figures, render, section, table, write_file
@@ -97,8 +98,8 @@ def _setting(result: dict[str, Any]) -> str:
         return f"{what}; {result['points']} training windows."
     if result.get("leave_out"):
         held = f"each of {result['folds']} {result['leave_out']}s held out in turn"
-        return f"{what}; {result['trials']} trials, {held}."
-    return f"{what}; {result['trials']} training trials, {result['held_out_trials']} held out."
+        return f"{what}; {counted(result['trials'], 'trial')}, {held}."
+    return f"{what}; {counted(result['trials'], 'training trial')}, {result['held_out_trials']} held out."
 
 
 def _badges(result: dict[str, Any]) -> str:

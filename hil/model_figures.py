@@ -12,6 +12,7 @@ from matplotlib.colors import ListedColormap
 
 from hil.avatar import avatar_skeleton
 from hil.colours import PERSON, colour_of, mark_of
+from hil.console import counted
 from hil.drawing import FAINT, HINGES, INK, Drawing, new_figure
 from hil.moving_styles import Morph
 from hil.protocols import Run
@@ -76,9 +77,10 @@ def latent_spaces(model: HGPDM, trials: Sequence[Trial]) -> Drawing:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     caption = (
-        f"Latent spaces at the hands of {len(shown)} trials, fifteen points a second, along the two axes along which "
-        "they vary most, with their share of the variance. Above by time to contact (negative: after it), below by "
-        "emotion: they are reached from the hand alone, so emotions part only as far as people raise it differently."
+        f"Latent spaces at the hands of {counted(len(shown), 'trial')}, fifteen points a second, along the two axes "
+        "along which they vary most, with their share of the variance. Above by time to contact (negative: after it), "
+        "below by emotion: they are reached from the hand alone, so emotions part only as far as people raise it "
+        "differently."
     )
     return Drawing("latent_spaces", caption, figure)
 

@@ -25,6 +25,7 @@ from hil.sim.emotions import EMOTIONS
 from hil.sim.scene import build_scene
 from hil.threads import parallel_map
 from hil.training_data import load_trials
+from hil.trial_table import TrialRow, read_table
 from mocap_bridge.marker_sets import load_marker_set
 from mocap_bridge.sources import C3DSource
 from model.errors import HighFiveError
@@ -79,11 +80,11 @@ def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
         if style not in model.emotions:
             raise HighFiveError(f"--morph: the model knows no {style!r}; it knows {', '.join(model.emotions)}")
     trials = _captured(options, model.emotions, bar)
+    values = np.array([features(Motion(t.rate_hz, t.joints, t.palm), avatar_skeleton()) for t in trials])
     people = simulated_partners(
         options.people, tuple(EMOTIONS), CELLS, options.seed, lambda total: bar("people", total)
     )
     answers = _in_styles(people, [{emotion: 1.0} for emotion in model.emotions], options.model, bar)
-    values = np.array([features(Motion(t.rate_hz, t.joints, t.palm), avatar_skeleton()) for t in trials])
     judged = {cue: _judge(trials, values, people, answers, model.emotions, own) for cue, own in CUES.items()}
     return {
         "observer_accuracy": judged[BOTH]["accuracy"],
@@ -100,16 +101,23 @@ def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
 
 def _captured(options: ObserveOptions, emotions: Sequence[str], bar: Bar) -> list[Trial]:
     """The recordings that the observer learns from and is tried on."""
+    _check_enough(options.data, read_table(options.data), emotions)  # before anything is worked out for it
     roles = options.human, options.avatar, options.human_set, options.avatar_set
     pairs = load_trials(options.data, *roles, lambda total: bar("solving markers", total))
     trials = [pair.trial for pair in pairs]
-    if missing := set(emotions) - {trial.emotion for trial in trials if not trial.test}:
-        raise HighFiveError(
-            f"{options.data} shows no {sorted(missing)[0]}; an observer learns all that the model knows"
-        )
-    if not any(trial.test for trial in trials):
-        raise HighFiveError(f"{options.data} has no held-out trial; mark some with split test in trials.csv")
+    _check_enough(options.data, trials, emotions)  # what could not be read is left out
     return trials
+
+
+def _check_enough(folder: Path, trials: Sequence[Trial | TrialRow], emotions: Sequence[str]) -> None:
+    """Raises HighFiveError if an observer cannot learn all ``emotions``, or cannot be tried."""
+    shown = [trial.emotion for trial in trials if not trial.test]
+    if rare := [emotion for emotion in emotions if shown.count(emotion) < 2]:
+        count = shown.count(rare[0]) or "no"
+        need = "an observer learns all that the model knows, from two trials each"
+        raise HighFiveError(f"{folder} shows {count} {rare[0]} to learn from; {need}")
+    if not any(trial.test for trial in trials):
+        raise HighFiveError(f"{folder} has no held-out trial; mark some with split test in trials.csv")
 
 
 def _judge(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,12 +106,17 @@ def run_protocol(
         HighFiveError: the data cannot be learned from, or no held-out trial is of an emotion that was learned.
     """
 
+    known = [learned(fold, _emotions(fold, model)) for fold in folds]
+    refuse_none([fold.trials[index] for fold, indices in zip(folds, known, strict=True) for index in indices])
+
     def train(fold: Fold) -> Fitted:
         return fit(fold.trials, preset, inducing, seed, kept, steps(fold.name), model)
 
-    found = [_Scored(fold, fitted := train(fold), *_answered(fold, fitted)) for fold in folds]
+    found = [
+        _Scored(fold, fitted := train(fold), indices, _answered(fold, fitted, indices))
+        for fold, indices in zip(folds, known, strict=True)
+    ]
     trials = [part.fold.trials[index] for part in found for index in part.indices]
-    refuse_none(trials)
     fitted = found[0].fitted
     answers = {name: [a for part in found for a in part.answers[name]] for name in found[0].answers}
     held = evaluation.held_out(trials, answers["hgpdm"], body())
@@ -138,13 +143,17 @@ class _Scored:
     answers: dict[str, list[Answer]]
 
 
-def _answered(fold: Fold, fitted: Fitted) -> tuple[list[int], dict[str, list[Answer]]]:
-    """The held-out trials of emotions that were learned, and each method's answers."""
-    trials, known = fold.trials, learned(fold, fitted.emotions)
-    return known, {name: [method(trials[i]) for i in known] for name, method in methods(fitted).items()}
+def _answered(fold: Fold, fitted: Fitted, indices: Sequence[int]) -> dict[str, list[Answer]]:
+    """Each method's answers to some trials of the fold."""
+    return {name: [method(fold.trials[i]) for i in indices] for name, method in methods(fitted).items()}
 
 
-def learned(fold: Fold, emotions: Sequence[str]) -> list[int]:
+def _emotions(fold: Fold, model: HGPDM | None) -> set[str]:
+    """What a training of the fold knows."""
+    return {trial.emotion for trial in fold.trials if not trial.test} if model is None else set(model.emotions)
+
+
+def learned(fold: Fold, emotions: Collection[str]) -> list[int]:
     """Indices of the held-out trials of a fold that are of ``emotions``; says which emotions are missing."""
     if missing := {fold.trials[index].emotion for index in fold.held_out} - set(emotions):
         where = f" of {fold.name}" if fold.name else ""

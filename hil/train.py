@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 
 from hil.avatar import avatar_skeleton
-from hil.console import Bar, training_bars
+from hil.console import Bar, counted, training_bars
 from hil.training_data import SolvedPair, load_trials, tell
 from model import training
 from model.errors import HighFiveError
 from model.optimise import fall_at_the_end
 from model.presets import Preset, preset_named
 from model.store import save_model
+
+FEW = 10
+"""With fewer trials a model is made, but there is a warning."""
 
 CONVERGED = 1e-3
 """An objective that falls by no more, relatively, over the last tenth of the steps has converged."""
@@ -63,6 +66,9 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
         lambda total: bar("solving markers", total),
         learn_only=True,
     )
+    if len(pairs) < FEW:
+        advice = "places and people that are not among them will be answered poorly"
+        tell(f"{counted(len(pairs), 'trial')} to learn from: {advice}")
     solved = time.monotonic()
     model = training.train(
         [pair.trial for pair in pairs],
@@ -109,8 +115,8 @@ def summary(result: dict[str, Any]) -> list[str]:
     more = f"--iterations {2 * result['steps']} lowers it further; evaluate says whether new trials gain"
     advice = "" if result["converged"] else f"; it has not settled: {more}"
     lines = [
-        f"{result['model']}: {result['trials']} trials, {result['points']} points, {result['seconds']:.0f} s; markers "
-        f"met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
+        f"{result['model']}: {counted(result['trials'], 'trial')}, {result['points']} points, "
+        f"{result['seconds']:.0f} s; markers met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
         f"objective {result['objective']:.3f}; {fall}{advice}",
     ]
     if len(result["starts"]) > 1:

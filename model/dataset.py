@@ -26,6 +26,7 @@ MAXIMUM_SAMPLE_RATE, MINIMUM_SAMPLE_RATE = 30.0, 10.0  # Hz; below, a reach woul
 FURTHEST = 50.0  # m from the origin at most; a hall, not a mistaken unit
 LARGEST_TURN = 50.0  # rad; a mistaken degree, where a joint turns by a few
 STILL = 1e-4  # m or rad; less motion than this in all channels is a constant recording
+STILL_HAND = 5e-3  # m, standard deviation of a coordinate; less is the noise of markers on somebody who stands still
 
 
 @dataclass(frozen=True)
@@ -158,26 +159,33 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])
     trial_index = np.repeat(np.arange(len(trials)), [len(at) for at in times])
     labels = np.array([emotions.index(trial.emotion) for trial in trials])[trial_index]
-    _check_motion(history[:, 0], outputs[:, :-AUXILIARY])
+    where = Channels(trials[0].joints.shape[1])
+    _check_motion(history[:, 0], outputs[:, : where.joints], outputs[:, where.palm], trial_index)
     digest = hashlib.sha256(repr((emotions, highest)).encode())
     for array in (history, outputs, labels):
         digest.update(np.ascontiguousarray(array).tobytes())
     styles = np.eye(len(emotions))[labels]
-    where = Channels(trials[0].joints.shape[1])
     weights = np.ones(where.size)
     weights[where.clock] = preset.clock_weight
     weights[where.palm] = weights[where.contact] = preset.palm_weight
     return TrainingSet(emotions, 1.0 / highest, history, outputs, weights, styles, trial_index, digest.hexdigest()[:16])
 
 
-def _check_motion(hand: Array, joints: Array) -> None:
+def _check_motion(hand: Array, joints: Array, palm: Array, trial: NDArray[np.int64]) -> None:
+    """Raises HighFiveError if there is too little, or if nobody moves within any trial."""
     if len(hand) < MINIMUM_POINTS:
         raise HighFiveError(
             f"{len(hand)} training points; at least {MINIMUM_POINTS} are needed: record more or longer trials"
         )
-    if np.all(np.std(hand, axis=0) < STILL):
+    if np.all(_motion(hand, trial) < STILL_HAND):
         raise HighFiveError(
             "the person's hand never moves in the training trials; check which markers were read as hand"
         )
-    if np.all(np.std(joints, axis=0) < STILL):
+    if np.all(_motion(joints, trial) < STILL) or np.all(_motion(palm, trial) < STILL_HAND):
         raise HighFiveError("the avatar actor never moves in the training trials; check the joint angles")
+
+
+def _motion(values: Array, trial: NDArray[np.int64]) -> Array:
+    """Standard deviation of each channel about its mean in the same trial: that trials differ is no motion."""
+    means = np.array([values[trial == number].mean(axis=0) for number in range(trial[-1] + 1)])
+    return np.std(values - means[trial], axis=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from model.errors import HighFiveError
 from model.trials import Trial
@@ -42,6 +43,35 @@ def own_split(trials: Sequence[Trial]) -> list[Fold]:
     return [Fold("", tuple(trials))]
 
 
+class Told(Protocol):
+    """What a trial, or a row of a table of trials, says of itself."""
+
+    @property
+    def cell(self) -> str:
+        """'' where it is not known."""
+        ...
+
+    @property
+    def repetition(self) -> int:
+        """-1 where it is not known."""
+        ...
+
+
+def left_out_in_turn(trials: Sequence[Told], what: str) -> list[str]:
+    """The repetitions or cells, by number.
+
+    Raises:
+        HighFiveError: fewer than two of them, or ``what`` is another word.
+    """
+    if what not in LEAVE_OUT:
+        raise HighFiveError(f"cannot leave out one {what!r} in turn; expected {' or '.join(LEAVE_OUT)}")
+    groups = sorted({group for trial in trials if (group := group_of(trial, what))}, key=_natural)
+    if len(groups) < 2:
+        known = f"only {what} {groups[0]}" if groups else f"no {what}"
+        raise HighFiveError(f"trials.csv names {known}; at least two are needed to leave one out in turn")
+    return groups
+
+
 def leave_out(trials: Sequence[Trial], what: str) -> list[Fold]:
     """One fold for each repetition or cell: its trials are held out, whatever their split, the others are not.
 
@@ -50,18 +80,13 @@ def leave_out(trials: Sequence[Trial], what: str) -> list[Fold]:
     Raises:
         HighFiveError: fewer than two repetitions or cells, or another word.
     """
-    if what not in LEAVE_OUT:
-        raise HighFiveError(f"cannot leave out one {what!r} in turn; expected {' or '.join(LEAVE_OUT)}")
-    groups = sorted({group for trial in trials if (group := group_of(trial, what))}, key=_natural)
-    if len(groups) < 2:
-        known = f"only {what} {groups[0]}" if groups else f"no {what}"
-        raise HighFiveError(f"trials.csv names {known}; at least two are needed to leave one out in turn")
     return [
-        Fold(group, tuple(replace(trial, test=group_of(trial, what) == group) for trial in trials)) for group in groups
+        Fold(group, tuple(replace(trial, test=group_of(trial, what) == group) for trial in trials))
+        for group in left_out_in_turn(trials, what)
     ]
 
 
-def group_of(trial: Trial, what: str) -> str:
+def group_of(trial: Told, what: str) -> str:
     """The trial's repetition or cell as text, '' where it is not known."""
     if what == "cell":
         return trial.cell
@@ -70,4 +95,4 @@ def group_of(trial: Trial, what: str) -> str:
 
 def _natural(name: str) -> tuple[int, str]:
     """Numbers by size: 2 before 10."""
-    return (int(name) if name.isdigit() else 0, name)
+    return (int(name) if name.isdecimal() else 0, name)

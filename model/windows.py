@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from model.baselines import Predictor
 from model.belief import Filter
-from model.dataset import TrainingSet
+from model.dataset import FURTHEST, LARGEST_TURN, MINIMUM_POINTS, STILL, TrainingSet
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.presets import Preset
@@ -62,9 +63,12 @@ def read_windows(path: Path | str) -> tuple[Windows, Windows]:
             arrays = {name: stored[name] for name in stored.files}
     except OSError as error:
         raise HighFiveError(f"{path} is not a windows file (.npz): {error.strerror or error}") from None
-    except (ValueError, EOFError, zipfile.BadZipFile):
-        raise HighFiveError(f"{path} is not a windows file (.npz), or it is cut short") from None
-    return _part(path, arrays, "train"), _part(path, arrays, "test")
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, MemoryError):
+        raise HighFiveError(f"{path} is not a windows file (.npz), or it is cut short or damaged") from None
+    learn, test = _part(path, arrays, "train"), _part(path, arrays, "test")
+    if (wide := learn.target.shape[1]) != test.target.shape[1]:
+        raise HighFiveError(f"{path}: targets of {wide} numbers to learn, of {test.target.shape[1]} to test")
+    return learn, test
 
 
 def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
@@ -72,15 +76,33 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
     if missing := [full for full in wanted.values() if full not in arrays]:
         raise HighFiveError(f"{path} lacks {', '.join(missing)}; it holds {', '.join(arrays) or 'nothing'}")
     inputs, target, lengths, action = (np.asarray(arrays[full]) for full in wanted.values())
-    count = len(inputs)
-    if inputs.shape != (count, 2 * FRAMES * POINTS) or target.ndim != 2 or len(target) != count or not target.size:
+    for full, values in zip(wanted.values(), (inputs, target, lengths, action), strict=True):
+        if values.dtype.kind not in "iuf":
+            raise HighFiveError(f"{path}: {full} holds no numbers")
+        if not np.all(np.isfinite(values)):
+            raise HighFiveError(f"{path}: {full} holds NaN or infinity")
+    count = inputs.shape[0] if inputs.ndim else 0
+    if (
+        inputs.shape != (count, 2 * FRAMES * POINTS)
+        or target.shape[:1] != (count,)
+        or target.ndim != 2
+        or not target.size
+    ):
         raise HighFiveError(
             f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)"
         )
-    if lengths.shape != action.shape or np.any(lengths < 1) or lengths.sum() != count:
+    if lengths.ndim != 1 or lengths.shape != action.shape or np.any(lengths < 1) or lengths.sum() != count:
         raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
-    if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(target))):
-        raise HighFiveError(f"{path}: the {name} windows hold NaN or infinity")
+    if np.any(lengths % 1) or np.any(action % 1) or np.any(action < 0):
+        raise HighFiveError(f"{path}: {name}_sequence_lengths and {name}_action must be whole numbers, from 0 on")
+    person = target.shape[1] == 2 * FRAMES * POINTS
+    _check_size(f"{path}: {name}_input", inputs, FURTHEST, "metres", "millimetres")
+    if person:
+        _check_size(f"{path}: {name}_target", target, FURTHEST, "metres", "millimetres")
+    else:
+        _check_size(f"{path}: {name}_target", target, LARGEST_TURN, "radians", "degrees")
+    if name == "train":
+        _check_enough(path, inputs, target)
     frames = inputs.astype(float).reshape(count, FRAMES, 2, POINTS)
     before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
     history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
@@ -88,6 +110,19 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
     return Windows(
         history, target.astype(float), np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
     )
+
+
+def _check_size(what: str, values: Array, limit: float, unit: str, other: str) -> None:
+    if (largest := np.abs(values).max()) > limit:
+        raise HighFiveError(f"{what} reaches {largest:.3g}; expected {unit}: are these {other}?")
+
+
+def _check_enough(path: Path | str, inputs: Array, target: Array) -> None:
+    if len(target) < MINIMUM_POINTS:
+        raise HighFiveError(f"{path}: {len(target)} training windows; at least {MINIMUM_POINTS} are needed")
+    for key, values in (("input", inputs), ("target", target)):
+        if np.all(np.std(values, axis=0) < STILL):
+            raise HighFiveError(f"{path}: train_{key} is the same in all windows; there is nothing to learn")
 
 
 def is_person(windows: Windows) -> bool:

@@ -86,6 +86,14 @@ def shortened(trial: Trial, frames: int) -> list[Trial]:
     return broken(trial, contact_frame=frames // 2, **arrays)
 
 
+def trembling(points: np.ndarray) -> np.ndarray:
+    return points[:1] + np.random.default_rng(0).normal(scale=0.001, size=points.shape)
+
+
+def still(trial: Trial, name: str, value: float) -> Trial:
+    return replace(trial, **{name: np.full_like(getattr(trial, name), value)})
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -97,6 +105,10 @@ def shortened(trial: Trial, frames: int) -> list[Trial]:
         (lambda t: broken(t, rate_hz=5.0), "5 frames a second"),
         (lambda t: broken(t, hand_points=np.ones_like(t.hand_points)), "hand never moves"),
         (lambda t: broken(t, joints=np.ones_like(t.joints)), "actor never moves"),
+        (lambda t: [still(t, "hand_points", 0.0), still(t, "hand_points", 1.0)], "hand never moves"),
+        (lambda t: broken(t, hand_points=trembling(t.hand_points)), "hand never moves"),
+        (lambda t: broken(t, palm=trembling(t.palm)), "actor never moves"),
+        (lambda t: [still(t, "joints", 0.0), still(t, "joints", 1.0)], "actor never moves"),
         (lambda t: shortened(t, 20), "at least 50"),
         (lambda t: broken(t, hand_points=1e3 * t.hand_points), "hand_points reaches .* millimetres"),
         (lambda t: broken(t, joints=np.degrees(t.joints)), "joints reaches .* degrees"),

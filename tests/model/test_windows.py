@@ -1,3 +1,4 @@
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -96,6 +97,28 @@ def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path
         (lambda a: a.update(train_input=a["train_input"][:, :80]), "expected \\(n, 90\\)"),
         (lambda a: a.update(test_sequence_lengths=np.array([3, 4])), "do not add up"),
         (lambda a: a.update(train_target=np.full_like(a["train_target"], np.nan)), "NaN"),
+        (lambda a: a.update(train_target=np.full_like(a["train_target"], 0.3)), "train_target is the same"),
+        (lambda a: a.update(train_input=np.zeros_like(a["train_input"])), "train_input is the same"),
+        (lambda a: a.update(test_input=1e3 * a["test_input"]), "test_input reaches .* millimetres"),
+        (lambda a: a.update(test_target=1e3 * a["test_target"]), "test_target reaches .* degrees"),
+        (
+            lambda a: a.update(test_target=np.zeros((len(a["test_target"]), 90))),
+            "of 20 numbers to learn, of 90 to test",
+        ),
+        (lambda a: a.update(train_input=np.array(1.0)), "expected \\(n, 90\\)"),
+        (lambda a: a.update(train_sequence_lengths=np.array(5)), "do not add up"),
+        (lambda a: a.update(train_action=a["train_action"] + 0.5), "whole numbers"),
+        (lambda a: a.update(train_action=a["train_action"] * np.nan), "train_action holds NaN"),
+        (lambda a: a.update(train_action=a["train_action"].astype(str)), "train_action holds no numbers"),
+        (
+            lambda a: a.update(
+                train_input=a["train_input"][:9],
+                train_target=a["train_target"][:9],
+                train_sequence_lengths=np.array([9]),
+                train_action=np.array([0]),
+            ),
+            "9 training windows; at least 50",
+        ),
         (lambda a: a.update(test_input=np.empty((0, 90)), test_target=np.empty((0, 20))), "expected|add up"),
     ],
 )
@@ -104,6 +127,17 @@ def test_broken_files_are_named(tmp_path: Path, arrays: dict[str, np.ndarray], c
     np.savez(tmp_path / "broken.npz", **arrays)
     with pytest.raises(HighFiveError, match=message):
         windows.read_windows(tmp_path / "broken.npz")
+
+
+def test_a_damaged_file_is_named_or_read(tmp_path: Path, arrays: dict[str, np.ndarray]):
+    """Bytes set to zero anywhere: our error, or windows; nothing else."""
+    np.savez_compressed(tmp_path / "whole.npz", **arrays)
+    whole, rng = (tmp_path / "whole.npz").read_bytes(), np.random.default_rng(0)
+    for _ in range(200):
+        start = int(rng.integers(len(whole)))
+        (tmp_path / "damaged.npz").write_bytes(whole[:start] + bytes(40) + whole[start + 40 :])
+        with contextlib.suppress(HighFiveError):
+            windows.read_windows(tmp_path / "damaged.npz")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"hello"])

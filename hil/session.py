@@ -23,7 +23,7 @@ from mocap_bridge.tracker import Tracker
 from model.errors import HighFiveError
 from model.forecast import BEGIN, END
 from model.hgpdm import HGPDM
-from model.responder import Responder, Response
+from model.responder import HAND_VARIANCE, Responder, Response
 
 RATE_HZ = 120.0
 
@@ -67,6 +67,10 @@ class Tick:
     palm: PalmPose
     miss: float
     out_of_reach: bool
+
+
+HAND_COVARIANCE = HAND_VARIANCE.reshape(2, 3, 1) * np.eye(3)
+"""(2, 3, 3) m², of the hand points where every marker is seen; what the tracker does not know comes on top."""
 
 
 class Session:
@@ -117,7 +121,8 @@ class Session:
         """One tick."""
         markers = self._tracker.update(frame)
         person = self._steady(self._arm(markers))
-        response = self._responder.step(person.hand_points if person.valid else None)
+        doubt = HAND_COVARIANCE + person.hand_covariance
+        response = self._responder.step(person.hand_points if person.valid else None, doubt)
         familiar = float(np.trace(response.latent_covariance)) < UNFAMILIAR**2
         generated = self._pose(response, familiar)
         palm = self._correction.palm_of(generated)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Integer
@@ -89,6 +89,7 @@ class HumanArm:
         valid: all of the above rests on usable markers.
         age_ns: age of the oldest marker that the hand rests on.
         time_ns: source time, ns.
+        hand_covariance: (2, 3, 3) m², of the hand points, as if the markers of each erred together; zero if not known.
     """
 
     head_position: Float[np.ndarray, "3"]
@@ -102,3 +103,4 @@ class HumanArm:
     valid: bool
     age_ns: int
     time_ns: int
+    hand_covariance: Float[np.ndarray, "2 3 3"] = field(default_factory=lambda: np.zeros((2, 3, 3)))

@@ -102,8 +102,8 @@ class HumanArmEstimator:
 
     def __call__(self, tracked: TrackedMarkers) -> HumanArm:
         """The person's arm in the world frame; ``valid`` only if every marker that it rests on is valid."""
-        points, quaternion, valid, age_ns = arm_of(
-            self._recipe, tracked.positions, tracked.velocities, tracked.valid, tracked.age_ns
+        points, quaternion, valid, age_ns, covariance = arm_of(
+            self._recipe, tracked.positions, tracked.velocities, tracked.covariances, tracked.valid, tracked.age_ns
         )
         head, shoulder, elbow, wrist, palm, knuckles, normal, fingers, velocity = points
         return HumanArm(
@@ -118,6 +118,7 @@ class HumanArmEstimator:
             valid=valid,
             age_ns=age_ns,
             time_ns=tracked.time_ns,
+            hand_covariance=covariance,
         )
 
 
@@ -158,12 +159,14 @@ def _horn(template: Array) -> Array:
 
 @compiled_entry
 def arm_of(
-    recipe: Recipe, positions: Array, velocities: Array, valid: NDArray[np.bool_], age_ns: NDArray[np.int64]
-) -> tuple[Array, Array, bool, int]:
+    recipe: Recipe, positions: Array, velocities: Array, covariances: Array, valid: NDArray[np.bool_],
+    age_ns: NDArray[np.int64],
+) -> tuple[Array, Array, bool, int, Array]:  # fmt: skip
     """Head, shoulder, elbow, wrist, palm, knuckles, normal, fingers and the palm's velocity (9, 3), and the rest.
 
-    That is the head's quaternion (4,), whether all that the arm rests on is ``valid`` (M,), and the age of the oldest
-    marker of the hand. Positions (M, 3) are in m, velocities (M, 3) in m/s.
+    That is the head's quaternion (4,), whether all that the arm rests on is ``valid`` (M,), the age of the oldest
+    marker of the hand, and the covariance (2, 3, 3), m², of wrist and hand. Positions (M, 3) are in m, velocities
+    (M, 3) in m/s, covariances (M, 3, 3) in m².
     """
     landmarks, moving = _landmarks(recipe, positions), _landmarks(recipe, velocities)
     shoulder, elbow, wrist = landmarks[0].copy(), landmarks[1].copy(), landmarks[2]
@@ -190,7 +193,13 @@ def arm_of(
         usable = usable and bool(valid[m])
     for m in recipe.of_hand:
         oldest = max(oldest, int(age_ns[m]))
-    return points, quaternion, usable, oldest
+    covariance = np.zeros((2, 3, 3))
+    for row in range(2):
+        for i in range(3):
+            for m in range(len(positions)):
+                covariance[row, i, i] += abs(recipe.landmarks[2 + row, m]) * math.sqrt(covariances[m, i, i])
+            covariance[row, i, i] *= covariance[row, i, i]
+    return points, quaternion, usable, oldest, covariance
 
 
 @compiled

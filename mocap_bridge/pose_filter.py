@@ -470,7 +470,8 @@ def corrected(
 ) -> tuple[State, bool]:  # fmt: skip
     """The state after looking at the points (M, 3) of the markers that were ``seen`` (M,); False where it failed.
 
-    ``caution`` (M,), m², is added to their variances. ``rounds`` linearisations at most; a step below ``small``, rad or m, ends them.
+    ``caution`` (M,), m², is added to their variances. ``rounds`` linearisations at most; a step below ``small``, rad or
+    m, ends them.
     """
     n = len(state.speeds)
     prior = state.covariance[0].copy()

@@ -118,7 +118,7 @@ def print_subject(summary: dict[str, Any]) -> None:
     STDOUT.print(segments)
     markers = Table("marker", "on", "place x, y, z, mm", "moved, mm", "residual, mm", box=SIMPLE_HEAD)
     for name, of in summary["markers"].items():
-        place = ", ".join(f"{MM * x:.0f}" for x in of["position_m"])
+        place = ", ".join(f"{round(MM * x)}" for x in of["position_m"])
         residual = "never seen" if of["residual_mm"] is None else f"{of['residual_mm']:.1f}"
         markers.add_row(name, of["joint"], place, f"{of['moved_mm']:.0f}", residual)
     STDOUT.print(markers)

@@ -101,6 +101,15 @@ def _remarks(summary: dict[str, Any]) -> str:
 def _angles(summary: dict[str, Any]) -> str:
     if summary["angles_deg"] is None:
         return "<p>The marker set has no trunk, upper arm, forearm and hand: there are no angles.</p>"
+    base = summary["angles_relative_to"]
+    remark = ""
+    if base["markers"] < 3:
+        counted = f"{base['markers']} marker{'s' * (base['markers'] != 1)}"
+        remark = (
+            f"<p>The first three angles are relative to the {escape(base['segment'].replace('_', ' '))}, which bears "
+            f"{counted}: how it is turned is known from the rest of the body alone. A set with three or more markers "
+            "on the trunk gives them better.</p>"
+        )
     rows = [
         [
             name.replace("_", " "),
@@ -111,7 +120,9 @@ def _angles(summary: dict[str, Any]) -> str:
         ]
         for name, of in summary["angles_deg"].items()
     ]
-    return table(["angle", "least, °", "most, °", "range, °", "standard deviation, median, °"], rows, words={0})
+    return (
+        table(["angle", "least, °", "most, °", "range, °", "standard deviation, median, °"], rows, words={0}) + remark
+    )
 
 
 def _markers(summary: dict[str, Any]) -> str:

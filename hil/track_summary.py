@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil.track_input import OnePerson
 from hil.tracked_recording import TrackedRecording
-from mocap_bridge.joint_angles import ANGLES
+from mocap_bridge.joint_angles import ANGLES, BASES
 from model.rotations import Array
 
 MM = 1e3
@@ -35,8 +35,18 @@ def summarise_track(person: OnePerson, track: TrackedRecording) -> dict[str, Any
         "markers": {name: _marker(track, m) for m, name in enumerate(track.marker_set.names) if track.labelled[m]},
         "missing": [name for m, name in enumerate(track.marker_set.names) if not track.labelled[m]],
         "unused": list(person.unused),
+        "angles_relative_to": _base(track),
         "angles_deg": {name: _angle(track, i) for i, name in enumerate(ANGLES)} if knows_arm(track) else None,
     }
+
+
+def _base(track: TrackedRecording) -> dict[str, Any] | None:
+    """The segment that the shoulder's angles are relative to, and how many markers of the recording it bears."""
+    base = next((name for name in BASES if name in track.segments), None)
+    if base is None or not knows_arm(track):
+        return None
+    bears = sum(joint == base and track.labelled[m] for m, joint in enumerate(track.marker_set.joints))
+    return {"segment": base, "markers": int(bears)}
 
 
 def knows_arm(track: TrackedRecording) -> bool:

@@ -240,8 +240,19 @@ def find_marker_set(labels: Sequence[str]) -> MarkerSet:
     except HighFiveError as error:
         raise HighFiveError(
             f"no marker set fits the labels {_listed(labels) or '(none)'}; the sets are {_listed(marker_set_names())}; "
-            f"read as joint centres, {error}; rename the labels or give a marker-set file of your own (docs/markers.md)"
+            f"{_nearest(sets, labels)}read as joint centres, {error}; rename the labels or give a marker-set file of "
+            "your own (docs/markers.md)"
         ) from None
+
+
+def _nearest(sets: Sequence[MarkerSet], labels: Sequence[str]) -> str:
+    """What the set that explains most of the labels wants besides; nothing where none explains any."""
+    known = [s.match(labels) >= 0 for s in sets]
+    best = max(range(len(sets)), key=lambda i: (int(known[i].sum()), -len(sets[i])))
+    if not known[best].any():
+        return ""
+    wanted = [name for name in sets[best].arm.markers if not known[best][sets[best].index(name)]]
+    return f"the nearest, {sets[best].name}, wants {_listed(wanted)} besides; "
 
 
 def load_marker_set(name_or_path: str | Path) -> MarkerSet:

@@ -1,8 +1,14 @@
+import tomllib
+from dataclasses import fields, is_dataclass, replace
+
 import ezc3d
 import numpy as np
 import pytest
 
 from hil.avatar import avatar_skeleton
+from mocap_bridge.frames import TrackedMarkers
+from mocap_bridge.human_arm import HumanArmEstimator
+from mocap_bridge.marker_set_file import write_marker_set
 from mocap_bridge.marker_sets import FOLDER, find_marker_set, load_marker_set, marker_set_names, segment_lengths
 from model import rotations
 from model.errors import HighFiveError
@@ -19,7 +25,9 @@ def marker_set(request):
 
 
 def test_the_sets_that_come_with_the_project():
-    assert marker_set_names() == ["cmu_joint_centres", "full_body", "joint_centres", "paper", "plug_in_gait"]
+    assert marker_set_names() == [
+        "cmu_joint_centres", "full_body", "joint_centres", "paper", "plug_in_gait", "plug_in_gait_upper", "upper_limb",
+    ]  # fmt: skip
     paper = load_marker_set("paper")
     assert len(paper) == 16
     assert sum("head" in roles for roles in paper.roles) == 5
@@ -114,7 +122,9 @@ def test_a_subset_keeps_the_arm_and_the_chain():
     ("file", "person", "expected"),
     [
         ("high_five/cmu_20_21_11_high_five", "B:", "cmu_joint_centres"),
+        ("markers/85_02", "Male:", "plug_in_gait"),
         ("markers/85_12", "Male:", "plug_in_gait"),
+        ("markers/markers_analogs", "Daphnee:", "upper_limb"),
         ("markers/Movement_trial", "", "plug_in_gait"),
     ],
 )
@@ -124,11 +134,98 @@ def test_the_set_of_a_real_file_is_found_by_its_labels(recordings, file, person,
     assert found.name == expected
 
 
+def test_every_shipped_set_is_found_by_its_own_labels_in_any_order(marker_set):
+    names = list(marker_set.names)
+    for order in (names, names[::-1], sorted(names), [*names, "SPARE", "box:corner"]):
+        assert find_marker_set(order).name == marker_set.name
+
+
+def test_every_shipped_set_is_found_by_its_aliases(marker_set):
+    """Sets share labels: what a laboratory's spelling of one set says must not say another one."""
+    labels = [
+        aliases[0] if aliases else name for name, aliases in zip(marker_set.names, marker_set.aliases, strict=True)
+    ]
+    assert find_marker_set(labels).name == marker_set.name
+
+
+def test_plug_in_gait_without_legs_is_its_upper_body():
+    whole, upper = load_marker_set("plug_in_gait"), load_marker_set("plug_in_gait_upper")
+    above = [name for name, joint in zip(whole.names, whole.joints, strict=True) if "_hip" not in joint]
+    trunk = [m for m, joint in enumerate(whole.joints) if joint.startswith(("head", "thoracic", "right_cl"))]
+    assert {whole.names[m] for m in trunk} < set(upper.names) < set(above)
+    assert find_marker_set([name for name in above if name in upper.names]).name == "plug_in_gait_upper"
+    assert find_marker_set([*upper.names, "RKNE"]).name == "plug_in_gait"
+    centres = CENTRES - CENTRES[SKELETON.index("pelvis")]
+    for name in upper.names:
+        here, there = (
+            centres[SKELETON.index(s.joints[s.index(name)])] + s.local_positions[s.index(name)] for s in (upper, whole)
+        )
+        np.testing.assert_allclose(here, there, atol=1e-9)
+
+
+def test_a_set_without_head_markers_has_the_head_where_an_upright_trunk_carries_it():
+    arm, marker_set = load_marker_set("upper_limb").arm, load_marker_set("upper_limb")
+    trunk = {marker_set.joints[m] for m in marker_set.indices(arm.head)}
+    assert trunk == {"thoracic_8"}
+    usual = CENTRES[SKELETON.index("head")] + load_marker_set("paper").arm.centre_in_head
+    np.testing.assert_allclose(CENTRES[SKELETON.index("thoracic_8")] + arm.centre_in_head, usual, atol=1e-3)
+    points = marker_set.simulate(SKELETON, CENTRES, UPRIGHT)
+    count = len(marker_set)
+    tracked = TrackedMarkers(
+        marker_set.names, points, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.ones(count, dtype=bool),
+        np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), 0, 0,
+    )  # fmt: skip
+    found = HumanArmEstimator(marker_set)(tracked)
+    np.testing.assert_allclose(found.head_position, usual, atol=2e-3)
+    for joint, limit in (("shoulder", 0.02), ("elbow", 0.01), ("wrist", 0.01)):
+        assert np.linalg.norm(getattr(found, joint) - CENTRES[SKELETON.index(f"right_{joint}")]) < limit
+    assert found.palm.normal @ [0.0, 1.0, 0.0] > 0.95
+
+
+def test_every_marker_says_what_it_is_needed_for(marker_set):
+    known = {"head", "shoulder", "upper_arm", "elbow", "forearm", "wrist", "hand", "finger", "body"}
+    assert all(roles and set(roles) <= known for roles in marker_set.roles)
+    arm = marker_set.arm
+    for role, names in (("head", arm.head), ("wrist", arm.wrist), ("hand", arm.hand), ("elbow", arm.elbow)):
+        assert all(role in marker_set.roles[m] for m in marker_set.indices(names)), role
+
+
+def same(one, other):
+    """Whether two sets, or parts of them, hold the same values."""
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    if is_dataclass(one):
+        return all(same(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    return one == other
+
+
+def test_what_was_written_is_read_again_number_by_number(marker_set, tmp_path):
+    path = tmp_path / "again.toml"
+    write_marker_set(path, marker_set, {"source": 'the "best"\ take.c3d', "residuals_mm": {"RFIN": 1.25}})
+    assert same(load_marker_set(path), marker_set)
+    subject = tomllib.loads(path.read_text(encoding="utf-8"))["subject"]
+    assert subject == {"source": 'the "best"\ take.c3d', "residuals_mm": {"RFIN": 1.25}}
+
+
+def test_any_number_survives_writing_and_reading(tmp_path):
+    paper, rng = load_marker_set("paper"), np.random.default_rng(0)
+    moved = replace(paper, name="zwölf\n", local_positions=paper.local_positions + rng.normal(size=(16, 3)))
+    write_marker_set(tmp_path / "moved.toml", moved)
+    assert same(load_marker_set(tmp_path / "moved.toml"), moved)
+    assert not same(load_marker_set(tmp_path / "moved.toml"), paper)
+    with pytest.raises(HighFiveError, match="cannot write"):
+        write_marker_set(tmp_path / "moved.toml" / "deeper.toml", moved)
+
+
 def test_unknown_sets_are_refused():
     with pytest.raises(HighFiveError, match="cmu_joint_centres, full_body, joint_centres, paper, plug_in_gait"):
         load_marker_set("vicon")
     with pytest.raises(HighFiveError, match="no marker set fits the labels a, b"):
         find_marker_set(["a", "b"])
+    with pytest.raises(HighFiveError, match="the nearest, paper, wants RBHD, THD, RSHO"):
+        find_marker_set(["LFHD", "RFHD", "LBHD", "RUPB"])
 
 
 PAPER = (FOLDER / "paper.toml").read_text(encoding="utf-8")

@@ -1,0 +1,53 @@
+"""A simulated person who raises and lowers the right arm, as a C3D file with or without gaps, and the truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hil.avatar import avatar_skeleton
+from mocap_bridge.c3d import write_c3d
+from mocap_bridge.joint_angles import ANGLES, BASES, angles_between
+from mocap_bridge.marker_sets import load_marker_set
+from mocap_bridge.recording import make_recording
+from model import rotations
+
+RATE_HZ = 120.0
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The file, the markers (T, M, 3), m, which of them it has (T, M), and the arm's angles (T, 8), degrees."""
+
+    path: Path
+    markers: np.ndarray
+    there: np.ndarray
+    angles: np.ndarray
+
+
+def simulated_reach(
+    path: Path, hidden=(), name="paper", frames=360, prefix="human:", noise=0.0, scale=1.0, alias=None
+) -> Reach:
+    """Writes a reach; ``hidden`` are markers that are missing for 300 ms every 700 ms."""
+    marker_set, skeleton = load_marker_set(name), avatar_skeleton().scaled(scale)
+    time = np.arange(frames) / RATE_HZ
+    lift = 0.5 - 0.5 * np.cos(2 * np.pi * time / 2.0)
+    angles = np.zeros((frames, len(skeleton), 3))
+    shoulder, elbow, wrist = (skeleton.index(f"right_{joint}") for joint in ("shoulder", "elbow", "wrist"))
+    angles[:, shoulder] = np.stack([-0.2 - 1.4 * lift, -0.3 - 0.3 * lift, 0.4 * lift], axis=-1)
+    angles[:, elbow] = np.stack([-0.4 - 1.0 * lift, 0 * lift, -lift], axis=-1)
+    angles[:, wrist, 0] = 0.4 * lift
+    root = np.stack([1.0 + 0.03 * np.sin(1.3 * time), 0.02 * np.sin(time), np.full(frames, 0.93 * scale)], axis=-1)
+    centres, orientations = skeleton.forward_kinematics(root, skeleton.from_hinges(angles))
+    markers = marker_set.simulate(skeleton, centres, orientations)
+    there = np.ones(markers.shape[:2], dtype=bool)
+    for start in range(60, frames - 40, 84):
+        there[start : start + 36, marker_set.indices(list(hidden))] = False
+    base = next(name for name in BASES if name in marker_set.segments)
+    turns = rotations.to_matrix(orientations[:, [skeleton.index(base), shoulder, elbow, wrist]])
+    truth = np.degrees([angles_between(*(np.ascontiguousarray(turn) for turn in four)) for four in turns])
+    assert truth.shape[1] == len(ANGLES)
+    noisy = markers + np.random.default_rng(3).normal(scale=noise, size=markers.shape) if noise else markers
+    labels = [prefix + (alias or {}).get(label, label) for label in marker_set.names]
+    write_c3d(path, make_recording(RATE_HZ, labels, noisy, there))
+    return Reach(path, markers, there, truth)

@@ -1,0 +1,254 @@
+"""``highfive track``: what is filled, what the angles are worth, and what it says when it cannot."""
+
+import csv
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+from simulated_reach import RATE_HZ, Reach, simulated_reach
+
+from hil import cli
+from hil.track import TrackOptions, track
+from mocap_bridge.c3d import read_c3d, write_c3d
+from mocap_bridge.joint_angles import ANGLES
+from mocap_bridge.marker_sets import load_marker_set
+from mocap_bridge.recording import make_recording
+
+HAND = ("RFIN", "RMC5")
+
+
+def quiet(label, total):
+    return lambda: None
+
+
+@pytest.fixture(scope="module")
+def reach(tmp_path_factory: pytest.TempPathFactory) -> Reach:
+    return simulated_reach(tmp_path_factory.mktemp("reach") / "reach.c3d", HAND, noise=0.001)
+
+
+@pytest.fixture(scope="module")
+def result(reach: Reach, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return track(TrackOptions(reach.path, out=tmp_path_factory.mktemp("tracked")), quiet)
+
+
+def filled_file(result: dict) -> Path:
+    return Path(result["folder"]) / result["files"]["filled"]
+
+
+def test_hidden_markers_are_filled_near_the_truth(reach: Reach, result: dict):
+    filled = read_c3d(filled_file(result))
+    assert filled.valid.all()
+    error = np.linalg.norm(filled.points - reach.markers, axis=-1)[~reach.there]
+    assert np.sqrt((error**2).mean()) < 0.008
+    assert error.max() < 0.025
+
+
+def test_what_was_measured_stays_and_residuals_tell_it_from_what_was_filled(reach: Reach, result: dict):
+    before, after = read_c3d(reach.path), read_c3d(filled_file(result))
+    assert after.names == before.names
+    np.testing.assert_array_equal(after.points[reach.there], before.points[reach.there])
+    residuals = ezc3d.c3d(str(filled_file(result)))["data"]["meta_points"]["residuals"][0].T
+    np.testing.assert_array_equal(residuals > 0.0, reach.there)
+    np.testing.assert_array_equal(residuals == 0.0, ~reach.there)
+
+
+def test_the_summary_counts_what_was_hidden(reach: Reach, result: dict):
+    assert result["marker_set"] == "paper"
+    assert result["person"] == "human"
+    assert result["hidden_points"] == result["filled_points"] == (~reach.there).sum()
+    assert result["gaps"] == 2 * 4
+    assert result["markers"]["RFIN"]["longest_gap_ms"] == pytest.approx(300.0)
+    assert result["markers"]["RSHO"]["gaps"] == 0
+    assert result["residual_mm"]["median"] < 2.0
+    assert result["missing"] == result["unused"] == []
+    assert json.loads((Path(result["folder"]) / "report.json").read_text(encoding="utf-8")) == result
+
+
+@pytest.mark.parametrize("name", ["plug_in_gait_upper", "upper_limb"])
+def test_the_angles_are_the_persons(name: str, tmp_path: Path):
+    reach = simulated_reach(tmp_path / "reach.c3d", name=name, noise=0.0005, frames=300)
+    result = track(TrackOptions(reach.path, out=tmp_path / "out"), quiet)
+    assert result["marker_set"] == name
+    with (Path(result["folder"]) / result["files"]["angles"]).open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["time_s", *(f"{name}{end}" for name in ANGLES for end in ("_deg", "_sd_deg"))]
+    np.testing.assert_allclose([float(row["time_s"]) for row in rows], np.arange(len(rows)) / RATE_HZ, atol=1e-6)
+    for i, angle in enumerate(ANGLES):
+        found = np.array([float(row[f"{angle}_deg"]) for row in rows])
+        error = (found - reach.angles[:, i] + 180.0) % 360.0 - 180.0
+        assert np.sqrt((error[20:] ** 2).mean()) < 1.0, angle
+        assert all(0.0 < float(row[f"{angle}_sd_deg"]) < 20.0 for row in rows)
+
+
+def test_a_file_without_gaps_comes_back_as_it_was(tmp_path: Path):
+    whole = simulated_reach(tmp_path / "whole.c3d", frames=60)
+    result = track(TrackOptions(whole.path, out=tmp_path / "out"), quiet)
+    assert result["hidden_points"] == 0
+    np.testing.assert_allclose(read_c3d(filled_file(result)).points, read_c3d(whole.path).points, atol=1e-4)
+    assert filled_file(result).read_bytes() == whole.path.read_bytes()
+
+
+class Page(HTMLParser):
+    """Finds out whether a page is whole and stands alone."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.open, self.counts, self.outside = [], {}, []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.counts[tag] = self.counts.get(tag, 0) + 1
+        self.outside += [value for name, value in attrs if name in ("src", "href") and not value.startswith("#")]
+        if tag not in ("meta", "br", "img", "link"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.counts[tag] = self.counts.get(tag, 0) + 1
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_the_report_is_one_whole_page_with_its_pictures_in_it(result: dict):
+    folder = Path(result["folder"])
+    page = Page((folder / result["files"]["report"]).read_text(encoding="utf-8"))
+    assert page.open == []
+    assert page.outside == []
+    assert page.counts["svg"] == 4
+    assert page.counts["table"] == 2
+    pictures = sorted(path.name for path in (folder / "figures").iterdir())
+    assert pictures == ["gaps.png", "joint_angles.png", "residuals.png", "skeleton.png"]
+
+
+def test_what_no_one_can_know_is_left_open(tmp_path: Path):
+    """Everything is hidden for a while: no estimate is worth anything, and the gap stays."""
+    whole = simulated_reach(tmp_path / "whole.c3d", frames=300)
+    recording = read_c3d(whole.path)
+    recording.valid[60:240] = False
+    write_c3d(tmp_path / "gone.c3d", recording)
+    result = track(TrackOptions(tmp_path / "gone.c3d", out=tmp_path / "out"), quiet)
+    filled = read_c3d(filled_file(result))
+    assert not filled.valid[150].any()
+    assert filled.valid[[30, 270]].all()
+    assert 0 < result["filled_points"] < result["hidden_points"]
+
+
+def test_other_people_channels_and_loose_points_are_left_alone(tmp_path: Path, reach: Reach):
+    own = read_c3d(reach.path)
+    stranger = np.tile(np.array([2.0, 0.0, 1.0]), (len(own), 1, 1))
+    there = np.ones((len(own), 1), dtype=bool)
+    there[50:60] = False
+    both = make_recording(
+        RATE_HZ, [*own.names, "box:corner"], np.concatenate([own.points, stranger], axis=1),
+        np.concatenate([own.valid, there], axis=1),
+    )  # fmt: skip
+    write_c3d(tmp_path / "both.c3d", both)
+    result = track(TrackOptions(tmp_path / "both.c3d", out=tmp_path / "out"), quiet)
+    assert result["person"] == "human"  # the box has no arm
+    filled = read_c3d(filled_file(result))
+    np.testing.assert_array_equal(filled.valid[:, -1], there[:, 0])
+    assert filled.valid[:, :-1].all()
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["highfive", "track", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        out, err = capsys.readouterr()
+        return int(str(end.value.code)), out, err
+
+    return run
+
+
+@pytest.fixture
+def fails(run, tmp_path: Path):
+    def fails(*words: object) -> str:
+        code, out, err = run("--out", tmp_path / "none", *words)
+        assert code == 2
+        assert out == ""
+        assert len(err.strip().splitlines()) == 1
+        assert err.startswith("error:")
+        return err
+
+    return fails
+
+
+def test_json_is_one_object(run, reach: Reach, tmp_path: Path):
+    code, out, _ = run(reach.path, "--person", "human:", "--marker-set", "paper", "--json", "--out", tmp_path / "o")
+    assert code == 0
+    assert json.loads(out)["frames"] == len(reach.markers)
+    code, out, _ = run(reach.path, "--out", tmp_path / "o")
+    assert "report.html" in out
+
+
+def test_bad_input_is_one_line(fails, reach: Reach, tmp_path: Path):
+    assert "absent.c3d" in fails(tmp_path / "absent.c3d")
+    (tmp_path / "notes.c3d").write_text("no recording")
+    assert "not a C3D file" in fails(tmp_path / "notes.c3d")
+    assert "the persons in it are: human" in fails(reach.path, "--person", "Eve")
+    assert "no marker set 'mine'" in fails(reach.path, "--marker-set", "mine")
+    wrong = fails(reach.path, "--marker-set", "upper_limb")
+    assert "needs STER" in wrong
+    assert "has LFHD, RFHD" in wrong
+    assert "--subject" in fails(reach.path, "--marker-set", "paper", "--subject", "some.toml")
+    paper = load_marker_set("paper")
+    labels = [f"{who}:{name}" for who in ("A", "B") for name in paper.names]
+    points = np.concatenate([reach.markers, reach.markers + 1.0], axis=1)
+    write_c3d(tmp_path / "two.c3d", make_recording(RATE_HZ, labels, points, np.ones(points.shape[:2], dtype=bool)))
+    assert "several persons: A, B" in fails(tmp_path / "two.c3d")
+    strange = ["LFHD", "RFHD", *(f"m{i}" for i in range(14))]
+    write_c3d(tmp_path / "strange.c3d", make_recording(RATE_HZ, strange, reach.markers, reach.there))
+    said = fails(tmp_path / "strange.c3d")
+    assert "no marker set fits the labels LFHD, RFHD, m0" in said
+    assert "wants" in said
+    (tmp_path / "occupied").write_text("a file")
+    assert "occupied" in fails(reach.path, "--out", tmp_path / "occupied" / "deeper")
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("file", "person", "expected", "hidden", "missing"),
+    [
+        ("85_02", None, "plug_in_gait", 0, []),
+        ("Movement_trial", None, "plug_in_gait", 0, ["RMT5", "LMT5"]),
+        ("markers_analogs", None, "upper_limb", 281, []),
+        pytest.param("85_12", "Male", "plug_in_gait", 0, [], marks=pytest.mark.slow),
+    ],
+)
+def test_real_recordings_are_tracked(recordings: Path, tmp_path: Path, file, person, expected, hidden, missing):
+    path = recordings / "markers" / f"{file}.c3d"
+    result = track(TrackOptions(path, person, out=tmp_path), quiet)
+    assert result["marker_set"] == expected
+    assert result["hidden_points"] == result["filled_points"] == hidden
+    assert result["missing"] == missing
+    assert result["tracked_frames"] == result["frames"]
+    assert result["residual_mm"]["median"] < 2.0
+    assert result["disbelieved_points"] < 0.001 * result["frames"] * len(result["markers"])
+    before, after = ezc3d.c3d(str(path)), ezc3d.c3d(str(filled_file(result)))
+    for part in ("analogs", "points"):
+        known = np.isfinite(before["data"][part])
+        np.testing.assert_allclose(after["data"][part][known], before["data"][part][known], atol=1e-3)
+    labels = [d["parameters"]["POINT"]["LABELS"]["value"] for d in (before, after)]
+    assert labels[0] == labels[1]
+
+
+@pytest.mark.data
+def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(recordings: Path, tmp_path: Path):
+    """The hand trio of a real person, hidden for 300 ms at a time: the truth is what was left out."""
+    whole = read_c3d(recordings / "markers" / "85_12.c3d").person("Male")
+    part = slice(600, 1320)
+    valid = whole.valid[part].copy()
+    trio = [whole.names.index(name) for name in ("RWRA", "RWRB", "RFIN")]
+    for start in range(60, 660, 90):
+        valid[start : start + 36, trio] = False
+    write_c3d(tmp_path / "cut.c3d", make_recording(whole.rate_hz, whole.names, whole.points[part], valid))
+    result = track(TrackOptions(tmp_path / "cut.c3d", out=tmp_path / "out"), quiet)
+    filled = read_c3d(filled_file(result))
+    error = np.linalg.norm(filled.points - whole.points[part], axis=-1)[~valid]
+    assert filled.valid.all()
+    assert np.sqrt((error**2).mean()) < 0.05

@@ -35,9 +35,10 @@ class ArmRecipe:
 
     Attributes:
         head: markers of the head. Three or more give its orientation by a rigid fit; otherwise the
-            first and last of them point up along the neck and ``head_left`` gives the facing.
+            first and last of them point up along the neck and ``head_left`` gives the facing. Where the head bears
+            none, three or more of one segment of the trunk: the head then looks where the trunk faces.
         head_left: two markers, from the right to the left side of the body, or empty.
-        centre_in_head: (3,) m, the head's centre in the frame of the head joint.
+        centre_in_head: (3,) m, the head's centre in the frame of the joint that carries these markers.
         shoulder, elbow, wrist: markers whose mean is the joint centre, or near it.
         shoulder_below: m, the shoulder's centre lies so far straight below that mean.
         elbow_medial: m, the elbow's centre lies so far from that mean towards the body, along the axis of flexion.
@@ -314,7 +315,12 @@ def _parse_segment(data: dict[str, Any]) -> Segment:
 
 
 def _parse_arm(data: dict[str, Any]) -> ArmRecipe:
+    if not data.get("head", {}).get("markers"):
+        raise ValueError("the [arm] section has no head; where it bears no markers, name three or more of the trunk")
     head, shoulder, elbow = data["head"], data["shoulder"], data["elbow"]
+    for joint in ("shoulder", "elbow", "wrist"):
+        if not data[joint]["markers"]:
+            raise ValueError(f"the [arm] section names no marker of the {joint}")
     return ArmRecipe(
         head=tuple(head["markers"]),
         head_left=tuple(head.get("left", ())),

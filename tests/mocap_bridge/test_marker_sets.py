@@ -62,7 +62,7 @@ def test_markers_lie_on_the_body(marker_set):
     for m, joint in enumerate(marker_set.joints):
         if joint.startswith("right_"):
             prefix, rest = marker_set.names[m][0], marker_set.names[m][1:]
-            mirror = {"R": "L", "r": "l"}[prefix] + rest
+            mirror = {"R": "L", "r": "l"}.get(prefix, "no ") + rest
             if mirror in marker_set.names:
                 np.testing.assert_allclose(positions[marker_set.index(mirror)], positions[m] * [1, -1, 1], atol=1e-9)
 
@@ -203,10 +203,10 @@ def same(one, other):
 
 def test_what_was_written_is_read_again_number_by_number(marker_set, tmp_path):
     path = tmp_path / "again.toml"
-    write_marker_set(path, marker_set, {"source": 'the "best"\ take.c3d', "residuals_mm": {"RFIN": 1.25}})
+    write_marker_set(path, marker_set, {"source": r'the "best"\ take.c3d', "residuals_mm": {"RFIN": 1.25}})
     assert same(load_marker_set(path), marker_set)
     subject = tomllib.loads(path.read_text(encoding="utf-8"))["subject"]
-    assert subject == {"source": 'the "best"\ take.c3d', "residuals_mm": {"RFIN": 1.25}}
+    assert subject == {"source": r'the "best"\ take.c3d', "residuals_mm": {"RFIN": 1.25}}
 
 
 def test_any_number_survives_writing_and_reading(tmp_path):
@@ -241,6 +241,8 @@ PAPER = (FOLDER / "paper.toml").read_text(encoding="utf-8")
         (PAPER.replace('name = "RWRA"', 'name = "RWRB"'), "occur twice: RWRB"),
         (PAPER.replace("\nhead = { length", "\nneck = { length"), "'head' is missing"),
         (PAPER.replace("length = 0.11549", "length = -1"), "must be positive"),
+        (PAPER.replace("\nhead = { markers", "\nskull = { markers"), "has no head; where it bears no markers"),
+        (PAPER.replace('elbow = { markers = ["RELB", "RELM"]', "elbow = { markers = []"), "no marker of the elbow"),
     ],
 )
 def test_a_broken_file_is_refused_in_one_line(tmp_path, text, message):

@@ -76,7 +76,7 @@ def gaps(track: TrackedRecording) -> Drawing | None:
 
 def residuals(track: TrackedRecording) -> Drawing | None:
     """How far each marker was measured from where the tracker has it."""
-    rows = np.flatnonzero(track.labelled)
+    rows = np.flatnonzero(np.isfinite(track.residuals).any(axis=0))
     if not len(rows):
         return None
     halves = np.array_split(rows, 2 if len(rows) > 16 else 1)
@@ -141,7 +141,7 @@ def joint_angles(track: TrackedRecording) -> Drawing | None:
 
 def skeleton_strip(track: TrackedRecording) -> Drawing | None:
     """Stick figures at some instants, from the front and from the person's right."""
-    known = np.flatnonzero(np.isfinite(track.headings) & np.isfinite(track.centres).all(axis=(1, 2)))
+    known = np.flatnonzero(track.posed)
     if not len(known):
         return None
     instants = known[np.unique(np.linspace(0, len(known) - 1, _INSTANTS).astype(int))]
@@ -158,10 +158,9 @@ def skeleton_strip(track: TrackedRecording) -> Drawing | None:
             place += stick.width / 2 + _BETWEEN / 2
             _paint(axes, stick, place - stick.middle)
             if axes is panels[0]:
-                axes.annotate(
-                    f"{track.times[number]:.2f} s", (place, max(each.top for each in sticks)), (0, 5), textcoords="offset points", ha="center",
-                    fontsize=9.5,
-                )  # fmt: skip
+                above = (place, max(each.top for each in sticks))
+                text = f"{track.times[number]:.2f} s"
+                axes.annotate(text, above, (0, 5), textcoords="offset points", ha="center", fontsize=9.5)
             place += stick.width / 2 + _BETWEEN / 2
         axes.set_xlim(0.0, widest)
         axes.set_aspect("equal")

@@ -26,7 +26,7 @@ def summarise_track(person: OnePerson, track: TrackedRecording) -> dict[str, Any
         "rate_hz": float(track.rate_hz),
         "frames": len(track),
         "seconds": round(len(track) / track.rate_hz, 3),
-        "tracked_frames": int(np.isfinite(track.headings).sum()),
+        "tracked_frames": int(track.posed.sum()),
         "gaps": sum(len(runs(column)) for column in hidden.T),
         "hidden_points": int(hidden.sum()),
         "filled_points": int(filled.sum()),

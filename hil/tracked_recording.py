@@ -67,6 +67,11 @@ class TrackedRecording:
         return np.arange(len(self)) / self.rate_hz
 
     @property
+    def posed(self) -> NDArray[np.bool_]:
+        """(T,) the tracker knows a pose."""
+        return np.isfinite(self.headings)
+
+    @property
     def labelled(self) -> NDArray[np.bool_]:
         """(M,) the recording has the marker at least once."""
         return np.asarray(self.there.any(axis=0))
@@ -79,12 +84,13 @@ class TrackedRecording:
     @property
     def disbelieved(self) -> NDArray[np.bool_]:
         """(T, M) the recording has the marker, the tracker did not believe it."""
-        return self.there & ~self.seen
+        return self.there & ~self.seen & self.posed[:, None]
 
     @property
     def residuals(self) -> Array:
-        """(T, M) m, distance of a measured marker from where the tracker has it; NaN where it was not measured."""
-        return np.where(self.there, np.linalg.norm(self.measured - self.tracked, axis=-1), np.nan)
+        """(T, M) m, distance of a measured marker from where the tracker has it; NaN where there is one alone."""
+        compared = self.there & self.posed[:, None]
+        return np.where(compared, np.linalg.norm(self.measured - self.tracked, axis=-1), np.nan)
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ from simulated_reach import RATE_HZ, Reach, simulated_reach
 from hil import cli
 from hil.track import TrackOptions, track
 from mocap_bridge.c3d import read_c3d, write_c3d
+from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.joint_angles import ANGLES
 from mocap_bridge.marker_sets import load_marker_set
 from mocap_bridge.recording import make_recording
+from mocap_bridge.tracker import Tracker
 
 HAND = ("RFIN", "RMC5")
 
@@ -151,6 +153,39 @@ def test_other_people_channels_and_loose_points_are_left_alone(tmp_path: Path, r
     filled = read_c3d(filled_file(result))
     np.testing.assert_array_equal(filled.valid[:, -1], there[:, 0])
     assert filled.valid[:, :-1].all()
+
+
+@pytest.mark.parametrize(("frames", "shown"), [(1, 16), (2, 16), (40, 3), (40, 1)])
+def test_very_little_to_go_by_is_no_error(tmp_path: Path, frames: int, shown: int):
+    """One frame, or too few markers for a pose: the report says so, nothing is made up."""
+    whole = read_c3d(simulated_reach(tmp_path / "whole.c3d", frames=max(frames, 2)).path)
+    valid = whole.valid[:frames].copy()
+    valid[:, shown:] = False
+    write_c3d(tmp_path / "little.c3d", make_recording(RATE_HZ, whole.names, whole.points[:frames], valid))
+    result = track(TrackOptions(tmp_path / "little.c3d", out=tmp_path / "out"), quiet)
+    assert result["tracked_frames"] == (frames if shown == 16 else 0)
+    assert result["filled_points"] == result["disbelieved_points"] == 0
+    assert (result["residual_mm"] is None) == (shown < 16)
+    assert (result["angles_deg"] is None) == (shown < 16)
+    assert len(result["missing"]) == 16 - shown
+    assert Page((tmp_path / "out" / "report.html").read_text(encoding="utf-8")).open == []
+
+
+def test_the_trackers_pose_is_that_of_its_segments():
+    paper = load_marker_set("paper")
+    tracker = Tracker(paper, RATE_HZ)
+    assert tracker.pose is None
+    points = np.array([paper.segments[joint].centre for joint in paper.joints]) + paper.local_positions
+    seen = np.ones(len(paper), dtype=bool)
+    tracker.update(MarkerFrame(paper.names, points, seen, 0, 0, 0, np.zeros((0, 3))))
+    assert tracker.pose is not None
+    names, centres, frames = tracker.pose
+    assert set(names) == set(paper.segments)
+    for joint, centre, frame in zip(names, centres, frames, strict=True):
+        above = paper.segments[joint].parent
+        assert above is None or names.index(above) < names.index(joint)
+        np.testing.assert_allclose(centre, paper.segments[joint].centre, atol=0.03)
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-9)
 
 
 @pytest.fixture

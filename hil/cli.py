@@ -54,7 +54,10 @@ def simulate(
     emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
     cell: Annotated[list[str] | None, typer.Option(help="Only this cell (A1 to C3); may be given again.")] = None,
     style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
-    source: Annotated[Path | None, typer.Option(help="C3D file of a real person instead of a simulated one.")] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(help="A real person instead: a C3D file, or an address such as vicon://host."),
+    ] = None,
     human: Annotated[str | None, typer.Option(help="Prefix of that person's markers, such as A or human.")] = None,
     marker_set: Annotated[str | None, typer.Option(help="That person's marker set: a name or a TOML file.")] = None,
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

@@ -6,11 +6,14 @@ import gc
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
 from hil.film import Strip, make_film, picture_strips
+from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
 from hil.report import write_report
@@ -21,8 +24,10 @@ from hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from hil.sim.rendering import NoPictures
 from hil.sim.scene import Scene, build_scene
 from hil.summary import SessionSettings, summarise
+from hil.training_data import tell
 from hil.trial import TrialResult, run_trial
-from mocap_bridge.marker_sets import load_marker_set
+from mocap_bridge.address import FILE, parse_address
+from mocap_bridge.marker_sets import MarkerSet, load_marker_set
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.store import load_model
@@ -43,7 +48,7 @@ class SimulateOptions:
         emotions: emotions to go through; empty is all that the model knows.
         cells: cells of the grid to go through; empty is all.
         style: style weights by emotion, used in every trial instead of its emotion; empty for none.
-        source: a C3D file of a real person; None simulates one.
+        source: a C3D file of a real person, or the address of a live system; None simulates a person.
         human: prefix of that person's markers.
         marker_set: name or path of that person's marker set; None finds one.
         model: the model's file.
@@ -57,7 +62,7 @@ class SimulateOptions:
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
     style: Mapping[str, float] | None = None
-    source: Path | None = None
+    source: str | None = None
     human: str | None = None
     marker_set: str | None = None
     model: Path = DEFAULT_MODEL
@@ -76,12 +81,21 @@ def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[s
     """
     model = load_model(options.model)
     _check_free(folder)
-    partners = _partners(options, model, bar)
+    if is_live(options.source):
+        with closing(live_source(str(options.source), options.human)) as source:
+            return _simulate(options, model, folder, bar, LivePerson(source, str(options.source), _marker_set(options)))
+    return _simulate(options, model, folder, bar, None)
+
+
+def _simulate(
+    options: SimulateOptions, model: HGPDM, folder: Path, bar: ProgressBar, person: LivePerson | None
+) -> dict[str, Any]:
+    partners = _partners(options, model, bar, person)
     scene = build_scene()
     _make(folder)
     settings = _settings(options, len(partners))
     results, interrupted = _run(
-        options, model, scene, partners, SessionRecorder(folder / "session.mcap", settings), bar
+        options, model, scene, partners, person, SessionRecorder(folder / "session.mcap", settings), bar
     )
     summary = summarise(results, settings, interrupted=interrupted)
     strips, film = _pictures(options, results, folder, bar)
@@ -97,7 +111,7 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
         style=None if options.style is None else dict(options.style),
         corrected=options.correct,
         physics=options.physics,
-        source="" if options.source is None else options.source.name,
+        source=_shown(options.source),
         command=shlex.join(["highfive", *sys.argv[1:]]),
     )
 
@@ -116,7 +130,7 @@ def _pictures(
         return none, none
 
 
-def _partners(options: SimulateOptions, model: HGPDM, bar: ProgressBar) -> list[Partner]:
+def _partners(options: SimulateOptions, model: HGPDM, bar: ProgressBar, person: LivePerson | None) -> list[Partner]:
     emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:
@@ -136,10 +150,25 @@ def _partners(options: SimulateOptions, model: HGPDM, bar: ProgressBar) -> list[
         count = options.trials or len(cells) * len(emotions)
         return simulated_partners(count, emotions, cells, options.seed, lambda total: bar("people", total))
     if options.cells:
-        raise HighFiveError("--cell goes with the simulated person; a recorded one raises the hand where she did")
-    marker_set = load_marker_set(options.marker_set) if options.marker_set else None
-    first = recorded_partner(options.source, options.human, marker_set, emotions[0])
+        raise HighFiveError("--cell goes with the simulated person; a real one raises the hand where she does")
+    if person is not None:
+        return [person.partner(emotion) for emotion in islice(cycle(emotions), options.trials or len(emotions))]
+    first = recorded_partner(Path(options.source), options.human, _marker_set(options), emotions[0])
     return [first.in_emotion(emotion) for emotion in emotions][: options.trials]
+
+
+def _marker_set(options: SimulateOptions) -> MarkerSet | None:
+    return load_marker_set(options.marker_set) if options.marker_set else None
+
+
+def is_live(source: str | None) -> bool:
+    """Whether a source is the address of a live system, and not a file."""
+    return source is not None and parse_address(source).scheme != FILE
+
+
+def _shown(source: str | None) -> str:
+    """A source as figures show it: an address, or a file without its folders."""
+    return "" if source is None else source if is_live(source) else Path(source).name
 
 
 def _leading(style: Mapping[str, float]) -> str:
@@ -164,6 +193,7 @@ def _run(
     model: HGPDM,
     scene: Scene,
     partners: list[Partner],
+    person: LivePerson | None,
     recorder: SessionRecorder,
     bar: ProgressBar,
 ) -> tuple[list[TrialResult], bool]:
@@ -178,15 +208,31 @@ def _run(
             gc.freeze()
             for number, partner in enumerate(partners):
                 session.set_style(options.style or {partner.emotion: 1.0})
-                result = run_trial(number, partner, session, playout)
+                result, trouble = _trial(number, partner, session, playout, person)
                 recorder.record_trial(result)
                 results.append(result)
                 advance()
+                if trouble:
+                    tell(trouble)
+                    return results, True
         except KeyboardInterrupt:
             return results, True
         finally:
             gc.unfreeze()
     return results, False
+
+
+def _trial(
+    number: int, partner: Partner, session: Session, playout: PlayOut, person: LivePerson | None
+) -> tuple[TrialResult, str]:
+    """A trial, and why the session cannot go on after it; '' where it can."""
+    if person is None:
+        return run_trial(number, partner, session, playout), ""
+    tell(f"high five {number + 1}, {partner.emotion}: raise the right hand")
+    live = person.trial()
+    result = run_trial(number, partner, session, playout, live, live.watch)
+    note = f"{live.count} ticks, {live.late} late, {live.stale} without a new frame"
+    return replace(result, notes=(*result.notes, note)), live.trouble
 
 
 def _session(options: SimulateOptions, model: HGPDM, scene: Scene, partner: Partner) -> Session:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from hil.session import RATE_HZ, Session, Tick
 from hil.sim.contact_check import ContactReport, contact_report
 from hil.sim.playout import PlayOut, PlayState
 from hil.synchroniser import Synchroniser
-from mocap_bridge.frames import HumanArm
+from mocap_bridge.frames import HumanArm, MarkerFrame
 from mocap_bridge.sources import C3DSource
 from model.rotations import Array
 
@@ -81,14 +82,30 @@ class TrialResult:
     tick_ms: Float[np.ndarray, " T"]
 
 
-def run_trial(number: int, partner: Partner, session: Session, playout: PlayOut) -> TrialResult:
-    """One trial, as fast as it goes; the figures are the same every time, timings apart."""
+def run_trial(
+    number: int,
+    partner: Partner,
+    session: Session,
+    playout: PlayOut,
+    frames: Iterable[MarkerFrame] | None = None,
+    watch: Callable[[Tick], None] = lambda tick: None,
+) -> TrialResult:
+    """One trial. The partner's recording goes as fast as it can; its figures are the same every time, timings apart.
+
+    Args:
+        number: of the trial.
+        partner: who raises the hand.
+        session: reset before the first frame.
+        playout: plays the poses.
+        frames: of a live partner, at their time; by default those of the partner's recording.
+        watch: is shown each tick.
+    """
     session.reset()
     synchroniser = Synchroniser()
     ticks: list[Tick] = []
     states: list[PlayState] = []
     tick_ms: list[float] = []
-    for frame in C3DSource(partner.recording, RATE_HZ):
+    for frame in C3DSource(partner.recording, RATE_HZ) if frames is None else frames:
         start = time.perf_counter_ns()
         tick = session.step(frame)
         tick_ms.append(1e-6 * (time.perf_counter_ns() - start))
@@ -98,6 +115,7 @@ def run_trial(number: int, partner: Partner, session: Session, playout: PlayOut)
         play = playout.step if states else playout.reset
         states.append(play(moment.pose, moment.person, moment.time_ns))
         ticks.append(tick)
+        watch(tick)
     return _judge(number, partner, ticks, states, np.array(tick_ms))
 
 

@@ -46,18 +46,24 @@ def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: 
     return settled(chain, state, points, seen, 0.0) if math.isfinite(cost) else None
 
 
+def standing(chain: Chain, heading: float = 0.0, angles: Array | None = None, size: float = 1.0) -> Pose:
+    """The chain upright on the floor with the hinges at ``angles`` (n,), by default at rest; heading and angles in rad.
+
+    Centres of segments that are not free are left to :func:`mocap_bridge.pose_filter.kinematics`.
+    """
+    cosine, sine = np.cos(heading), np.sin(heading)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    frames = np.tile(turn, (len(chain.parents), 1, 1))
+    return Pose(size * chain.offsets @ turn.T, frames, np.array(chain.rest if angles is None else angles))
+
+
 def _fitted(
     chain: Chain, points: Array, seen: NDArray[np.bool_], heading: float, angles: Array, size: float
 ) -> tuple[State, float]:
     """The pose found from one guess, and how badly it explains the frame."""
-    n, segments, markers = len(chain.kind), len(chain.parents), len(chain.carrier)
-    turn = np.array(
-        [[np.cos(heading), -np.sin(heading), 0.0], [np.sin(heading), np.cos(heading), 0.0], [0.0, 0.0, 1.0]]
-    )
+    n, markers = len(chain.kind), len(chain.carrier)
     offsets, places = size * chain.offsets, size * chain.places
-    upright = Pose(offsets.copy(), np.tile(turn, (segments, 1, 1)), np.array(angles))
-    upright.centres[:] = offsets @ turn.T  # of free segments: as they stand to each other
-    pose, _ = kinematics(chain, offsets, upright)
+    pose, _ = kinematics(chain, offsets, standing(chain, heading, angles, size))
     away = (points - on_segments(chain, pose, places))[seen].mean(axis=0)
     pose = Pose(pose.centres + away, pose.frames, pose.angles)
     variance = np.where(chain.kind == SHIFT, _SHIFT_SIGMA, _TURN_SIGMA) ** 2

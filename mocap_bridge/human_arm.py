@@ -99,6 +99,10 @@ class HumanArmEstimator:
             used=marker_set.indices(arm.markers).astype(np.int64),
             of_hand=marker_set.indices((*arm.wrist, *arm.hand, *arm.across)).astype(np.int64),
         )
+        # Called once, so that nothing is left to compile when a person is there.
+        places, count = np.array(local), len(marker_set)
+        nothing = np.zeros((count, 3, 3)), np.zeros(count, dtype=bool), np.zeros(count, dtype=np.int64)
+        arm_of(self._recipe, places, np.zeros_like(places), *nothing)
 
     def __call__(self, tracked: TrackedMarkers) -> HumanArm:
         """The person's arm in the world frame; ``valid`` only if every marker that it rests on is valid."""

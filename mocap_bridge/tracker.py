@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_bridge.chain import make_chain, segment_order
-from mocap_bridge.first_pose import first_state
+from mocap_bridge.first_pose import first_state, standing
 from mocap_bridge.frames import MarkerFrame, TrackedMarkers
 from mocap_bridge.joint_angles import ArmAngles, arm_angles_of, arm_segments
 from mocap_bridge.marker_sets import MarkerSet
-from mocap_bridge.pose_filter import NEVER, State, followed
+from mocap_bridge.pose_filter import NEVER, State, followed, kinematics, on_segments
 from model.rotations import Array
 
 LONGEST_NS = 1_000_000_000
@@ -45,7 +45,18 @@ class Tracker:
         self._shoulders = np.array(lifting, dtype=np.intp)
         self._names: tuple[str, ...] | None = None
         self._columns, self._there = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
+        self._compile()
         self.reset()
+
+    def _compile(self) -> None:
+        """Calls once what will be called: nothing is left to compile when a person is there."""
+        self.reset()
+        upright, _ = kinematics(self._chain, self._chain.offsets, standing(self._chain))
+        points = on_segments(self._chain, upright, self._chain.places)
+        seen = np.ones(len(points), dtype=bool)
+        for number in range(2):
+            self.update(MarkerFrame(self._set.names, points, seen, number, number * self._period_ns, 0, points[:1]))
+        _ = self.arm_angles
 
     def reset(self) -> None:
         """Forgets everything that was seen."""

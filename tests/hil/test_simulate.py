@@ -109,7 +109,9 @@ def test_another_seed_is_another_person_and_without_correction_palms_are_further
 @pytest.mark.slow
 def test_physics_feels_the_palms_meet_in_a_mixed_style(tmp_path: Path, captured_file: Path) -> None:
     style = {"angry": 0.5, "neutral": 0.5}
-    summary, recording = session(tmp_path / "physics", source=captured_file, human="human", physics=True, style=style)
+    summary, recording = session(
+        tmp_path / "physics", source=str(captured_file), human="human", physics=True, style=style
+    )
     assert summary["physics"] is True and summary["style"] == style and summary["trials"] == 1
     assert summary["peak_force_n"]["max"] > 0.0
     assert recording.settings["style"] == style
@@ -233,7 +235,7 @@ def test_without_opengl_it_runs_as_promised_and_says_that_pictures_were_left_out
 def test_a_real_hand_is_met_or_said_to_be_out_of_reach(
     recordings: Path, tmp_path: Path, human: str, other: str
 ) -> None:
-    summary, recording = session(tmp_path / "real", source=recordings / HIGH_FIVE, human=human)
+    summary, recording = session(tmp_path / "real", source=str(recordings / HIGH_FIVE), human=human)
     assert summary["trials"] == 4 and not summary["simulated"]
     far = {entry["trial"]: entry["distance_mm"] for entry in summary["out_of_reach_trials"]}
     for row in summary["rows"]:

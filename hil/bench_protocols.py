@@ -8,11 +8,12 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.stream import SWITCH_S
 from hil.threads import use_one_blas_thread
@@ -27,7 +28,6 @@ from mocap_bridge.recording import make_recording
 from mocap_bridge.sources import RATE_HZ
 from mocap_bridge.tracker import Tracker
 from model.errors import HighFiveError
-from model.rotations import Array
 
 if TYPE_CHECKING:
     from hil.console import Advance, Bar
@@ -144,17 +144,21 @@ def _serving(protocol: str, file: Path, out: Path) -> Iterator[str]:
 
 @dataclass
 class _Read:
-    """When frames were done with: their numbers, source times, ns, and ``done``, ns."""
+    """Frames' numbers, and ns: their own time, when they had arrived, were taken up, and were done with."""
 
-    numbers: list[int]
-    source_ns: list[int]
-    done_ns: list[int]
+    numbers: list[int] = field(default_factory=list)
+    source_ns: list[int] = field(default_factory=list)
+    arrived_ns: list[int] = field(default_factory=list)
+    begun_ns: list[int] = field(default_factory=list)
+    done_ns: list[int] = field(default_factory=list)
 
-    def add(self, frame: MarkerFrame) -> None:
-        """The frame is done with now."""
+    def add(self, frame: MarkerFrame, begun_ns: int = 0) -> None:
+        """The frame, taken up at ``begun_ns``, is done with now."""
         self.done_ns.append(time.monotonic_ns())
         self.numbers.append(frame.number)
         self.source_ns.append(frame.source_time_ns)
+        self.arrived_ns.append(frame.arrival_time_ns)
+        self.begun_ns.append(begun_ns)
 
     def extend(self, frames: Sequence[MarkerFrame]) -> None:
         """Several frames are."""
@@ -171,7 +175,7 @@ def _measure(
     folder: Path,
     advance: Advance,
 ) -> dict[str, Any]:
-    came = _Read([], [], [])  # all that came in, wanted or not
+    came = _Read()  # all that came in, wanted or not
     out = folder / f"{protocol}.npz"
     with _serving(protocol, file, out) as address:
         if protocol == "lsl":
@@ -190,13 +194,19 @@ def _measure(
             source.close()
     with np.load(out, allow_pickle=False) as stamps:
         sent = dict(zip(stamps["numbers"].tolist(), stamps["times_ns"].tolist(), strict=True))
-    latency = _ages(tracked, sent, protocol)
-    age = _ages(slow, sent, protocol)
+    sent_ns = _sent(tracked, sent, protocol)
+    latency = 1e-6 * (np.array(tracked.done_ns) - sent_ns)
+    age = 1e-6 * (np.array(slow.done_ns) - _sent(slow, sent, protocol))
+    steps = np.diff(np.array([sent_ns, tracked.arrived_ns, tracked.begun_ns, tracked.done_ns]), axis=0)
     arrived = set(_numbers(came, sent, protocol))
     wanted = range(min(arrived), max(arrived) + 1)
     p50, p99, longest = np.percentile(latency, [50, 99, 100])
     return {
         "latency_ms": {"p50": _rounded(p50), "p99": _rounded(p99), "max": _rounded(longest)},
+        "of_which_p50_ms": {
+            part: _rounded(1e-6 * np.median(step))
+            for part, step in zip(("wire_and_decoding", "handed_over", "tracking"), steps, strict=True)
+        },
         "lost_frames": len(wanted) - len(arrived),
         "frames": len(wanted),
         "tracked_frames": len(latency),
@@ -209,15 +219,15 @@ def _follow(source: LiveSource, marker_set: MarkerSet, seconds: float, advance: 
     """Tracks the arm in every frame from a second after now on, and notes when it was done."""
     tracker, arm = Tracker(marker_set, source.rate_hz), HumanArmEstimator(marker_set)
     begun, seen, shown = time.monotonic(), None, 0
-    read = _Read([], [], [])
+    read = _Read()
     while (gone := time.monotonic() - begun) < SETTLED_S + seconds:
         frame = source.wait(seen, 0.5)
         if frame is None:
             continue
-        seen = frame
+        seen, taken_up = frame, time.monotonic_ns()
         arm(tracker.update(frame))
         if gone > SETTLED_S:
-            read.add(frame)
+            read.add(frame, taken_up)
         if gone - SETTLED_S > shown + 1:
             shown += 1
             advance()
@@ -229,7 +239,7 @@ def _follow(source: LiveSource, marker_set: MarkerSet, seconds: float, advance: 
 def _read_slowly(source: LiveSource, seconds: float, advance: Advance) -> _Read:
     """Reads the newest frame and is busy for 30 ms, again and again."""
     begun, shown = time.monotonic(), 0
-    read = _Read([], [], [])
+    read = _Read()
     while (gone := time.monotonic() - begun) < seconds:
         frame = source.newest(time.monotonic_ns())
         if frame is not None:
@@ -249,16 +259,16 @@ def _numbers(read: _Read, sent: dict[int, int], protocol: str) -> list[int]:
     return [round((time_ns - start) * 1e-9 * RATE_HZ) for time_ns in read.source_ns]
 
 
-def _ages(read: _Read, sent: dict[int, int], protocol: str) -> Array:
-    """From when each frame was sent until it was done with, ms."""
+def _sent(read: _Read, sent: dict[int, int], protocol: str) -> NDArray[np.int64]:
+    """When each frame was sent, ns."""
     numbers = _numbers(read, sent, protocol)
     strange = [number for number in numbers if number not in sent]
     if strange:
         raise HighFiveError(f"the {protocol} client got frame {strange[0]}, which was never sent")
-    return 1e-6 * np.array([done - sent[number] for number, done in zip(numbers, read.done_ns, strict=True)])
+    return np.array([sent[number] for number in numbers])
 
 
-def _rounded(value: float) -> float:
+def _rounded(value: float | np.floating) -> float:
     return round(float(value), 3)
 
 

@@ -364,8 +364,9 @@ def serve(
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port (default: the protocol's; 0: any).")] = None,
     host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 lets in the whole network.")] = "127.0.0.1",
-    fault: Annotated[
-        list[str] | None, typer.Option(help="What goes wrong: occlusion=RFIN+RMC5@2-2.3; may be given again.")
+    faults: Annotated[
+        list[str] | None,
+        typer.Option(help="What goes wrong: occlusion=RFIN+RMC5@2-2.3; may be given again."),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frames a second (default: the recording's).")] = None,
     person: Annotated[str | None, typer.Option(help="Send only the markers of this prefix.")] = None,
@@ -376,7 +377,18 @@ def serve(
     """Replay a recording as a live motion capture system, with faults on demand (docs/mocap.md)."""
     from hil.serve import ServeOptions, serve_recording  # noqa: PLC0415
 
-    options = ServeOptions(protocol, file, loop, port, host, tuple(fault or ()), rate, person, seconds, seed)
+    options = ServeOptions(
+        protocol,
+        file,
+        loop,
+        port,
+        host,
+        tuple(one for text in faults or () for one in text.split(",")),
+        rate,
+        person,
+        seconds,
+        seed,
+    )
     result = serve_recording(options, _say_aside if json else _say)
     if json:
         print_json(result)

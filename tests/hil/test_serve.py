@@ -37,8 +37,8 @@ def test_bad_input_is_one_line(fails, lab: Path, tmp_path: Path) -> None:
     assert "vicon, qtm, natnet, lsl" in fails("vrpn", lab)
     assert "absent.c3d" in fails("vicon", tmp_path / "absent.c3d")
     assert "text.c3d" in fails("vicon", tmp_path / "text.c3d")
-    assert "flood" in fails("vicon", lab, "--fault", "flood")
-    assert "LELB" in fails("vicon", lab, "--port", 0, "--fault", "occlusion=LELB@5")
+    assert "flood" in fails("vicon", lab, "--faults", "flood")
+    assert "LELB" in fails("vicon", lab, "--port", 0, "--faults", "occlusion=LELB@5")
     assert "Eve" in fails("vicon", lab, "--person", "Eve")
     assert "--rate" in fails("vicon", lab, "--rate", 0)
     assert "--port" in fails("vicon", lab, "--port", 70000)
@@ -90,11 +90,11 @@ OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in ("qtm", "natnet
 def test_what_is_served_is_what_is_seen(lab: Path, protocol: str) -> None:
     port = [] if protocol == "lsl" else ["--port", 0]
     faults = [
-        "--fault",
+        "--faults",
         "occlusion=RFIN",
-        "--fault",
+        "--faults",
         "gap=30@1.5",
-        "--fault",
+        "--faults",
         "reorder" if protocol != "lsl" else "nan=RWRA",
     ]
     process, address, _ = serving(protocol, lab, "--loop", *port, *faults)

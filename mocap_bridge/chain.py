@@ -6,16 +6,10 @@ from rest it may be expected and how fast it is driven is anatomy, and the same 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap_bridge.marker_sets import MarkerSet
-from model.rotations import Array
-
-SHIFT, TURN, HINGE = 0, 1, 2
-"""Kinds of freedom: of a free segment along and about the world's axes, of a joint about an axis of its own."""
+from mocap_bridge.pose_filter import HINGE, SHIFT, TURN, Chain
 
 _TILT = 0.35  # rad, standard deviation of a free segment from upright
 _HEADING = 0.6  # rad, of a free segment from where the head looks
@@ -47,47 +41,6 @@ _SHIFT_POWER, _TURN_POWER = 5.0, 20.0  # m²/s³ and rad²/s³, of a free segmen
 # s, in which a speed falls to a third where nothing is seen: no one keeps a speed for long.
 _COASTING = {"wrist": 0.07, "elbow": 0.07}
 _OTHERS_COASTING = 0.1
-
-
-class Chain(NamedTuple):
-    """J segments (a parent before its children), n freedoms, M markers.
-
-    Attributes:
-        parents: (J,) index of each segment's parent, -1 for a free segment.
-        offsets: (J, 3) m, the joint's centre from its parent's in the zero pose; of a free segment from the floor.
-        first, count: (J,) the freedoms of a segment are ``first`` to ``first + count``.
-        kind: (n,) :data:`SHIFT`, :data:`TURN` or :data:`HINGE`.
-        axis: (n,) 0, 1 or 2 for x, y, z: of the world, or of the joint's frame before the turn.
-        joint: (n,) the segment that it moves.
-        rest: (n,) rad.
-        stiffness: (n,) 1/rad², inverse variance about rest; for a free segment's turns: from upright and ahead.
-        power: (n,) of the accelerations, m²/s³ or rad²/s³.
-        coasting: (n,) s, in which a speed falls to a third where nothing is seen.
-        path: (J, L) the freedoms that move a segment, padded with -1.
-        lengths: (J,) how many of them there are.
-        carrier: (M,) the segment of each marker.
-        places: (M, 3) m, of the markers in their segment's frame.
-        spreads: (M,) m, standard deviation of a coordinate of that place from person to person.
-        head: the free segment whose heading the others follow, or -1.
-    """
-
-    parents: NDArray[np.int64]
-    offsets: Array
-    first: NDArray[np.int64]
-    count: NDArray[np.int64]
-    kind: NDArray[np.int64]
-    axis: NDArray[np.int64]
-    joint: NDArray[np.int64]
-    rest: Array
-    stiffness: Array
-    power: Array
-    coasting: Array
-    path: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-    carrier: NDArray[np.int64]
-    places: Array
-    spreads: Array
-    head: int
 
 
 def segment_order(marker_set: MarkerSet) -> list[str]:

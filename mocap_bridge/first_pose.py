@@ -8,8 +8,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.chain import SHIFT, Chain
-from mocap_bridge.pose_filter import NEVER, PULL_S, Pose, State, corrected, kinematics, misfit_of, on_segments, settled
+from mocap_bridge.pose_filter import (
+    NEVER,
+    PULL_S,
+    SHIFT,
+    Chain,
+    Pose,
+    State,
+    corrected,
+    kinematics,
+    misfit_of,
+    on_segments,
+    settled,
+)
 from model.rotations import Array
 
 HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0])

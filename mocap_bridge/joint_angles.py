@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import NDArray
 
-from mocap_bridge.chain import Chain
-from mocap_bridge.pose_filter import State, kinematics
+from mocap_bridge.pose_filter import Chain, State, kinematics
 from model.compiled import compiled, compiled_entry
 from model.rotations import Array
 
@@ -122,33 +122,44 @@ def _turned_in(turn: Array) -> Array:
     return result
 
 
-@compiled_entry
-def arm_angles_of(chain: Chain, state: State, segments: tuple[int, int, int, int]) -> tuple[Array, Array]:
-    """Angles (8,), rad, and their covariance (8, 8), linearised, of base, upper arm, forearm and hand of a chain."""
+def arm_angles_of(chain: Chain, state: State, segments: tuple[int, int, int, int]) -> ArmAngles:
+    """Angles of the arm whose base, upper arm, forearm and hand are those segments of a chain."""
     pose, axes = kinematics(chain, state.offsets, state.pose)
-    base, upper_arm, forearm, hand = segments
-    frames = (pose.frames[base], pose.frames[upper_arm], pose.frames[forearm], pose.frames[hand])
+    base, *_, hand = segments
+    # What moves the base moves them all; each segment is moved by what moves the one before it, and more.
+    path = chain.path[hand, chain.lengths[base] : chain.lengths[hand]]
+    reach = chain.lengths[list(segments)] - chain.lengths[base]
+    covariance = np.ascontiguousarray(state.covariance[0][np.ix_(path, path)])
+    return ArmAngles(*angles_with_doubt(pose.frames[list(segments)], axes[path], reach, covariance))
+
+
+@compiled_entry
+def angles_with_doubt(frames: Array, axes: Array, reach: NDArray[np.int64], covariance: Array) -> tuple[Array, Array]:
+    """Angles (8,), rad, and their covariance (8, 8), linearised.
+
+    Args:
+        frames: (4, 3, 3) orientations of base, upper arm, forearm and hand in the world.
+        axes: (K, 3) axes of the hinges beyond the base, in the world.
+        reach: (4,) how many of them, from the first, move each segment.
+        covariance: (K, K) rad², of the hinges.
+    """
     angles = angles_between(frames[0], frames[1], frames[2], frames[3])
-    first = chain.lengths[base]  # what moves the base moves them all
-    count = chain.lengths[hand] - first
-    slopes, moved = np.zeros((8, count)), np.empty((4, 3, 3))
+    count, moved = len(axes), np.empty((4, 3, 3))
+    slopes = np.zeros((8, count))
     for a in range(count):
-        d = chain.path[hand, first + a]
-        moved[0] = frames[0]
-        for s in range(1, 4):
-            moved[s] = frames[s] if first + a >= chain.lengths[segments[s]] else _slightly(frames[s], axes[d])
+        for s in range(4):
+            moved[s] = _slightly(frames[s], axes[a]) if a < reach[s] else frames[s]
         change = angles_between(moved[0], moved[1], moved[2], moved[3])
         for i in range(8):
             away = change[i] - angles[i]
             slopes[i, a] = (away - 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)) / _STEP
-    covariance = np.zeros((8, 8))
+    result = np.zeros((8, 8))
     for i in range(8):
         for k in range(8):
             for a in range(count):
                 for b in range(count):
-                    shared = state.covariance[0, chain.path[hand, first + a], chain.path[hand, first + b]]
-                    covariance[i, k] += slopes[i, a] * shared * slopes[k, b]
-    return angles, covariance
+                    result[i, k] += slopes[i, a] * covariance[a, b] * slopes[k, b]
+    return angles, result
 
 
 @compiled

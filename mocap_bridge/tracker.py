@@ -95,7 +95,7 @@ class Tracker:
         """Angles of the right arm after the last frame; None before the first pose, or without the arm's segments."""
         if self._state is None or self._segments is None:
             return None
-        return ArmAngles(*arm_angles_of(self._chain, self._state, self._segments))
+        return arm_angles_of(self._chain, self._state, self._segments)
 
     @property
     def pose(self) -> tuple[tuple[str, ...], Array, Array] | None:

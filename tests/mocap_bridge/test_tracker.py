@@ -1,3 +1,5 @@
+import functools
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -5,6 +7,8 @@ import pytest
 
 from hil.avatar import avatar_skeleton
 from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.human_arm import HumanArmEstimator
+from mocap_bridge.joint_angles import ANGLES, angles_between
 from mocap_bridge.marker_sets import load_marker_set
 from mocap_bridge.pose_filter import MARKER_SIGMA
 from mocap_bridge.tracker import Tracker
@@ -215,3 +219,82 @@ def test_a_reset_tracker_is_a_new_one():
         a, b = used.update(frame(NOISY[k], k)), fresh.update(frame(NOISY[k], k))
     np.testing.assert_array_equal(a.positions, b.positions)
     np.testing.assert_array_equal(a.covariances, b.covariances)
+
+
+def palms(tracked):
+    arm = HumanArmEstimator(PAPER)
+    return np.array([arm(t).palm.position for t in tracked])
+
+
+@functools.cache
+def true_palms(frames):
+    return palms(follow(TRUTH[:frames]))
+
+
+def palm_jump(points, valid=None, unlabelled=None, frames=slice(20, 60)):
+    """Largest step of the palm from frame to frame that the person did not make, and its largest error, m."""
+    away = palms(follow(points[: frames.stop], valid, unlabelled))[frames] - true_palms(frames.stop)[frames]
+    return np.linalg.norm(np.diff(away, axis=0), axis=1).max(), np.linalg.norm(away, axis=1).max()
+
+
+def test_no_swap_of_two_labels_moves_the_palm():
+    for swap in itertools.combinations(range(16), 2):
+        points = NOISY.copy()
+        points[30:50, list(swap)] = points[30:50, list(swap[::-1])]
+        jump, error = palm_jump(points)
+        assert jump < 0.006 and error < 0.006, [PAPER.names[m] for m in swap]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ghosts_and_missing_markers_together_move_the_palm_little(seed):
+    rng = np.random.default_rng(seed)
+    points, shape = NOISY.copy(), NOISY.shape[:2]
+    wrong = rng.random(shape) < 0.2
+    wrong[:5] = False
+    points[wrong] += rng.normal(scale=0.2, size=(wrong.sum(), 3))
+    valid = rng.random(shape) > 0.3
+    valid[:5] = True
+    loose = [p[rng.integers(16, size=3)] + rng.normal(scale=0.1, size=(3, 3)) for p in NOISY]
+    jump, error = palm_jump(points, valid[:160], loose, slice(20, 160))
+    assert jump < 0.020 and error < 0.015
+
+
+def test_a_hand_that_comes_back_fast_is_not_thrown_on():
+    """Out of sight during the quickest part of a reach: seen again, it is where it is seen, now and afterwards."""
+    quick = NOISY[::4]
+    valid = np.ones(quick.shape[:2], dtype=bool)
+    valid[20:40, PAPER.indices(["RWRA", "RWRB", "RFIN", "RMC5"])] = False
+    error = np.linalg.norm(np.array([t.positions for t in follow(quick, valid)]) - TRUTH[::4], axis=-1)
+    assert error[39].max() > 0.02  # it was not easy
+    assert error[41:].max() < 0.01
+
+
+def test_the_joint_angles_are_those_of_the_person():
+    upper = load_marker_set("full_body")
+    angles, skeleton = np.zeros((240, len(SKELETON), 3)), SKELETON
+    time = np.arange(240) / 120.0
+    lift = 0.5 - 0.5 * np.cos(2 * np.pi * time / 2.0)
+    for joint, columns in (
+        ("shoulder", (-0.3 - 1.4 * lift, -0.3 - 0.2 * lift, 0.3 * lift)),
+        ("elbow", (-0.4 - 1.0 * lift, 0 * lift, -0.8 * lift)),
+        ("wrist", (0.4 * lift, 0.1 * lift, 0 * lift)),
+    ):
+        angles[:, skeleton.index(f"right_{joint}")] = np.stack(columns, axis=-1)
+    root = np.tile([1.0, 0.0, 0.93], (240, 1))
+    positions, orientations = skeleton.forward_kinematics(root, skeleton.from_hinges(angles))
+    points = upper.simulate(skeleton, positions, orientations)
+    points = points + np.random.default_rng(0).normal(scale=0.001, size=points.shape)
+    turns = rotations.to_matrix(orientations)
+    segments = [skeleton.index(name) for name in ("thoracic_8", "right_shoulder", "right_elbow", "right_wrist")]
+    tracker, wrong = Tracker(upper), []
+    for k in range(240):
+        tracker.update(
+            MarkerFrame(upper.names, points[k], np.ones(len(upper), bool), k, round(k * 1e9 / 120), 0, NOTHING)
+        )
+        if k > 20:
+            found = tracker.arm_angles
+            assert found is not None
+            away = found.angles - angles_between(*(np.ascontiguousarray(turns[k, s]) for s in segments))
+            wrong.append((away + np.pi) % (2 * np.pi) - np.pi)
+    rms = np.degrees(np.sqrt(np.mean(np.square(wrong), axis=0)))
+    assert rms.max() < 0.7, dict(zip(ANGLES, rms.round(2), strict=True))

@@ -82,7 +82,7 @@ def _fitted(
     covariance = np.stack([np.diag(variance), np.zeros((n, n)), np.diag(speed)])
     none, ages, later = np.zeros(markers), np.where(seen, 0, NEVER), np.zeros(markers, dtype=np.int64)
     state = State(
-        pose, np.zeros(n), covariance, offsets, places, chain.spreads**2, none, np.zeros((markers, 3)),
+        pose, np.zeros(n), covariance, offsets, places, places, chain.spreads**2, none, np.zeros((markers, 3)),
         ages, later, points, np.full((markers, 3), np.nan), 0,
     )  # fmt: skip
     state, worked = corrected(chain, state, points, seen, none, PULL_S, _ROUNDS, _SMALL)

@@ -156,6 +156,7 @@ class State(NamedTuple):
         covariance: (3, n, n): of the pose, of speeds (rows) with the pose, of the speeds.
         offsets: (J, 3) m, the body's.
         places: (M, 3) m, of the markers on their segments as believed now.
+        homes: (M, 3) m, where they were at first, and return to in the long run.
         doubt: (M,) m², variance of a coordinate of that place.
         misfit: (M,) m², variance of what chain and noise do not explain.
         left: (M, 3) m, in the segment's frame: how far beside its place a marker was last seen.
@@ -171,6 +172,7 @@ class State(NamedTuple):
     covariance: Array
     offsets: Array
     places: Array
+    homes: Array
     doubt: Array
     misfit: Array
     left: Array
@@ -400,6 +402,7 @@ def predicted(chain: Chain, state: State, seconds: float) -> State:
         covariance,
         state.offsets,
         state.places,
+        state.homes,
         doubt,
         state.misfit,
         left,
@@ -564,6 +567,7 @@ def corrected(
             covariance,
             state.offsets,
             state.places,
+            state.homes,
             state.doubt,
             state.misfit,
             state.left,
@@ -588,13 +592,16 @@ def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], 
             continue
         j = chain.carrier[m]
         gain = doubt[m] / (doubt[m] + MARKER_SIGMA**2 + misfit[m])
+        # A turn of a segment and a shift of all its markers look alike. In the long run it is the turn: markers wander
+        # about their homes, at most as far as they lie apart from person to person.
+        homing = seconds * SLIP**2 / chain.spreads[m] ** 2
         square = 0.0
         for i in range(3):
             local = 0.0
             for k in range(3):
                 local += state.pose.frames[j, k, i] * (points[m, k] - state.pose.centres[j, k])
             beside[i] = local - places[m, i]
-            places[m, i] += gain * beside[i]
+            places[m, i] += gain * beside[i] + homing * (state.homes[m, i] - places[m, i])
             left[m, i] = (1.0 - gain) * beside[i]
             square += left[m, i] * left[m, i] / 3.0
         doubt[m] *= 1.0 - gain
@@ -606,6 +613,7 @@ def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], 
         state.covariance,
         state.offsets,
         places,
+        state.homes,
         doubt,
         misfit,
         left,
@@ -805,8 +813,8 @@ def _paceless(chain: Chain, state: State, seen: NDArray[np.bool_]) -> State:
                 covariance[1, d, i] = covariance[2, d, i] = covariance[2, i, d] = 0.0
             covariance[2, d, d] = RETURN_SPEED**2
     return State(
-        state.pose, state.speeds, covariance, state.offsets, state.places, state.doubt, state.misfit, state.left,
-        state.ages, state.disbelieved, state.last, state.pace, state.astray,
+        state.pose, state.speeds, covariance, state.offsets, state.places, state.homes, state.doubt, state.misfit,
+        state.left,        state.ages, state.disbelieved, state.last, state.pace, state.astray,
     )  # fmt: skip
 
 
@@ -817,6 +825,7 @@ def _remembered(
 ) -> State:  # fmt: skip
     """The state with the markers' ages; markers that appear, or have slipped, are put where they are, and are seen."""
     places, doubt, left = state.places.copy(), state.doubt.copy(), state.left.copy()
+    homes = state.homes.copy()
     ages, disbelieved, shown = state.ages.copy(), state.disbelieved.copy(), 0
     last, pace = state.last.copy(), np.empty_like(state.pace)
     local = np.empty(3)
@@ -831,7 +840,7 @@ def _remembered(
                     local[i] += state.pose.frames[j, k, i] * (points[m, k] - state.pose.centres[j, k])
                 square += (local[i] - chain.places[m, i]) ** 2
             if square < SLIPPED**2:
-                places[m], left[m], doubt[m], seen[m] = local, 0.0, chain.spreads[m] ** 2, True
+                places[m], homes[m], left[m], doubt[m], seen[m] = local, local, 0.0, chain.spreads[m] ** 2, True
         for i in range(3):
             pace[m, i] = points[m, i] - last[m, i] if seen[m] and ages[m] == 0 else np.nan
             last[m, i] = points[m, i] if seen[m] else last[m, i]
@@ -841,7 +850,7 @@ def _remembered(
             ages[m] += elapsed_ns
     astray = state.astray + 1 if shown > 0 and rejected > LOST_SHARE * shown else 0
     return State(
-        state.pose, state.speeds, state.covariance, state.offsets, places, doubt, state.misfit, left,
+        state.pose, state.speeds, state.covariance, state.offsets, places, homes, doubt, state.misfit, left,
         ages, disbelieved, last, pace, astray,
     )  # fmt: skip
 

@@ -40,7 +40,7 @@ def random_state(chain, seed=0) -> State:
     none = np.zeros(markers)
     ages = np.zeros(markers, dtype=np.int64)
     return State(
-        pose, rng.normal(size=n), covariance, chain.offsets, chain.places, none + 1e-6, none + 4e-6,
+        pose, rng.normal(size=n), covariance, chain.offsets, chain.places, chain.places, none + 1e-6, none + 4e-6,
         np.zeros((markers, 3)), ages, ages.copy(), np.zeros((markers, 3)), np.full((markers, 3), np.nan), 0,
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from hil.avatar import avatar_skeleton
 from hil.console import STDOUT, training_bars
-from hil.protocols import body, learned, refuse_none
+from hil.protocols import body, scorable
 from hil.score_table import metric_named
 from hil.training_data import load_trials
 from model import evaluation, training
@@ -80,9 +80,8 @@ def ablate(data: Path, inducing: int, seed: int, bar: Bar) -> dict[str, Any]:
     """
     pairs = load_trials(data, progress=lambda total: bar("solving markers", total), hold_out=True)
     (fold,) = own_split([pair.trial for pair in pairs])
-    emotions = sorted({trial.emotion for trial in fold.trials if not trial.test})
-    held_out = [fold.trials[index] for index in learned(fold, emotions)]
-    refuse_none(held_out)
+    (indices,) = scorable([fold])
+    held_out = [fold.trials[index] for index in indices]
     rows: dict[str, dict[str, float]] = {}
     for row in departures():
         step = training_bars(bar, f"{row.name}, ")

@@ -106,8 +106,7 @@ def run_protocol(
         HighFiveError: the data cannot be learned from, or no held-out trial is of an emotion that was learned.
     """
 
-    known = [learned(fold, _emotions(fold, model)) for fold in folds]
-    refuse_none([fold.trials[index] for fold, indices in zip(folds, known, strict=True) for index in indices])
+    known = scorable(folds, model)
 
     def train(fold: Fold) -> Fitted:
         return fit(fold.trials, preset, inducing, seed, kept, steps(fold.name), model)
@@ -148,9 +147,18 @@ def _answered(fold: Fold, fitted: Fitted, indices: Sequence[int]) -> dict[str, l
     return {name: [method(fold.trials[i]) for i in indices] for name, method in methods(fitted).items()}
 
 
-def _emotions(fold: Fold, model: HGPDM | None) -> set[str]:
-    """What a training of the fold knows."""
-    return {trial.emotion for trial in fold.trials if not trial.test} if model is None else set(model.emotions)
+def scorable(folds: Sequence[Fold], model: HGPDM | None = None) -> list[list[int]]:
+    """Indices of each fold's held-out trials of emotions that its training, or the ``model``, knows.
+
+    Raises:
+        HighFiveError: nothing is left in any fold.
+    """
+    known = []
+    for fold in folds:
+        taught = {trial.emotion for trial in fold.trials if not trial.test} if model is None else set(model.emotions)
+        known.append(learned(fold, taught))
+    refuse_none([fold.trials[index] for fold, indices in zip(folds, known, strict=True) for index in indices])
+    return known
 
 
 def learned(fold: Fold, emotions: Collection[str]) -> list[int]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.colours import colour_of
+from hil.console import counted
 from hil.drawing import Drawing, to_png
 from hil.figures import draw_all
 from hil.film import Strip
@@ -86,7 +87,7 @@ def render_page(
 
 
 def _subtitle(summary: dict[str, Any]) -> str:
-    trials = f"{summary['trials']} trial" + ("" if summary["trials"] == 1 else "s")
+    trials = counted(summary["trials"], "trial")
     style = summary["style"]
     if style:
         mood = "answered as " + ", ".join(f"{escape(e)} {w:g}" for e, w in style.items())

@@ -33,6 +33,11 @@ ROBOT_ACTIONS = ("wave", "handshake", "rocket_fistbump", "parachute_fistbump")  
 HUMAN_ACTIONS = ("clap_fist", "fist_bump", "handshake", "high_five", "rocket_fistbump", "wave")  # targets of 90: an arm
 
 
+# What zipfile, zlib and numpy raise on damaged bytes. Beside the obvious: another compression (NotImplementedError),
+# the flag for a password (RuntimeError), an array larger than any memory (MemoryError).
+_DAMAGED = (ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, MemoryError)
+
+
 @dataclass(frozen=True)
 class Windows:
     """Consecutive windows of sequences.
@@ -63,7 +68,7 @@ def read_windows(path: Path | str) -> tuple[Windows, Windows]:
             arrays = {name: stored[name] for name in stored.files}
     except OSError as error:
         raise HighFiveError(f"{path} is not a windows file (.npz): {error.strerror or error}") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, MemoryError):
+    except _DAMAGED:
         raise HighFiveError(f"{path} is not a windows file (.npz), or it is cut short or damaged") from None
     learn, test = _part(path, arrays, "train"), _part(path, arrays, "test")
     if (wide := learn.target.shape[1]) != test.target.shape[1]:
@@ -82,12 +87,7 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
         if not np.all(np.isfinite(values)):
             raise HighFiveError(f"{path}: {full} holds NaN or infinity")
     count = inputs.shape[0] if inputs.ndim else 0
-    if (
-        inputs.shape != (count, 2 * FRAMES * POINTS)
-        or target.shape[:1] != (count,)
-        or target.ndim != 2
-        or not target.size
-    ):
+    if inputs.shape != (count, 2 * FRAMES * POINTS) or target.ndim != 2 or len(target) != count or not target.size:
         raise HighFiveError(
             f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)"
         )
@@ -95,21 +95,19 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
         raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
     if np.any(lengths % 1) or np.any(action % 1) or np.any(action < 0):
         raise HighFiveError(f"{path}: {name}_sequence_lengths and {name}_action must be whole numbers, from 0 on")
-    person = target.shape[1] == 2 * FRAMES * POINTS
     _check_size(f"{path}: {name}_input", inputs, FURTHEST, "metres", "millimetres")
-    if person:
-        _check_size(f"{path}: {name}_target", target, FURTHEST, "metres", "millimetres")
-    else:
-        _check_size(f"{path}: {name}_target", target, LARGEST_TURN, "radians", "degrees")
-    if name == "train":
-        _check_enough(path, inputs, target)
     frames = inputs.astype(float).reshape(count, FRAMES, 2, POINTS)
     before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
     history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
     sequences, counts = np.arange(len(lengths)), lengths.astype(np.int64)
-    return Windows(
+    windows = Windows(
         history, target.astype(float), np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
     )
+    largest = (FURTHEST, "metres", "millimetres") if is_person(windows) else (LARGEST_TURN, "radians", "degrees")
+    _check_size(f"{path}: {name}_target", target, *largest)
+    if name == "train":
+        _check_enough(path, inputs, target)
+    return windows
 
 
 def _check_size(what: str, values: Array, limit: float, unit: str, other: str) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ from mocap_bridge.sources import RATE_HZ
 
 
 class Stamped:
-    """A server that notes the time just before it sends."""
+    """A server that notes when each frame went to the operating system: what comes before is the system's own time."""
 
     def __init__(self, server: Server):
         """Nothing is sent yet."""
@@ -38,11 +37,16 @@ class Stamped:
         """The port that it listens at."""
         return self._server.port
 
+    @property
+    def sent_ns(self) -> int:
+        """As the server says."""
+        return self._server.sent_ns
+
     def send(self, frame: MarkerFrame) -> None:
-        """Notes the time and sends."""
-        self.numbers.append(frame.number)
-        self.times_ns.append(time.monotonic_ns())
+        """Sends and notes the time."""
         self._server.send(frame)
+        self.numbers.append(frame.number)
+        self.times_ns.append(self._server.sent_ns)
 
     def hang_up(self) -> None:
         """As the server does."""

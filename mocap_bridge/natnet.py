@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import socket
 import struct
@@ -236,17 +237,18 @@ class NatNetLink:
         self._send(wire.Kind.REQUEST_MODEL)
 
 
-@np.errstate(invalid="ignore")  # a NaN may be of the signalling kind
+@np.errstate(invalid="ignore", over="ignore")  # a NaN may be of the signalling kind
 def marker_frame(frame: wire.Frame, columns: Columns, y_up: bool) -> MarkerFrame:
     """A frame of the wire that fits ``columns``, z up."""
     points, valid, loose = columns.place(frame)
-    finite = np.asarray(np.isfinite(points).all(axis=1))
-    if not finite.all():
+    if not math.isfinite(points.sum()):
+        finite = np.asarray(np.isfinite(points).all(axis=1))
         points[~finite] = 0.0
         valid &= finite
+    if len(loose):
+        loose = loose[np.isfinite(loose).all(axis=1)]
     turn = wire.z_up if y_up else _as_it_is
-    loose = turn(loose[np.isfinite(loose).all(axis=1)])
-    return MarkerFrame(columns.names, turn(points), valid, frame.number, round(frame.time * 1e9), 0, loose)
+    return MarkerFrame(columns.names, turn(points), valid, frame.number, round(frame.time * 1e9), 0, turn(loose))
 
 
 def _as_it_is(points: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -276,7 +278,7 @@ class Columns:
             self._starts[start : start + count] = start
         self._span_of = {number: self._spans[name] for name, number in model.ids.items() if name in self._spans}
         self._base: dict[int, int] = {}  # asset -> place that its markers are counted from
-        self._ids: NDArray[np.uint32] | None = None  # those that the columns below are of
+        self._ids: bytes | None = None  # those that the columns below are of
         self._rows = self._columns = np.zeros(0, dtype=np.intp)
         self._covered = np.zeros(len(names), dtype=bool)
 
@@ -297,7 +299,7 @@ class Columns:
         markers, flags = frame.labelled, frame.labelled["flags"]
         if not len(markers):
             return points, valid, frame.others
-        if self._ids is None or not np.array_equal(markers["id"], self._ids):
+        if markers["id"].tobytes() != self._ids:
             self._find(markers, points, valid)
         # Filled in from the asset's shape, and not measured, is not seen either.
         hidden = (flags & wire.OCCLUDED).astype(bool) | ((flags & (wire.FILLED | wire.MEASURED)) == wire.FILLED)
@@ -332,7 +334,7 @@ class Columns:
         self._rows = np.flatnonzero(columns >= 0)
         self._columns = columns[self._rows]
         self._covered = np.isin(self._starts, self._starts[self._columns])
-        self._ids = ids.copy() if sure else None
+        self._ids = ids.tobytes() if sure else None
 
     def _recognised(self, columns: NDArray[np.intp], places: NDArray[np.intp]) -> tuple[int, int] | None:
         """The set in which most markers of an asset have the same point in the same place.

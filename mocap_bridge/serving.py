@@ -22,6 +22,11 @@ class Server(Protocol):
         """The port that it listens at."""
         ...
 
+    @property
+    def sent_ns(self) -> int:
+        """When the last frame went to the operating system, ns on the monotonic clock; 0 before the first."""
+        ...
+
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame to every client that asked for frames; never waits for one that is slow.
 

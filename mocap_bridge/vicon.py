@@ -81,6 +81,8 @@ class ViconLink:
         self._subjects: tuple[Subject, ...] = ()
         self._names: tuple[str, ...] = ()
         self._keys, self._columns = np.zeros(0, dtype=np.uint64), np.zeros(0, dtype=np.intp)
+        self._ids = b""  # of the last labelled points, and what was found for them
+        self._found = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
         self._last: Packet | None = None
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setblocking(False)
@@ -206,7 +208,7 @@ class ViconLink:
             self._names = tuple(name for _, _, name in markers)
             keys = np.array([subject << 32 | marker for subject, marker, _ in markers], dtype=np.uint64)
             self._columns = np.argsort(keys, kind="stable")
-            self._keys = keys[self._columns]
+            self._keys, self._ids = keys[self._columns], b""
 
     def _frame(self, packet: Packet) -> MarkerFrame:
         """The frame of a message that has one."""
@@ -241,9 +243,11 @@ class ViconLink:
         """Columns (N,) of points by number of subject and marker (N, 2), and whether there is such a marker (N,)."""
         if not len(self._keys):
             return np.zeros(len(ids), dtype=np.intp), np.zeros(len(ids), dtype=bool)
-        keys = ids[:, 0].astype(np.uint64) << np.uint64(32) | ids[:, 1]
-        at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        return self._columns[at], self._keys[at] == keys
+        if (now := ids.tobytes()) != self._ids:  # the same markers are seen in most frames
+            keys = ids[:, 0].astype(np.uint64) << np.uint64(32) | ids[:, 1]
+            at = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+            self._ids, self._found = now, (self._columns[at], self._keys[at] == keys)
+        return self._found
 
     def _upright(self, points: Array) -> Array:
         """Points (N, 3) with z up."""

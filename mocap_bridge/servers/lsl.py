@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,6 +41,7 @@ class LslServer:
         configure(local_only)
         self._names, self._rate, self._name = tuple(names), rate_hz, name
         self._outlet: pylsl.StreamOutlet | None = None
+        self._sent_ns = 0
         self._start_s: float | None = None  # LSL's clock at the source's time 0
         self._closed = False
         self.answer()
@@ -52,6 +54,11 @@ class LslServer:
         text = self._outlet.get_info().as_xml().partition("<v4data_port>")[2].partition("<")[0]
         return int(text) if text.isdigit() else 0
 
+    @property
+    def sent_ns(self) -> int:
+        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        return self._sent_ns
+
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame, stamped with its own time; a client that is slow loses what is older than a second."""
         source_s = frame.source_time_ns * 1e-9
@@ -59,6 +66,7 @@ class LslServer:
         if self._outlet is None:
             return
         sample = samples_of(self._names, frame.names, frame.positions, frame.valid).astype(np.float32)
+        self._sent_ns = time.monotonic_ns()
         self._outlet.push_chunk(sample[None], start + source_s)
 
     def hang_up(self) -> None:

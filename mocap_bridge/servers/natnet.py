@@ -61,6 +61,7 @@ class NatNetServer:
         self._clients: dict[tuple[str, int], float] = {}  # address -> when heard of last
         self._lock = threading.Lock()
         self._closing = threading.Event()
+        self._sent_ns = 0
         self._frame_names: tuple[str, ...] = ()
         self._name(tuple(names))
         self._sock = self._bound(port)
@@ -74,6 +75,11 @@ class NatNetServer:
         """The command port."""
         return self._port
 
+    @property
+    def sent_ns(self) -> int:
+        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        return self._sent_ns
+
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame; what a client does not take at once is lost, as datagrams are."""
         with self._lock:
@@ -86,6 +92,7 @@ class NatNetServer:
             now = time.monotonic()
             self._clients = {who: heard for who, heard in self._clients.items() if now - heard < FORGET_S}
             for address in [(self._group, self._data_port)] if self._group else list(self._clients):
+                self._sent_ns = time.monotonic_ns()
                 with contextlib.suppress(OSError):
                     self._sock.sendto(datagram, address)
 

@@ -76,6 +76,7 @@ class QtmServer:
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._announced = -np.inf
+        self._sent_ns = 0
         self._listener = self._bound(port)
         self._port = self._listener.getsockname()[1]
         self._listener.listen()
@@ -87,6 +88,11 @@ class QtmServer:
     def port(self) -> int:
         """The port that it listens at."""
         return self._port
+
+    @property
+    def sent_ns(self) -> int:
+        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        return self._sent_ns
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame to every client that streams; one that has not taken the last one misses this one."""
@@ -102,6 +108,7 @@ class QtmServer:
                     key = (labels, client.components)
                     if key not in messages:
                         messages[key] = _encode(frame, labels, client.components)
+                    self._sent_ns = time.monotonic_ns()
                     client.push(messages[key])
             now = time.monotonic()
             behind = [client for client in self._clients if client.labels not in (None, self._names)]

@@ -6,6 +6,7 @@ import contextlib
 import selectors
 import socket
 import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -62,6 +63,7 @@ class ViconServer:
         self._encoded: dict[tuple[frozenset[int], bool], bytes] = {}  # the last frame, for each kind of client
         self._clients: list[_Client] = []
         self._closing = False
+        self._sent_ns = 0
         self._listener: socket.socket | None = _listen(host, port)
         self._port = self._listener.getsockname()[1]
         self._awake, self._alarm = socket.socketpair()
@@ -74,6 +76,11 @@ class ViconServer:
     def port(self) -> int:
         """The port that it listens at."""
         return self._port
+
+    @property
+    def sent_ns(self) -> int:
+        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        return self._sent_ns
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame to every client that asked for frames; see :meth:`mocap_bridge.serving.Server.send`."""
@@ -163,6 +170,7 @@ class ViconServer:
             client.unsent = self._message(client.wanted, client.version != self._version)
             client.fresh, client.version = False, self._version
             client.requests = max(0, client.requests - 1)
+            self._sent_ns = time.monotonic_ns()
             client.flush()
         except OSError:
             self._drop(client)

@@ -57,6 +57,7 @@ MODELS_CHANGED = 0x02
 """Bit of a frame: ask for the descriptions again."""
 
 _HEADER = struct.Struct("<HH")
+_U32, _COUNT_AND_SIZE = struct.Struct("<I"), struct.Struct("<II")
 _INFO = struct.Struct("<256s4B4B")
 _INFO_MORE = struct.Struct("<QH?4B")
 _TIMES = struct.Struct("<IIdQQQ")
@@ -131,9 +132,10 @@ class _Bytes:
 
     def skip(self, count: int, what: str) -> int:
         """Goes on by ``count`` bytes; where it was."""
-        if not 0 <= count <= self.left:
+        start = self.at
+        if not 0 <= count <= self.end - start:
             raise LinkError(f"{what} takes {count} bytes where {self.left} are left")
-        start, self.at = self.at, self.at + count
+        self.at = start + count
         return start
 
     def count(self, size: int, what: str) -> int:
@@ -144,7 +146,7 @@ class _Bytes:
         return count
 
     def u32(self, what: str) -> int:
-        return int.from_bytes(self.data[(start := self.skip(4, what)) : start + 4], "little")
+        return _U32.unpack_from(self.data, self.skip(4, what))[0]
 
     def text(self, what: str) -> str:
         stop = self.data.find(b"\0", self.at, self.end)
@@ -384,7 +386,7 @@ def _section(data: _Bytes, sized: bool, least: int, what: str) -> tuple[int, int
     """How many there are in a section, and where it ends (0 if it does not say)."""
     if not sized:
         return data.count(least, what), 0
-    count, size = data.u32(what), data.u32(f"size of the section of {what}")
+    count, size = _COUNT_AND_SIZE.unpack_from(data.data, data.skip(8, what))
     if size > data.left or count * least > (size or data.left):  # some servers write 0 for a size
         raise LinkError(f"{count} x {what} in {size} bytes where {data.left} are left")
     return count, data.at + size if size else 0
@@ -424,7 +426,9 @@ def _suffix(data: _Bytes, version: Version) -> tuple[float, bool]:
 
 def z_up(points: NDArray[np.floating]) -> Array:
     """Points (n, 3) with y up as points with z up: (x, y, z) becomes (x, -z, y)."""
-    return np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1).astype(np.float64)
+    turned = np.empty((len(points), 3))
+    turned[:, 0], turned[:, 1], turned[:, 2] = points[:, 0], -points[:, 2], points[:, 1]
+    return turned
 
 
 def y_up(points: NDArray[np.floating]) -> NDArray[np.floating]:

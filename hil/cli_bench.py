@@ -1,0 +1,113 @@
+"""``highfive bench``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.cli_options import Json, Seed
+from hil.console import print_json, progress_bars
+
+app = typer.Typer(
+    help="Measure how fast High Five is on this machine, and what each part of the model is worth.",
+    no_args_is_help=True,
+)
+
+
+@app.command("model")
+def bench_model(
+    points: Annotated[int, typer.Option(min=200, help="Training points.")] = 5605,
+    channels: Annotated[int, typer.Option(min=3, help="Joint angles of the avatar.")] = 159,
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    preset: Annotated[str, typer.Option(help="default or paper.")] = "default",
+    peer_python: Annotated[
+        Path | None, typer.Option(help="Interpreter with GPflow or GPy, if this one has neither.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="No training; only up to 2,000 points.")] = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Time objective and gradient, whole training and the online step on made-up motion, beside GPflow or GPy."""
+    from hil.bench import BenchOptions, bench_model, print_bench  # noqa: PLC0415
+
+    options = BenchOptions(points, channels, inducing, preset=preset, seed=seed)
+    if peer_python is not None:
+        options = replace(options, peer_python=peer_python)
+    if quick:
+        options = replace(options, sizes=(500, 1000, 2000), repeats=3, training=False)
+    with progress_bars() as bar:
+        result = bench_model(options, bar)
+    if json:
+        print_json(result)
+    else:
+        print_bench(result)
+
+
+@app.command("ablation")
+def bench_ablation(
+    data: Annotated[Path, typer.Argument(help="Data folder with held-out trials.")],
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Take each departure of the default preset from the paper back alone, and score on held-out trials."""
+    from hil.ablation import ablate, print_ablation  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = ablate(data, inducing, seed, bar)
+    if json:
+        print_json(result)
+    else:
+        print_ablation(result)
+
+
+@app.command("tracker")
+def bench_tracker(
+    peers_python: Annotated[
+        Path | None, typer.Option(help="Interpreter with opensim and biorbd, if this one has neither.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Two arms, one high five, few faults; 12 s of the recording.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Hide markers of simulated arms and of a real one, and find them, beside OpenSim, biorbd and plain filters."""
+    from hil.bench_tracker import TrackerBenchOptions, bench_tracker, print_tracker_bench  # noqa: PLC0415
+
+    options = TrackerBenchOptions()
+    if quick:
+        options = replace(options, seeds=2, seconds=6.0, high_fives=1, pairs=20, episodes=4, real_frames=1440)
+    if peers_python is not None:
+        options = replace(options, peers_python=peers_python)
+    with progress_bars() as bar:
+        result = bench_tracker(options, bar)
+    if json:
+        print_json(result)
+    else:
+        print_tracker_bench(result)
+
+
+@app.command("protocols")
+def bench_protocols(
+    file: Annotated[
+        Path | None, typer.Option(metavar="FILE.c3d", help="What is sent (default: a simulated person).")
+    ] = None,
+    protocol: Annotated[list[str] | None, typer.Option(help="Only this protocol; may be given again.")] = None,
+    person: Annotated[str | None, typer.Option(help="Prefix of the person who is followed.")] = None,
+    seconds: Annotated[float, typer.Option(min=1.0, help="For each protocol, and again for its slow reader.")] = 60.0,
+    json: Json = False,
+) -> None:
+    """Time frames from a server's wire to the tracked palm, and a slow reader, for each live protocol on loopback."""
+    from hil.bench_protocols import ProtocolBenchOptions, bench_protocols, print_protocol_bench  # noqa: PLC0415
+    from mocap_bridge.address import SCHEMES  # noqa: PLC0415
+
+    options = ProtocolBenchOptions(file, tuple(protocol or SCHEMES), seconds, person)
+    with progress_bars() as bar:
+        result = bench_protocols(options, bar)
+    if json:
+        print_json(result)
+    else:
+        print_protocol_bench(result)

@@ -1,0 +1,21 @@
+"""Options that several commands share, and how a command says that it was interrupted."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
+Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
+Human = Annotated[str, typer.Option(help="Prefix of the person's markers.")]
+Avatar = Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")]
+HumanSet = Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")]
+AvatarSet = Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")]
+
+Person = Annotated[str | None, typer.Option(help="Prefix of the person's markers.")]
+AnySet = Annotated[str | None, typer.Option(help="The marker set: a name or a TOML file.")]
+
+
+class Interrupted(Exception):
+    """Ctrl-C, and what is said behind the word: how to go on."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil import cli
 from hil.observe import BOTH, CUES, Shown, _judge
 from hil.partners import Partner, simulated_partners
 from hil.sim.actors import simulate_pair
@@ -88,11 +89,18 @@ def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
         (["{folder}"], "trials.csv"),
     ],
 )
-def test_bad_requests_are_answered_in_one_line(tmp_path: Path, words: list[str], message: str) -> None:
+def test_bad_requests_are_answered_in_one_line(
+    tmp_path: Path,
+    words: list[str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     given = [word.format(model=DEFAULT_MODEL, folder=tmp_path) for word in words]
-    done = subprocess.run(
-        [sys.executable, "-m", "hil.cli", "observe", *given], check=False, capture_output=True, text=True
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith("error:") and len(done.stderr.strip().splitlines()) == 1
-    assert re.search(message, done.stderr)
+    monkeypatch.setattr("sys.argv", ["highfive", "observe", *given])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    said = capsys.readouterr().err
+    assert end.value.code == 2
+    assert said.startswith("error:") and len(said.strip().splitlines()) == 1
+    assert re.search(message, said)

@@ -249,7 +249,7 @@ def test_bad_input_is_one_line(fails, reach: Reach, tmp_path: Path):
 @pytest.mark.parametrize(
     ("file", "person", "expected", "hidden", "missing"),
     [
-        ("85_02", None, "plug_in_gait", 0, []),
+        pytest.param("85_02", None, "plug_in_gait", 0, [], marks=pytest.mark.slow),
         ("Movement_trial", None, "plug_in_gait", 0, ["RMT5", "LMT5"]),
         ("markers_analogs", None, "upper_limb", 281, []),
         pytest.param("85_12", "Male", "plug_in_gait", 0, [], marks=pytest.mark.slow),

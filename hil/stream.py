@@ -158,6 +158,7 @@ class _Listener:
             "jitter_ms": _rounded(zip(("std", "p99"), seen.jitter_ms, strict=True)),
             "markers": _rounded(zip(seen.names, seen.share, strict=True)),
             "marker_set": self._marker_set or None,
+            "labels_not_believed": 0 if self._arm is None else self._arm.rejected,
             "arm": None
             if arm is None or not arm.valid
             else {

@@ -26,18 +26,21 @@ class ArmView:
         shoulder_elevation: rad, of the upper arm from hanging straight down.
         hand: (3,) m, centre of the palm.
         valid: it rests on usable markers.
+        rejected: number of labels in the frame that were not believed.
     """
 
     elbow_flexion: float
     shoulder_elevation: float
     hand: Array
     valid: bool
+    rejected: int
 
 
-def arm_view(arm: HumanArm) -> ArmView:
+def arm_view(arm: HumanArm, rejected: int = 0) -> ArmView:
     """Angles from the joint centres; the world's z axis is up."""
     upper, fore = arm.elbow - arm.shoulder, arm.wrist - arm.elbow
-    return ArmView(_angle(upper, fore), _angle(upper, np.array([0.0, 0.0, -1.0])), arm.palm.position, arm.valid)
+    lifted = _angle(upper, np.array([0.0, 0.0, -1.0]))
+    return ArmView(_angle(upper, fore), lifted, arm.palm.position, arm.valid, rejected)
 
 
 def _angle(one: Array, other: Array) -> float:
@@ -65,7 +68,12 @@ def choose_marker_set(labels: Sequence[str], wanted: str | None) -> MarkerSet | 
 def arm_follower(marker_set: MarkerSet, rate_hz: float) -> Callable[[MarkerFrame], ArmView]:
     """What gives the arm, frame by frame. The one place where the tracker is used."""
     tracker, estimator = Tracker(marker_set, rate_hz), HumanArmEstimator(marker_set)
-    return lambda frame: arm_view(estimator(tracker.update(frame)))
+
+    def follow(frame: MarkerFrame) -> ArmView:
+        tracked = tracker.update(frame)
+        return arm_view(estimator(tracked), tracked.rejected)
+
+    return follow
 
 
 class ArmThread:
@@ -75,6 +83,7 @@ class ArmThread:
         """Args: ``follow`` gives the arm in a frame."""
         self._follow = follow
         self.newest: ArmView | None = None
+        self.rejected = 0  # labels that were not believed, of all frames so far
         self.trouble = ""
         self._changed = threading.Condition()
         self._frame: MarkerFrame | None = None
@@ -104,6 +113,7 @@ class ArmThread:
                 return
             try:
                 self.newest = self._follow(frame)
+                self.rejected += self.newest.rejected
             except HighFiveError as error:
                 self.newest, self.trouble = None, str(error)
                 return

@@ -83,6 +83,8 @@ def plain_line(view: StreamView) -> str:
     missing = [name for name, share in zip(seen.names, seen.recent, strict=True) if share == 0.0]
     hidden = f", hidden: {' '.join(missing[:8])}{' …' if len(missing) > 8 else ''}" if missing else ""
     arm = f", {arm_text(view.arm)}" if view.arm is not None and view.arm.valid else ""
+    if view.arm is not None and view.arm.rejected:
+        arm += f", {view.arm.rejected} labels not believed"
     trouble = f" ({health.trouble})" if health.trouble else ""
     return (
         f"{health.connection.value}{trouble}: {seen.rate_hz:.0f} Hz, {health.received} frames, {health.lost} lost, "
@@ -114,7 +116,8 @@ def _arm_line(view: StreamView) -> Text:
         )
     if view.arm is None or not view.arm.valid:
         return Text(f"right arm ({view.marker_set}): not enough markers seen yet", style="dim")
-    return Text(f"right arm ({view.marker_set}): {arm_text(view.arm)}")
+    doubted = f", {view.arm.rejected} labels not believed" if view.arm.rejected else ""
+    return Text(f"right arm ({view.marker_set}): {arm_text(view.arm)}{doubted}")
 
 
 def _markers(seen: Snapshot, width: int, height: int) -> Table:

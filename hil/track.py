@@ -83,7 +83,7 @@ def print_track(summary: dict[str, Any]) -> None:
     )
     residual = summary["residual_mm"]
     if residual is not None:
-        print(f"  measured to tracked   median {residual['median']:.1f} mm, 95 % within {residual['p95']:.1f} mm")
+        print(f"  measured to skeleton  median {residual['median']:.1f} mm, 95 % within {residual['p95']:.1f} mm")
     hidden, filled = summary["hidden_points"], summary["filled_points"]
     print(f"  hidden points         {hidden} in {summary['gaps']} gaps, {filled} filled")
     print(f"  not believed          {summary['disbelieved_points']}")

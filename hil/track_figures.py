@@ -75,7 +75,7 @@ def gaps(track: TrackedRecording) -> Drawing | None:
 
 
 def residuals(track: TrackedRecording) -> Drawing | None:
-    """How far each marker was measured from where the tracker has it."""
+    """How far each marker was measured from where the skeleton has it."""
     rows = np.flatnonzero(np.isfinite(track.residuals).any(axis=0))
     if not len(rows):
         return None
@@ -95,10 +95,10 @@ def residuals(track: TrackedRecording) -> Drawing | None:
         axes.spines["left"].set_visible(False)
         axes.tick_params(axis="y", length=0)
         axes.grid(axis="x", color=FAINT, alpha=0.25, lw=0.6)
-        axes.set_xlabel("measured to tracked, mm")
+        axes.set_xlabel("measured to skeleton, mm")
     caption = (
-        "Distance of each measured marker from where the tracker has it: a dot is the median, a bar the middle half, a "
-        "line 5 to 95 % of the frames. Skin, and segments that are not rigid, show here."
+        "Distance of each measured marker from where it sits on the skeleton: a dot is the median, a bar the middle "
+        "half, a line 5 to 95 % of the frames. Skin, and segments that are not rigid, show here."
     )
     return Drawing("residuals", caption, figure)
 

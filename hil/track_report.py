@@ -67,7 +67,7 @@ def _headline(summary: dict[str, Any]) -> str:
             f"in {summary['gaps']} gap{'s' * (summary['gaps'] != 1)}; {summary['filled_points']} filled",
         ),
         (
-            "measured to tracked, median",
+            "measured to skeleton, median",
             "–" if residual is None else f"{residual['median']:.1f} mm",
             "" if residual is None else f"95 % within {residual['p95']:.1f} mm",
         ),

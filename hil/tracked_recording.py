@@ -29,7 +29,7 @@ class TrackedRecording:
         rate_hz: frames a second.
         measured: (T, M, 3) m, as recorded; zero where not ``there``.
         there: (T, M) the recording has the marker.
-        tracked: (T, M, 3) m, as the tracker has it from what came before.
+        skeleton: (T, M, 3) m, where the markers sit on the tracked skeleton; NaN where it knows no pose.
         seen: (T, M) the measurement, or a point without a label taken for it, was believed.
         filled: (T, M, 3) m, where a hidden marker was, from what came before and after; elsewhere as ``measured``.
         usable: (T, M) ``filled`` is worth something.
@@ -45,7 +45,7 @@ class TrackedRecording:
     rate_hz: float
     measured: Array
     there: NDArray[np.bool_]
-    tracked: Array
+    skeleton: Array
     seen: NDArray[np.bool_]
     filled: Array
     usable: NDArray[np.bool_]
@@ -88,14 +88,15 @@ class TrackedRecording:
 
     @property
     def residuals(self) -> Array:
-        """(T, M) m, distance of a measured marker from where the tracker has it; NaN where there is one alone."""
+        """(T, M) m, distance of a measured marker from where the skeleton has it; NaN where there is one alone."""
         compared = self.there & self.posed[:, None]
-        return np.where(compared, np.linalg.norm(self.measured - self.tracked, axis=-1), np.nan)
+        return np.where(compared, np.linalg.norm(self.measured - self.skeleton, axis=-1), np.nan)
 
 
 @dataclass(frozen=True)
 class _Pass:
     positions: Array
+    skeleton: Array
     variances: Array
     seen: NDArray[np.bool_]
     valid: NDArray[np.bool_]
@@ -134,7 +135,7 @@ def track_recording(
         rate_hz=recording.rate_hz,
         measured=measured,
         there=there,
-        tracked=forward.positions,
+        skeleton=forward.skeleton,
         seen=forward.seen,
         filled=np.where(there[..., None], measured, filled),
         usable=there | usable,
@@ -164,6 +165,7 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
     )
     found = _Pass(
         positions=np.zeros((count, markers, 3)),
+        skeleton=np.full((count, markers, 3), np.nan),
         variances=np.full((count, markers), _BLIND),
         seen=np.zeros((count, markers), dtype=bool),
         valid=np.zeros((count, markers), dtype=bool),
@@ -183,7 +185,7 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
         variance = np.trace(tracked.covariances, axis1=1, axis2=2)
         found.variances[number] = np.where(tracked.valid, np.maximum(variance, 1e-12), _BLIND)
         if (pose := tracker.pose) is not None:
-            found.centres[number] = pose[1]
+            found.centres[number], found.skeleton[number] = pose[1], tracker.skeleton_markers
             ahead = pose[2][facing][:, 0]
             found.headings[number] = np.arctan2(ahead[1], ahead[0])
             arm = estimate(tracked)

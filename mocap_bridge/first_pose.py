@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_bridge.pose_filter import (
+    HINGE,
     NEVER,
     PULL_S,
     SHIFT,
@@ -19,6 +20,7 @@ from mocap_bridge.pose_filter import (
     kinematics,
     misfit_of,
     on_segments,
+    places_doubt,
     settled,
 )
 from model.rotations import Array
@@ -55,6 +57,39 @@ def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: 
     tried = [tried[best]] + [_fitted(chain, points, seen, *guesses[best], size) for size in SIZES[1:]]
     state, cost = min(tried, key=lambda found: found[1])
     return settled(chain, state, points, seen, 0.0) if math.isfinite(cost) else None
+
+
+def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]) -> State:
+    """The state after markers have come that were never seen before; where they are may be far from where they were
+    expected.
+
+    What moves them is fitted to this frame together with the markers beside them, as in the beginning: until now it was
+    guessed, or known by few markers, whose places on the body are not known well.
+
+    Args:
+        chain: the skeleton.
+        state: before the frame.
+        points: (M, 3) m.
+        seen: (M,) markers to go by, new ones and others.
+    """
+    new = seen & (state.ages == NEVER)
+    moving = np.zeros(len(chain.kind), dtype=bool)
+    for carrier in np.unique(chain.carrier[new]):
+        moving[chain.path[carrier, : chain.lengths[carrier]]] = True
+    moving &= chain.kind == HINGE
+    beside = np.array([moving[chain.path[j, : chain.lengths[j]]].any() for j in chain.carrier])
+    covariance = state.covariance.copy()
+    covariance[0] += np.where(np.outer(moving, moving), places_doubt(chain, state), 0.0)
+    fresh = state._replace(
+        covariance=covariance,
+        doubt=np.where(beside, np.maximum(state.doubt, chain.spreads**2), state.doubt),
+        ages=np.where(new, 0, state.ages),
+        last=np.where(new[:, None], points, state.last),
+    )
+    found, worked = corrected(chain, fresh, points, seen, np.zeros(len(seen)), 0.0, _ROUNDS, _SMALL)
+    if not worked or not np.isfinite(found.pose.centres).all():
+        return state
+    return settled(chain, found, points, seen, 0.0)
 
 
 def standing(chain: Chain, heading: float = 0.0, angles: Array | None = None, size: float = 1.0) -> Pose:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mocap_bridge.frames import HumanArm, PalmPose, TrackedMarkers
 from mocap_bridge.marker_sets import MarkerSet
+from mocap_bridge.pose_filter import NEVER
 from model.compiled import compiled, compiled_entry
 from model.rotations import Array
 
@@ -196,7 +197,8 @@ def arm_of(
     for m in recipe.used:
         usable = usable and bool(valid[m])
     for m in recipe.of_hand:
-        oldest = max(oldest, int(age_ns[m]))
+        if age_ns[m] != NEVER:  # a marker that this person does not wear is put where the set has it
+            oldest = max(oldest, int(age_ns[m]))
     covariance = np.zeros((2, 3, 3))
     for row in range(2):
         for i in range(3):

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from mocap_bridge.pose_filter import Chain, State, kinematics
+from mocap_bridge.pose_filter import Chain, State, kinematics, places_doubt
 from model.compiled import compiled, compiled_entry
 from model.rotations import Array
 
@@ -129,7 +129,7 @@ def arm_angles_of(chain: Chain, state: State, segments: tuple[int, int, int, int
     # What moves the base moves them all; each segment is moved by what moves the one before it, and more.
     path = chain.path[hand, chain.lengths[base] : chain.lengths[hand]]
     reach = chain.lengths[list(segments)] - chain.lengths[base]
-    covariance = np.ascontiguousarray(state.covariance[0][np.ix_(path, path)])
+    covariance = np.ascontiguousarray((state.covariance[0] + places_doubt(chain, state))[np.ix_(path, path)])
     return ArmAngles(*angles_with_doubt(pose.frames[list(segments)], axes[path], reach, covariance))
 
 

@@ -510,6 +510,28 @@ def _look(
 
 
 @compiled_entry
+def places_doubt(chain: Chain, state: State) -> Array:
+    """Covariance (n, n) of the pose that comes of not knowing where the markers sit on this person.
+
+    The places' errors stay the same from frame to frame, so no number of frames takes them away ("consider" covariance,
+    Schmidt 1966): it is that of a single look with every marker as far off as it may be from person to person.
+    """
+    n = len(state.speeds)
+    pose, axes = kinematics(chain, state.offsets, state.pose)
+    system, right = np.zeros((n, n)), np.zeros(n)
+    doubtful = State(
+        state.pose, state.speeds, state.covariance, state.offsets, state.places, state.homes, chain.spreads**2,
+        np.zeros_like(state.misfit), state.left, state.ages, state.disbelieved, state.last, state.pace, state.astray,
+    )  # fmt: skip
+    _expect_rest(chain, pose, PULL_S, system, right)
+    markers = on_segments(chain, pose, state.places)
+    _look(chain, doubtful, pose, axes, markers, state.ages != NEVER, np.zeros(len(markers)), system, right)
+    for d in range(n):
+        system[d, d] += 1e-6
+    return _inverse(system) if _factor(system) else np.zeros((n, n))
+
+
+@compiled_entry
 def corrected(
     chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], caution: Array, seconds: float, rounds: int,
     small: float,
@@ -723,7 +745,7 @@ class Followed(NamedTuple):
         velocities: (M, 3) m/s.
         covariances: (M, 3, 3) m², of the positions.
         seen: (M,) a point was believed to be the marker.
-        valid: (M,) the marker was seen before and is known well enough to be used.
+        valid: (M,) the marker is known well enough to be used, if need be from the set and the markers beside it.
         rejected: how many labelled points were not believed.
     """
 
@@ -876,7 +898,7 @@ def _shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], r
         for i in range(3):
             variance += covariances[m, i, i]
             covariances[m, i, i] += own
-        valid[m] = state.ages[m] != NEVER and variance < 3.0 * USABLE_SIGMA**2
+        valid[m] = variance < 3.0 * USABLE_SIGMA**2
     return Followed(markers, velocities, covariances, seen, valid, rejected)
 
 

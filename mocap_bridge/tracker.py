@@ -14,15 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_bridge.chain import make_chain, segment_order
-from mocap_bridge.first_pose import first_state, standing
+from mocap_bridge.first_pose import first_state, standing, welcomed
 from mocap_bridge.frames import MarkerFrame, TrackedMarkers
 from mocap_bridge.joint_angles import ArmAngles, arm_angles_of, arm_segments
 from mocap_bridge.marker_sets import MarkerSet
-from mocap_bridge.pose_filter import NEVER, State, followed, kinematics, on_segments
+from mocap_bridge.pose_filter import MARKER_SIGMA, NEVER, Followed, State, followed, kinematics, on_segments
 from model.rotations import Array
 
 LONGEST_NS = 1_000_000_000
 """After a longer pause the tracker begins anew."""
+
+PATIENCE = 4.0
+"""Labels that the tracker does not believe must stay where they are for so many times as long as it agreed with all
+before it asks whether it is wrong itself."""
+
+PATIENCE_NS = (40_000_000, 5_000_000_000)
+"""Shortest and longest such time, ns."""
+
+ELSEWHERE = 0.03
+"""A label this far from its marker is not believed, m."""
+
+EXPLAINED = 16.0
+"""Squared distance, over the variance of a coordinate, up to which a point is where the marker may sit on somebody."""
+
+BETTER = 0.5
+"""A new beginning must explain a frame so much better than the pose that has been followed."""
 
 LOST_FRAMES = 4
 """After so many frames in a row of which most is not believed, the tracker begins anew: it must be wrong itself."""
@@ -61,6 +77,8 @@ class Tracker:
     def reset(self) -> None:
         """Forgets everything that was seen."""
         self._state: State | None = None
+        self._agreed_ns = self._asked_ns = 0
+        self._doubted_ns = np.zeros(len(self._set), dtype=np.int64)  # how long each label has been somewhere else
         self._time_ns: int | None = None
 
     def update(self, frame: MarkerFrame) -> TrackedMarkers:
@@ -70,11 +88,14 @@ class Tracker:
         """
         points, labelled = self._arranged(frame)
         elapsed = self._elapsed(frame.source_time_ns)
+        if self._state is not None:
+            self._state = self._reconsidered(self._state, points, labelled, elapsed)
         if self._state is None:
             self._state = first_state(self._chain, self._shoulders, points, labelled)
         if self._state is None:
             return self._nothing(frame)
         self._state, found, worked = followed(self._chain, self._state, points, labelled, frame.unlabelled, elapsed)
+        self._doubted_ns = self._doubts(points, labelled, found, elapsed)
         if not worked or self._state.astray > LOST_FRAMES:
             self.reset()  # the covariance is spoilt by rounding, or the tracker is wrong: start anew
             return self.update(frame) if worked else self._nothing(frame)
@@ -89,6 +110,40 @@ class Tracker:
             rejected=found.rejected,
             time_ns=frame.source_time_ns,
         )
+
+    def _reconsidered(self, state: State, points: Array, labelled: NDArray[np.bool_], elapsed: int) -> State:
+        """The state before a frame, changed where the frame says that it was wrong or knew too little."""
+        if (labelled & (state.ages == NEVER)).any():
+            state = welcomed(self._chain, state, points, labelled & (state.disbelieved == 0))
+        doubted = int(self._doubted_ns.max(initial=0))
+        if not doubted:
+            self._agreed_ns += elapsed
+            self._asked_ns = 0
+            return state
+        shortest, longest = PATIENCE_NS
+        patience = min(max(round(PATIENCE * self._agreed_ns), shortest), longest)
+        if doubted < patience + self._asked_ns:
+            return state
+        self._asked_ns = doubted  # should it have been right, it is not asked again at once
+        fresh = first_state(self._chain, self._shoulders, points, labelled)
+        if fresh is None or self._cost(fresh, points, labelled) > BETTER * self._cost(state, points, labelled):
+            return state
+        self._agreed_ns = self._asked_ns = 0
+        return fresh
+
+    def _doubts(self, points: Array, labelled: NDArray[np.bool_], found: Followed, elapsed: int) -> NDArray[np.int64]:
+        """For how long, ns, each label has been at a point that is not its marker's."""
+        if not found.rejected:
+            return np.zeros_like(self._doubted_ns)
+        away = labelled & (np.square(points - found.positions).sum(axis=1) > ELSEWHERE**2)
+        return np.where(away, self._doubted_ns + elapsed, np.where(labelled, 0, self._doubted_ns))
+
+    def _cost(self, state: State, points: Array, labelled: NDArray[np.bool_]) -> float:
+        """How far labelled points are from where the set has the markers, against how people differ; none counts beyond
+        :data:`EXPLAINED`."""
+        pose, _ = kinematics(self._chain, state.offsets, state.pose)
+        away = np.square(points - on_segments(self._chain, pose, state.homes)).sum(axis=1)
+        return float(np.minimum(away / (MARKER_SIGMA**2 + self._chain.spreads**2), EXPLAINED)[labelled].sum())
 
     @property
     def arm_angles(self) -> ArmAngles | None:
@@ -106,6 +161,17 @@ class Tracker:
         if self._state is None:
             return None
         return self._order, self._state.pose.centres, self._state.pose.frames
+
+    @property
+    def skeleton_markers(self) -> Array | None:
+        """Where the skeleton alone has the set's M markers after the last frame, (M, 3) m; None before the first pose.
+
+        Each sits where it has been found to sit on its segment: skin that slides, and segments that are not rigid, show
+        in the distance from here to where it was measured.
+        """
+        if self._state is None:
+            return None
+        return on_segments(self._chain, self._state.pose, self._state.places)
 
     def _arranged(self, frame: MarkerFrame) -> tuple[Array, NDArray[np.bool_]]:
         """Positions (M, 3) and validity (M,) in the order of the set; columns are looked up by name."""

@@ -185,7 +185,7 @@ def test_markers_are_counted_in_the_last_second_and_altogether() -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(100, 30), (60, 12), (200, 50)])
 def test_the_screen_fits_and_shows_the_worst_markers(width: int, height: int) -> None:
-    arm = ArmView(1.0, 0.5, np.array([0.5, 0.1, 1.2]), True)
+    arm = ArmView(1.0, 0.5, np.array([0.5, 0.1, 1.2]), True, 2)
     health = SourceHealth(Connection.STALLED, 1_200_000_000, 240, 7, "nothing [came]")
     view = StreamView("lsl://x", health, 120.0, statistics().snapshot(2_000_000_000), "paper", arm, ("recording",))
     console = Console(width=width, height=height, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
@@ -195,3 +195,4 @@ def test_the_screen_fits_and_shows_the_worst_markers(width: int, height: int) ->
     for text in ("lsl://x", "stalled", "nothing [came]", "M3", "M4", "never", "elbow 57°"):
         assert text in shown
     assert "hidden: M3 M4" in plain_line(view)
+    assert "2 labels not believed" in plain_line(view)

@@ -10,7 +10,7 @@ from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.joint_angles import ANGLES, angles_between
 from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.pose_filter import MARKER_SIGMA
+from mocap_bridge.pose_filter import MARKER_SIGMA, NEVER
 from mocap_bridge.tracker import Tracker
 from model import rotations
 
@@ -187,13 +187,40 @@ def test_moving_the_world_moves_the_output():
         np.testing.assert_allclose(b.covariances, matrix @ a.covariances @ matrix.T, atol=1e-6)
 
 
-def test_a_marker_that_never_came_is_not_valid_and_unknown_names_are_ignored():
+def test_a_marker_that_is_not_worn_is_put_where_the_set_has_it_and_unknown_names_are_ignored():
     names = (*PAPER.names[:15], "SPARE")
     tracker = Tracker(PAPER)
     for k in range(30):
         tracked = tracker.update(frame(NOISY[k], k, names=names))
-    assert tracked.valid[:15].all()
-    assert not tracked.valid[15]
+    assert tracked.valid.all() and HumanArmEstimator(PAPER)(tracked).valid
+    assert not tracked.seen[15] and tracked.age_ns[15] == NEVER
+    assert np.linalg.norm(tracked.positions[15] - TRUTH[29, 15]) < 0.04
+    spread = np.sqrt(np.trace(tracked.covariances, axis1=1, axis2=2))
+    assert spread[15] > 4.0 * spread[:15].max()
+
+
+@pytest.mark.parametrize("late", [("RWRA", "RWRB"), ("RFIN", "RMC5"), ("RWRA", "RWRB", "RFIN", "RMC5", "RFRM")])
+def test_markers_that_come_late_leave_no_trace_in_the_angles(late):
+    shown = np.ones(NOISY.shape[:2], dtype=bool)
+    shown[:60, PAPER.indices(list(late))] = False
+    angles = []
+    for valid in (np.ones_like(shown), shown):
+        tracker = Tracker(PAPER)
+        for k in range(240):
+            tracker.update(frame(NOISY[k], k, valid[k]))
+        assert tracker.arm_angles is not None
+        angles.append(tracker.arm_angles.angles[3:])  # elbow and wrist
+    away = (angles[1] - angles[0] + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.degrees(np.abs(away)).max() < 3.0
+
+
+@pytest.mark.parametrize("first", range(3))
+def test_labels_that_are_swapped_in_the_first_frame_do_no_lasting_harm(first):
+    for swap in list(itertools.combinations(range(16), 2))[first::6]:
+        points = NOISY[:30].copy()
+        points[0, list(swap)] = points[0, list(swap[::-1])]
+        away = errors(follow(points))[6:, [*PAPER.indices(["RWRA", "RWRB"]), *HAND]]
+        assert away.max() < 0.02, [PAPER.names[m] for m in swap]
 
 
 def test_bad_numbers_and_bad_times_do_no_lasting_harm():
@@ -298,3 +325,30 @@ def test_the_joint_angles_are_those_of_the_person():
             wrong.append((away + np.pi) % (2 * np.pi) - np.pi)
     rms = np.degrees(np.sqrt(np.mean(np.square(wrong), axis=0)))
     assert rms.max() < 0.7, dict(zip(ANGLES, rms.round(2), strict=True))
+
+
+def test_angles_of_somebody_whose_markers_sit_elsewhere_lie_within_their_deviations():
+    """Places off by what they differ from person to person: an error that no number of frames takes away."""
+    upper = load_marker_set("plug_in_gait_upper")
+    segments = [SKELETON.index(name) for name in ("thoracic_8", "right_shoulder", "right_elbow", "right_wrist")]
+    normalised = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        angles = np.zeros((1, len(SKELETON), 3))
+        angles[0, segments[1]], angles[0, segments[2]] = rng.uniform(-1.2, -0.4, 3) * [1, 0.5, -0.5], [-1.2, 0.0, -0.5]
+        positions, turned = SKELETON.forward_kinematics(np.array([[1.0, 0.0, 0.93]]), SKELETON.from_hinges(angles))
+        worn = replace(
+            upper, local_positions=upper.local_positions + rng.normal(size=(len(upper), 3)) * upper.spreads[:, None]
+        )
+        points = worn.simulate(SKELETON, positions, turned)[0]
+        tracker = Tracker(upper)
+        for k in range(60):
+            noise = rng.normal(scale=0.001, size=points.shape)
+            shown = np.ones(len(upper), bool)
+            tracker.update(MarkerFrame(upper.names, points + noise, shown, k, round(k * 1e9 / 120), 0, NOTHING))
+        found = tracker.arm_angles
+        assert found is not None
+        true = angles_between(*(np.ascontiguousarray(rotations.to_matrix(turned[0, s])) for s in segments))
+        normalised.append(((found.angles - true + np.pi) % (2.0 * np.pi) - np.pi) / found.deviations)
+    assert 0.3 < np.sqrt(np.mean(np.square(normalised))) < 1.6
+    assert np.mean(np.abs(normalised) < 2.0) > 0.85

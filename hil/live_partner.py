@@ -36,6 +36,9 @@ LONGEST_S = 15.0
 AFTERWARDS_S = 0.5
 """A trial goes on for so long after the avatar has let go, s."""
 
+SILENT_S = 2.0
+"""A source that says nothing for so long while the person is looked at is given up, s."""
+
 GONE_S = 5.0
 """A source from which nothing has come for so long is given up, s."""
 
@@ -102,6 +105,8 @@ class LivePerson:
             frame = self._source.wait(newest, min(left, 0.5))
             if frame is not None and frame.names == first.names:
                 frames.append(newest := frame)
+            elif frame is None and (health := self._source.health(time.monotonic_ns())).age_ns > SILENT_S * 1e9:
+                raise HighFiveError(f"{self._address}: nothing comes any more ({health.trouble or 'it is silent'})")
         points, valid = np.array([f.positions for f in frames]), np.array([f.valid for f in frames])
         return replace(make_recording(RATE_HZ, first.names, points, valid), source=self._address)
 
@@ -122,6 +127,18 @@ class LiveTrial:
         self.late, self.stale, self.trouble = 0, 0, ""
         self._reached, self._idle, self.count = False, 0, 0
 
+    def begins(self) -> bool:
+        """Whether there is a source to play with; if not, ``trouble`` says why."""
+        now = time.monotonic_ns()
+        return not self._is_gone(now)
+
+    def _is_gone(self, now: int) -> bool:
+        health = self._source.health(now)
+        gone = health.age_ns < 0 or health.age_ns > GONE_S * 1e9 or health.connection is Connection.ENDED
+        if gone:
+            self.trouble = f"nothing has come for {GONE_S:g} s ({health.trouble or 'the source is silent'})"
+        return gone
+
     def __iter__(self) -> Iterator[MarkerFrame]:
         """A frame each tick, in the avatar's world; one without markers where there is nothing new."""
         start, last, first, stamp = time.monotonic_ns(), None, 0, -TICK_NS
@@ -134,8 +151,7 @@ class LiveTrial:
             now = time.monotonic_ns()
             newest = self._source.newest(now)
             health = self._source.health(now)
-            if newest is None or health.age_ns > GONE_S * 1e9 or health.connection is Connection.ENDED:
-                self.trouble = f"nothing has come for {GONE_S:g} s ({health.trouble or 'the source is silent'})"
+            if newest is None or self._is_gone(now):
                 return
             fresh = newest is not last and health.age_ns < STALE_S * 1e9
             self.stale += not fresh

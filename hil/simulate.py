@@ -209,12 +209,14 @@ def _run(
             for number, partner in enumerate(partners):
                 session.set_style(options.style or {partner.emotion: 1.0})
                 result, trouble = _trial(number, partner, session, playout, person)
+                if result is None:  # a high five that was broken off says nothing of how well palms meet
+                    if not results:
+                        raise HighFiveError(f"no high five could be played: {trouble}")
+                    tell(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    return results, True
                 recorder.record_trial(result)
                 results.append(result)
                 advance()
-                if trouble:
-                    tell(trouble)
-                    return results, True
         except KeyboardInterrupt:
             return results, True
         finally:
@@ -224,15 +226,17 @@ def _run(
 
 def _trial(
     number: int, partner: Partner, session: Session, playout: PlayOut, person: LivePerson | None
-) -> tuple[TrialResult, str]:
-    """A trial, and why the session cannot go on after it; '' where it can."""
+) -> tuple[TrialResult | None, str]:
+    """A trial, or None and why it was broken off."""
     if person is None:
         return run_trial(number, partner, session, playout), ""
     tell(f"high five {number + 1}, {partner.emotion}: raise the right hand")
     live = person.trial()
-    result = run_trial(number, partner, session, playout, live, live.watch)
+    result = run_trial(number, partner, session, playout, live, live.watch) if live.begins() else None
+    if result is None or live.trouble:
+        return None, live.trouble
     note = f"{live.count} ticks, {live.late} late, {live.stale} without a new frame"
-    return replace(result, notes=(*result.notes, note)), live.trouble
+    return replace(result, notes=(*result.notes, note)), ""
 
 
 def _session(options: SimulateOptions, model: HGPDM, scene: Scene, partner: Partner) -> Session:

@@ -70,7 +70,9 @@ def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]
     """
     address = parse_address(options.address)
     recorder = None
-    if options.record is not None and address.scheme != FILE:
+    if options.record is not None and address.scheme == FILE:
+        raise HighFiveError(f"{address} is a recording already; --record goes with a live system")
+    if options.record is not None:
         if options.record.suffix.lower() == ".c3d" and (line := recover(options.record)):
             say(line)
         recorder = Recorder(options.record)

@@ -155,7 +155,7 @@ class LiveSource:
             before = self._received
             try:
                 self._follow()
-            except (HighFiveError, OSError) as error:
+            except Exception as error:  # a source whose thread has died would be silent for ever
                 self._trouble = str(error) or type(error).__name__
             self._linked = False
             pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])

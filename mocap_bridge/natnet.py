@@ -26,6 +26,8 @@ ANSWER_S = 2.0
 KEEP_ALIVE_S = 0.5
 """So often the server is told that someone listens, s; otherwise it stops to send."""
 
+_STRANGE_S = 0.8  # without a frame, after which what could not be read is told
+
 _MOST_READ = 512  # datagrams at a time, so that a flood cannot hold up the caller
 _MOST_HELD = 64  # frames that wait for descriptions
 _RECEIVE_BUFFER = 1 << 20  # bytes
@@ -100,6 +102,7 @@ class NatNetLink:
         self._sockets, self._server, self._title, self._y_up = sockets, server, title, y_up
         self._rate_hz = 0.0
         self._heard = False
+        self._strange = ""  # what could not be read, and why, since the last frame that could
         self._unread: list[bytes] = []  # what came with the last answer of the opening
         self._held: list[wire.Frame] = []  # whose markers are in doubt until the descriptions come
         self._changed = False  # what the last frame said
@@ -124,7 +127,10 @@ class NatNetLink:
         try:
             datagrams, self._unread = self._unread, []
             for datagram in datagrams or self._read(timeout_s):
-                self._take(*wire.decode(datagram), frames)
+                try:
+                    self._take(*wire.decode(datagram), frames)
+                except LinkError as error:  # anyone may send to a port: one that cannot be read ends nothing
+                    self._strange = str(error)
             self._look_after()
         except LinkError as error:
             raise LinkError(f"{self._title}: {error}") from None
@@ -149,6 +155,8 @@ class NatNetLink:
             raise LinkError(f"it has not described what it tracks within {ANSWER_S:g} s")
         if self._waiting and now - self._asked > ASK_AGAIN_S:
             self._ask()
+        if self._strange and now - self._last > _STRANGE_S:
+            raise LinkError(self._strange)
         if len(self._sockets) == 1 and self._info.group and now - self._last > 0.8:
             raise LinkError(f"it sends to multicast group {self._info.group}:{self._info.data_port}, not here: say so")
 
@@ -160,12 +168,18 @@ class NatNetLink:
             while (wait := again - time.monotonic()) > 0.0:
                 datagrams = self._read(wait)
                 for k, datagram in enumerate(datagrams):
-                    came, body = wire.decode(datagram)
+                    try:
+                        came, body = wire.decode(datagram)
+                    except LinkError as error:
+                        self._strange = str(error)
+                        continue
                     if came == wanted:
                         self._unread = datagrams[k + 1 :]
                         return body
             if not self._heard:
                 self._check_there()
+        if self._strange:
+            raise LinkError(self._strange)
         if self._heard:
             raise LinkError("it is there, but does not answer what NatNet servers answer; is it Motive's command port?")
         raise LinkError("no answer; does Motive stream, and may UDP pass the firewalls?")
@@ -208,8 +222,8 @@ class NatNetLink:
 
     def _take(self, kind: int, body: bytes, frames: list[MarkerFrame]) -> None:
         if kind == wire.Kind.FRAME:
-            self._last = time.monotonic()
             frame = wire.decode_frame(body, self._info.version)
+            self._last, self._strange = time.monotonic(), ""
             news, self._changed = frame.models_changed and not self._changed, frame.models_changed
             if news or not (self._waiting or self._columns.fit(frame)):
                 self._ask()

@@ -67,7 +67,9 @@ def columns_of_person(names: Sequence[str], prefix: str | None, source: str) -> 
     known = ", ".join(p or "(labels without a prefix)" for p in prefixes) or "(no labels)"
     if prefix is None:
         if len(prefixes) != 1:
-            raise HighFiveError(f"{source} holds several persons: {known}; say which one")
+            raise HighFiveError(
+                f"{source} holds several persons: {known}; say which one (--person, in a session --human)"
+            )
         prefix = prefixes[0]
     prefix = prefix.removesuffix(":")
     columns = [m for m, name in enumerate(names) if name.rpartition(":")[0] == prefix]

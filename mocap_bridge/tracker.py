@@ -179,6 +179,8 @@ class Tracker:
             self._columns = self._set.match(frame.names)
             self._there = self._columns >= 0
         self._names = frame.names
+        if not len(frame.names):
+            return np.zeros((len(self._set), 3)), np.zeros(len(self._set), dtype=bool)
         points = frame.positions.take(self._columns, axis=0, mode="wrap")
         labelled = self._there & frame.valid.take(self._columns, mode="wrap")
         if not math.isfinite(points.sum()):  # one test for all is quicker, and mostly enough

@@ -54,6 +54,8 @@ def connect_vicon(host: str, port: int = wire.PORT, pull: bool = False, timeout_
         connection = socket.create_connection((host, port), timeout_s)
     except TimeoutError:
         raise LinkError(f"{where} did not answer within {timeout_s:g} s; is it on, and in this network?") from None
+    except (UnicodeError, OverflowError) as error:
+        raise LinkError(f"{where} is no address ({error})") from None
     except OSError as error:
         raise LinkError(
             f"nothing listens at {where} ({error.strerror or error}); switch the DataStream on or correct the address"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 
@@ -62,7 +63,8 @@ class LslServer:
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame, stamped with its own time; a client that is slow loses what is older than a second."""
         source_s = frame.source_time_ns * 1e-9
-        start = self._start_s = pylsl.local_clock() - source_s if self._start_s is None else self._start_s
+        # Of all frames the one that was sent most promptly says when the source began: the first call takes longer.
+        start = self._start_s = min(pylsl.local_clock() - source_s, self._start_s or math.inf)
         if self._outlet is None:
             return
         sample = samples_of(self._names, frame.names, frame.positions, frame.valid).astype(np.float32)

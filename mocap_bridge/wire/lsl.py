@@ -11,6 +11,7 @@ import configparser
 import io
 import math
 import re
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -34,6 +35,8 @@ _TYPE = re.compile(r"position[_ ]?(?P<axis>[xyz])", re.IGNORECASE)
 _FRAME = {"frame", "framenumber", "frame_number", "frame number"}
 _LATEST = 1e12  # s; a time stamp beyond this is none
 _FOLLOW = 0.1  # how much of a time stamp's deviation the expected time of the next one takes over
+_CONFIRMED = 4  # samples in a row that are late by a period before one is taken for lost
+_SEVERAL = 2.5  # periods since the sample before, from which on some were lost for certain
 
 
 class DescriptionError(HighFiveError):
@@ -170,8 +173,10 @@ def checked_times(stamps: Array) -> Array:
 class FrameCounter:
     """Frame numbers from time stamps and the nominal rate, so that lost samples leave a gap.
 
-    The time at which the next sample is expected follows the stamps slowly, so that stamps which are up to a
-    quarter of a period early or late count right, and a rate that is not quite the nominal one does too.
+    The time at which the next sample is expected follows the stamps slowly, so that a rate that is not quite the
+    nominal one counts right. A sample that is a whole period late may have been stamped late: a single lost sample is
+    counted once :data:`_CONFIRMED` in a row are late, several at once. Numbers count from the stream's own time 0, so
+    that what is lost while a stream is gone shows when it is back.
     """
 
     def __init__(self, rate_hz: float):
@@ -179,6 +184,7 @@ class FrameCounter:
         self._rate = rate_hz if math.isfinite(rate_hz) and 0.0 < rate_hz < 1e6 else 0.0
         self._expected: float | None = None
         self._number = -1
+        self._late: deque[float] = deque(maxlen=_CONFIRMED)
 
     def next(self, stamp: float, stated: float = math.nan) -> int:
         """Number of the sample stamped ``stamp``, s; ``stated`` is what the stream itself says, if it does."""
@@ -186,10 +192,17 @@ class FrameCounter:
             self._number = int(stated)
             return self._number
         if self._expected is None or not self._rate:
-            self._expected, self._number = stamp, self._number + 1
+            counted = stamp * self._rate
+            self._number = round(counted) if self._number < 0 and 0.0 < counted < 2.0**52 else self._number + 1
+            self._expected = stamp
             return self._number
         ahead = (stamp - self._expected) * self._rate  # periods since the sample before
-        step = max(1, round(ahead))
+        step = max(1, round(ahead)) if ahead > _SEVERAL else 1
+        self._late.append(ahead - step)
+        if step == 1 and len(self._late) == _CONFIRMED and min(self._late) > 0.5:
+            step = 2
+        if step > 1:
+            self._late.clear()
         late = ahead - step
         self._expected += (step + (_FOLLOW * late if abs(late) < 2.0 else late)) / self._rate
         self._number += step

@@ -147,7 +147,7 @@ class Packet:
 def rate_of(packet: Packet) -> float:
     """Frames a second that a message tells, Hz; 0 where it tells none that makes sense."""
     told = [TICKS_HZ / packet.period] if packet.period else [rate for _, rate in packet.rates]
-    return next((rate for rate in told if math.isfinite(rate) and 0.0 < rate <= 1e5), 0.0)
+    return next((rate for rate in told if math.isfinite(rate) and 0.1 <= rate <= 1e5), 0.0)
 
 
 def body_length(header: bytes | bytearray) -> int:

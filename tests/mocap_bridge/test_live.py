@@ -160,6 +160,28 @@ def test_nothing_there_and_nothing_said(listen) -> None:
     assert health(absent).connection is Connection.ENDED
 
 
+def test_whatever_goes_wrong_in_a_connection_the_next_one_is_made(serving) -> None:
+    server, tries = serving(), []
+
+    def connect():
+        tries.append(time.monotonic())
+        if len(tries) < 3:
+            raise OverflowError("a number from the wire")
+        return connect_vicon("127.0.0.1", server.port)
+
+    source = LiveSource("vicon://somewhere", connect, "human")
+    try:
+        assert source.first(5.0).names == ("RFIN", "RMC5", "RWRA")
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize("host", ["a..b", "x" * 70, "\udc80"])
+def test_what_is_no_address_is_our_own_error(host: str) -> None:
+    with pytest.raises(HighFiveError):
+        connect_vicon(host, 801, timeout_s=0.5)
+
+
 def test_a_tap_is_told_of_every_frame_of_everyone(serving) -> None:
     port, told = serving().port, []
 

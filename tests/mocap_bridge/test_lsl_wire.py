@@ -168,7 +168,24 @@ def test_lost_samples_leave_a_gap_in_the_numbers_however_uneven_the_stamps() -> 
     stamps = 1000.0 + sent / 119.8 + rng.uniform(-0.24, 0.24, len(sent)) / 120.0
     counter = FrameCounter(120.0)
     numbers = np.array([counter.next(stamp) for stamp in stamps])
-    assert np.array_equal(numbers, sent - sent[0])
+    assert np.array_equal(numbers - numbers[0], sent - sent[0])
+
+
+@pytest.mark.parametrize("jitter_ms", [1.0, 2.0, 3.0])
+def test_samples_that_are_stamped_late_are_not_lost_and_a_lost_one_is(jitter_ms: float) -> None:
+    rng = np.random.default_rng(2)
+    counter = FrameCounter(120.0)
+    late = np.abs(rng.normal(scale=1e-3 * jitter_ms, size=7200))
+    numbers = [counter.next(1000.0 + k / 120.0 + late[k]) for k in range(7200)]
+    assert numbers[-1] - numbers[0] == 7199
+    counter = FrameCounter(120.0)
+    numbers = [counter.next(1000.0 + k / 120.0 + 0.3 * late[k]) for k in range(7200) if k % 100 != 50]
+    assert numbers[-1] - numbers[0] == 7199
+
+
+def test_what_is_lost_while_a_stream_is_gone_shows_when_it_is_back() -> None:
+    before, after = FrameCounter(120.0), FrameCounter(120.0)
+    assert after.next(1000.0 + 200 / 120.0) - before.next(1000.0) == 200
 
 
 @given(st.floats(allow_nan=True), st.lists(st.floats(-1e12, 1e12), max_size=20))

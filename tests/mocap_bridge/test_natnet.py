@@ -357,12 +357,26 @@ def test_what_is_no_natnet_is_told_in_one_line(answer, message):
         assert f"{LOOPBACK}:{port}" in str(error.value)
 
 
-def test_damage_on_the_way_is_our_own_error():
-    broken = wire.encode(Kind.FRAME, b"\1\0\0\0\xff\xff\xff\xff")
-    with impostor(motive(after=[broken])) as port:
+BROKEN = wire.encode(Kind.FRAME, b"\1\0\0\0\xff\xff\xff\xff")
+
+
+def test_nothing_but_damage_is_our_own_error():
+    with impostor(motive(after=[BROKEN])) as port:
         link = connect_natnet(LOOPBACK, port)
         with contextlib.closing(link), pytest.raises(LinkError, match="4294967295"):
-            link.receive(1.0)
+            until(lambda: link.receive(0.1) and False, 2.0)
+
+
+def test_a_datagram_that_cannot_be_read_ends_nothing():
+    points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
+    good = wire.encode_frame(
+        wire.Frame(1, (("Anna", points),), points[:0], wire.labelled_markers([], points[:0], []), 1.0), (4, 1)
+    )
+    with impostor(motive((4, 1), [b"junk", BROKEN, good, bytes(40)])) as port:
+        link = connect_natnet(LOOPBACK, port)
+        with contextlib.closing(link):
+            until(lambda: any(frame.number == 1 for frame in link.receive(0.1)), 2.0)
+            assert not link.receive(0.1)
 
 
 def test_descriptions_that_get_lost_are_asked_for_again():

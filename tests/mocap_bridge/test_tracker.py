@@ -223,6 +223,13 @@ def test_labels_that_are_swapped_in_the_first_frame_do_no_lasting_harm(first):
         assert away.max() < 0.02, [PAPER.names[m] for m in swap]
 
 
+def test_frames_without_any_label_are_gaps():
+    tracker, none = Tracker(PAPER), np.zeros(0, dtype=bool)
+    assert not tracker.update(frame(NOTHING, 0, none, names=())).valid.any()
+    tracker.update(frame(NOISY[1], 1))
+    assert tracker.update(frame(NOTHING, 2, none, names=())).valid.all()
+
+
 def test_bad_numbers_and_bad_times_do_no_lasting_harm():
     tracker = Tracker(PAPER)
     for k in range(60):

@@ -45,7 +45,7 @@ LOST_FRAMES = 4
 
 
 class Tracker:
-    """Follows every marker of a set; one call a frame, at the same cost each, but for beginnings (some milliseconds)."""
+    """Follows every marker of a set; one call a frame, each at the same cost but for beginnings (some milliseconds)."""
 
     def __init__(self, marker_set: MarkerSet, rate_hz: float = 120.0):
         """Args: ``rate_hz`` is the nominal rate, used where two frames have the same time stamp."""

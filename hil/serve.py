@@ -61,6 +61,8 @@ def serve_recording(options: ServeOptions, say: Callable[[str], None]) -> dict[s
     """
     if options.protocol not in SCHEMES:
         raise HighFiveError(f"unknown protocol {options.protocol!r}; there are {', '.join(SCHEMES)}")
+    if not options.host:
+        raise HighFiveError("--host is empty; give an address, or 0.0.0.0 to let in the whole network")
     faults = [parse_fault(text) for text in options.faults]
     recording = _recording(options)
     _check_markers(faults, recording.names)
@@ -77,7 +79,7 @@ def serve_recording(options: ServeOptions, say: Callable[[str], None]) -> dict[s
             for line in _description(options, recording, address):
                 say(line)
             if options.seconds is not None:
-                timer = threading.Timer(options.seconds, told.set)
+                timer = threading.Timer(min(options.seconds, threading.TIMEOUT_MAX), told.set)
                 timer.daemon = True
                 timer.start()
             serve(recording, server, Faults(faults, options.seed), options.loop, told, sent)

@@ -26,6 +26,12 @@ KINDS = {
 }
 """Every fault and what it does."""
 
+MOST_GHOSTS = 1000
+"""Points without a label in a frame that can be asked for."""
+
+LONGEST_BURST_S = 60.0
+"""So long frames can be held back, s: they wait in memory."""
+
 _VALUED = {"occlusion", "swap", "ghosts", "nan", "gap"}
 _SPELLING = re.compile(r"(?P<kind>[a-z]+)(=(?P<value>[^@]+))?(@(?P<start>[\d.]+)(-(?P<end>[\d.]+))?)?")
 _SPREAD = 0.3  # m, of ghosts about a marker
@@ -76,7 +82,9 @@ def parse_fault(text: str) -> Fault:
         start >= end
         or not 0.0 <= amount < 1e6
         or (kind in {"ghosts", "gap"} and names)
-        or (kind == "swap" and len(names) != 2)
+        or (kind == "swap" and len(set(names)) != 2)
+        or (kind == "ghosts" and amount > MOST_GHOSTS)
+        or (kind == "burst" and end - start > LONGEST_BURST_S)
         or (kind == "nan" and not names)
         or (kind == "occlusion" and amount > 1.0)
     ):

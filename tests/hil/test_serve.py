@@ -34,6 +34,7 @@ def fails(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
 
 def test_bad_input_is_one_line(fails, lab: Path, tmp_path: Path) -> None:
     (tmp_path / "text.c3d").write_text("this is no C3D file\n" * 100)
+    assert "--host is empty" in fails("vicon", lab, "--host", "")
     assert "vicon, qtm, natnet, lsl" in fails("vrpn", lab)
     assert "absent.c3d" in fails("vicon", tmp_path / "absent.c3d")
     assert "text.c3d" in fails("vicon", tmp_path / "text.c3d")

@@ -104,7 +104,8 @@ def test_a_burst_loses_nothing_and_comes_at_once() -> None:
     "text",
     [
         "", "flood", "occlusion", "stall=3", "occlusion=RFIN@2-1", "occlusion=1.5", "swap=RFIN", "ghosts=RFIN",
-        "gap=-1", "nan=3", "occlusion=RFIN@a-b", "occlusion=RFIN@1.2.3", "ghosts=1e9", "gap=nan",
+        "gap=-1", "nan=3", "occlusion=RFIN@a-b", "occlusion=RFIN@1.2.3", "ghosts=1e9", "gap=nan", "swap=RFIN+RFIN",
+        "ghosts=5000", "burst@0",
     ],
 )  # fmt: skip
 def test_faults_that_are_none(text: str) -> None:

@@ -255,7 +255,7 @@ def _numbers(read: _Read, sent: dict[int, int], protocol: str) -> list[int]:
     """The server's numbers of the frames. LSL sends none: there the time says which frame it is."""
     if protocol != "lsl":
         return read.numbers
-    start = sent[min(sent)]
+    start = min(time_ns - number * 1e9 / RATE_HZ for number, time_ns in sent.items())  # as it would be, sent promptly
     return [round((time_ns - start) * 1e-9 * RATE_HZ) for time_ns in read.source_ns]
 
 

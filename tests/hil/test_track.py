@@ -262,7 +262,7 @@ def test_real_recordings_are_tracked(recordings: Path, tmp_path: Path, file, per
     assert result["hidden_points"] == result["filled_points"] == hidden
     assert result["missing"] == missing
     assert result["tracked_frames"] == result["frames"]
-    assert result["residual_mm"]["median"] < 2.0
+    assert result["residual_mm"]["median"] < 3.0  # skin slides
     assert result["disbelieved_points"] < 0.001 * result["frames"] * len(result["markers"])
     before, after = ezc3d.c3d(str(path)), ezc3d.c3d(str(filled_file(result)))
     for part in ("analogs", "points"):

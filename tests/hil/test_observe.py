@@ -78,8 +78,9 @@ def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
     assert min(found["by_person"]["neutral"].values()) >= 0.95
     for stage in ("generated", "corrected"):
         speeds = np.array(found["morph"][stage]["peak_speed"])
-        assert np.all(np.diff(speeds) > -0.01 * (speeds[-1] - speeds[0]))  # eight people: flat is as good as rising
-        assert speeds[-1] > 1.3 * speeds[0]
+        assert np.all(np.diff(speeds[1:]) > 0.0)
+        # Eight people: near the plain style the correction, or chance, may be faster than the style.
+        assert speeds[1] > 0.9 * speeds[0] and speeds[-1] > 1.3 * speeds[0]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_bridge.pose_filter import (
+    GATE,
     HINGE,
+    MARKER_SIGMA,
     NEVER,
     PULL_S,
     SHIFT,
@@ -17,6 +19,7 @@ from mocap_bridge.pose_filter import (
     Pose,
     State,
     corrected,
+    expected,
     kinematics,
     misfit_of,
     on_segments,
@@ -72,7 +75,16 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
         points: (M, 3) m.
         seen: (M,) markers to go by, new ones and others.
     """
+    n = len(chain.kind)
+    wide = state._replace(covariance=state.covariance + np.stack([places_doubt(chain, state), *np.zeros((2, n, n))]))
+    markers, covariances, _ = expected(chain, wide)
+    gap = points - markers
+    precisions = np.linalg.inv(covariances + MARKER_SIGMA**2 * np.eye(3))
+    away = np.einsum("mi,mij,mj->m", gap, precisions, gap)
+    seen = seen & ((state.ages != NEVER) | (away < GATE))  # the first sight may be of something else
     new = seen & (state.ages == NEVER)
+    if not new.any():
+        return state
     moving = np.zeros(len(chain.kind), dtype=bool)
     for carrier in np.unique(chain.carrier[new]):
         moving[chain.path[carrier, : chain.lengths[carrier]]] = True

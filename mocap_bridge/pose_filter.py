@@ -785,7 +785,8 @@ def followed(
             square += (points[m, i] - markers[m, i]) ** 2
         # No variance is below the measurement's own, so that what is this near lies inside the gate.
         if not labelled[m] or square > GATE * MARKER_SIGMA**2 or state.ages[m] > 0:
-            slack = DRIFT * 1e-9 * state.ages[m]
+            # Only while its label is nowhere: one that is somewhere else is not believed for staying there.
+            slack = DRIFT * 1e-9 * (state.ages[m] - min(state.disbelieved[m], state.ages[m]))
             _covariance(chain, state, axes, m, markers[m], slopes, precisions[m])
             if state.ages[m] > 0:
                 for i in range(3):
@@ -853,8 +854,8 @@ def _remembered(
     local = np.empty(3)
     for m in range(len(ages)):
         shown += 1 if labelled[m] and ages[m] != NEVER else 0
-        disbelieved[m] = disbelieved[m] + elapsed_ns if labelled[m] and not seen[m] and ages[m] != NEVER else 0
-        if labelled[m] and not seen[m] and (ages[m] == NEVER or disbelieved[m] > RESET_NS):
+        disbelieved[m] = disbelieved[m] + elapsed_ns if labelled[m] and not seen[m] else 0
+        if labelled[m] and not seen[m] and disbelieved[m] > RESET_NS:
             square, j = 0.0, chain.carrier[m]
             for i in range(3):
                 local[i] = 0.0

@@ -188,7 +188,8 @@ def connector(address: Address) -> Callable[[], Link]:
         data_port, y_up = int(options.get("data_port", "1511")), options.get("up", "y") == "y"
         return lambda: connect_natnet(host, port, data_port, options.get("multicast"), y_up)
     if address.scheme == "lsl":
-        from mocap_bridge.lsl import connect_lsl  # noqa: PLC0415
+        from mocap_bridge.lsl import FrameCounter, connect_lsl  # noqa: PLC0415
 
-        return lambda: connect_lsl(host, y_up=options.get("up") == "y")
+        counter = FrameCounter()  # of all connections
+        return lambda: connect_lsl(host, y_up=options.get("up") == "y", counter=counter)
     raise HighFiveError(f"{address} is no live system")

@@ -35,6 +35,9 @@ SIZES = (1.0, 0.92, 1.08, 0.85, 1.15)
 ENOUGH = 4
 """Markers that a frame must show to begin with."""
 
+OVERSTRETCHED = 0.3
+"""No elbow bends backwards so far, rad."""
+
 _BENDS = (0.0, -1.0, -2.0)  # rad, of the shoulders' first hinge beyond rest: arms hanging, forward, up
 _SHIFT_SIGMA, _TURN_SIGMA = 1.0, 10.0  # m and rad, of a guess: it is where to begin, not what is known
 _SPEEDS = (0.7, 3.0)  # m/s and rad/s, standard deviation of a speed that is not known
@@ -59,7 +62,33 @@ def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: 
     best = int(np.argmin([cost for _, cost in tried]))
     tried = [tried[best]] + [_fitted(chain, points, seen, *guesses[best], size) for size in SIZES[1:]]
     state, cost = min(tried, key=lambda found: found[1])
-    return settled(chain, state, points, seen, 0.0) if math.isfinite(cost) else None
+    if not math.isfinite(cost):
+        return None
+    other = turned_back(chain, shoulders, state.pose.angles)
+    if other is not None:
+        size = float(np.linalg.norm(state.offsets) / np.linalg.norm(chain.offsets))
+        headings = [_fitted(chain, points, seen, heading, other, size) for heading in HEADINGS]
+        found, worse = min(headings, key=lambda one: one[1])
+        if math.isfinite(worse) and turned_back(chain, shoulders, found.pose.angles) is None:
+            state = found
+    return settled(chain, state, points, seen, 0.0)
+
+
+def turned_back(chain: Chain, shoulders: NDArray[np.intp], angles: Array) -> Array | None:
+    """The hinges (n,), rad, with every elbow that bends the wrong way turned about; None where none does.
+
+    An upper arm turned half about its length, an elbow that bends backwards and a forearm turned half back leave the
+    hand where it is: without markers on the upper arm, only anatomy tells the two apart.
+    """
+    turned, changed = angles.copy(), False
+    for shoulder in shoulders:
+        for elbow in chain.first[chain.parents == chain.joint[shoulder]]:
+            if chain.kind[elbow : elbow + 3].tolist() == [HINGE] * 3 and angles[elbow] > OVERSTRETCHED:
+                turned[elbow : elbow + 2] *= -1.0
+                for turn in (shoulder + 2, elbow + 2):
+                    turned[turn] -= math.copysign(math.pi, angles[turn])
+                changed = True
+    return turned if changed else None
 
 
 def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]) -> State:

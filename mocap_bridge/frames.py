@@ -41,7 +41,7 @@ class TrackedMarkers:
         velocities: (M, 3) m/s, posterior mean.
         covariances: (M, 3, 3) m², posterior covariance of the positions.
         seen: (M,) bool, the marker was measured (and the measurement accepted) in this frame.
-        age_ns: (M,) int, time since the marker was last measured; 0 where ``seen``.
+        age_ns: (M,) int, time since the marker was last measured; 0 where ``seen``, the largest integer where it never was.
         valid: (M,) bool, the estimate is good enough to use.
         rejected: number of measurements that the tracker did not believe in this frame.
         time_ns: source time of the frame, ns.
@@ -87,7 +87,7 @@ class HumanArm:
         palm: pose of the palm.
         hand_points: (2, 3) m, wrist and knuckle centre: what the model sees of the person (the paper's Y², D = 6).
         valid: all of the above rests on usable markers.
-        age_ns: age of the oldest marker that the hand rests on.
+        age_ns: age of the oldest marker that the hand rests on; the largest integer where none of them was ever seen.
         time_ns: source time, ns.
         hand_covariance: (2, 3, 3) m², of the hand points, as if the markers of each erred together; zero if not known.
     """

@@ -193,12 +193,14 @@ def arm_of(
     points[1], points[2], points[3] = shoulder, elbow, wrist
     points[4:8] = hand
     points[8] = (moved[0] - hand[0]) / _STEP_S
-    usable, oldest = True, 0
+    usable, oldest, ever_seen = True, 0, False
     for m in recipe.used:
         usable = usable and bool(valid[m])
     for m in recipe.of_hand:
         if age_ns[m] != NEVER:  # a marker that this person does not wear is put where the set has it
-            oldest = max(oldest, int(age_ns[m]))
+            oldest, ever_seen = max(oldest, int(age_ns[m])), True
+    if not ever_seen:
+        oldest = NEVER
     covariance = np.zeros((2, 3, 3))
     for row in range(2):
         for i in range(3):

@@ -55,13 +55,16 @@ def configure(local_only: bool) -> None:
     pylsl.util.set_config_content(library_settings(text, local_only))
 
 
-def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False) -> Link:
+def connect_lsl(
+    name: str, timeout_s: float = 2.0, y_up: bool = False, counter: FrameCounter | None = None
+) -> Link:
     """Connects to the stream called ``name``.
 
     Args:
         name: the stream's name.
         timeout_s: how long each step (finding it, measuring the clock offset, opening it) may take, s.
         y_up: the stream's y axis points up, not its z axis.
+        counter: numbers the frames, and goes on where an earlier connection left off; None counts from 0.
 
     Raises:
         LinkError: there is no such stream, it holds no markers, or it does not answer.
@@ -78,7 +81,7 @@ def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False) -> Link:
             f"the stream {name!r} is of type {found[0].type()!r}; markers come in a stream of type {TYPE!r}"
         )
     try:
-        return LslLink(markers[0], name, timeout_s, y_up)
+        return LslLink(markers[0], name, timeout_s, y_up, counter or FrameCounter())
     except (RuntimeError, HighFiveError) as error:  # RuntimeError is what all errors of the library are
         raise LinkError(f"the stream {name!r}: {error}") from None
 
@@ -86,7 +89,7 @@ def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False) -> Link:
 class LslLink:
     """An open stream."""
 
-    def __init__(self, info: pylsl.StreamInfo, name: str, timeout_s: float, y_up: bool):
+    def __init__(self, info: pylsl.StreamInfo, name: str, timeout_s: float, y_up: bool, counter: FrameCounter):
         """Opens the stream that ``info`` describes."""
         self._name, self._y_up = name, y_up
         if info.channel_format() == pylsl.cf_string:
@@ -97,7 +100,8 @@ class LslLink:
         self._layout = parse_description(full.as_xml(), full.channel_count())
         rate = full.nominal_srate()
         self._rate_hz = float(rate) if 0.0 < rate < 1e6 else 0.0
-        self._counter = FrameCounter(self._rate_hz)
+        self._counter = counter
+        counter.set_rate(self._rate_hz)
         self._to_monotonic_s = _monotonic_minus_lsl()
         self._correction = self._newest_correction = self._inlet.time_correction(timeout_s)
         self._renewed = time.monotonic()

@@ -36,7 +36,7 @@ _FRAME = {"frame", "framenumber", "frame_number", "frame number"}
 _LATEST = 1e12  # s; a time stamp beyond this is none
 _FOLLOW = 0.1  # how much of a time stamp's deviation the expected time of the next one takes over
 _CONFIRMED = 4  # samples in a row that are late by a period before one is taken for lost
-_SEVERAL = 2.5  # periods since the sample before, from which on some were lost for certain
+_SEVERAL = 1.5  # periods that a sample is late, from which on the next one may confirm it alone
 
 
 class DescriptionError(HighFiveError):
@@ -174,17 +174,21 @@ class FrameCounter:
     """Frame numbers from time stamps and the nominal rate, so that lost samples leave a gap.
 
     The time at which the next sample is expected follows the stamps slowly, so that a rate that is not quite the
-    nominal one counts right. A sample that is a whole period late may have been stamped late: a single lost sample is
-    counted once :data:`_CONFIRMED` in a row are late, several at once. Numbers count from the stream's own time 0, so
-    that what is lost while a stream is gone shows when it is back.
+    nominal one counts right. A sample that is late may only have been stamped late: lost ones are counted when the next
+    sample is as late, a single one when :data:`_CONFIRMED` in a row are. One counter serves all connections to a stream:
+    what is lost while it is gone shows when it is back.
     """
 
-    def __init__(self, rate_hz: float):
+    def __init__(self, rate_hz: float = 0.0):
         """Args: ``rate_hz`` is the nominal rate; where there is none (0) every sample is the next one."""
-        self._rate = rate_hz if math.isfinite(rate_hz) and 0.0 < rate_hz < 1e6 else 0.0
+        self.set_rate(rate_hz)
         self._expected: float | None = None
         self._number = -1
         self._late: deque[float] = deque(maxlen=_CONFIRMED)
+
+    def set_rate(self, rate_hz: float) -> None:
+        """The nominal rate that the stream has now, Hz."""
+        self._rate = rate_hz if math.isfinite(rate_hz) and 0.0 < rate_hz < 1e6 else 0.0
 
     def next(self, stamp: float, stated: float = math.nan) -> int:
         """Number of the sample stamped ``stamp``, s; ``stated`` is what the stream itself says, if it does."""
@@ -192,21 +196,26 @@ class FrameCounter:
             self._number = int(stated)
             return self._number
         if self._expected is None or not self._rate:
-            counted = stamp * self._rate
-            self._number = round(counted) if self._number < 0 and 0.0 < counted < 2.0**52 else self._number + 1
             self._expected = stamp
+            self._number += 1
             return self._number
-        ahead = (stamp - self._expected) * self._rate  # periods since the sample before
-        step = max(1, round(ahead)) if ahead > _SEVERAL else 1
-        self._late.append(ahead - step)
-        if step == 1 and len(self._late) == _CONFIRMED and min(self._late) > 0.5:
-            step = 2
-        if step > 1:
+        late = (stamp - self._expected) * self._rate - 1.0  # periods
+        self._late.append(late)
+        lost = 0
+        if self._confirmed():
+            lost = max(0, round(late))
             self._late.clear()
-        late = ahead - step
-        self._expected += (step + (_FOLLOW * late if abs(late) < 2.0 else late)) / self._rate
-        self._number += step
+            self._expected = stamp - (1.0 - _FOLLOW) * (late - lost) / self._rate
+        else:  # a stamp that stands alone says nothing of the next one
+            self._expected += (1.0 + (_FOLLOW * late if abs(late) < _SEVERAL else 0.0)) / self._rate
+        self._number += 1 + lost
         return self._number
+
+    def _confirmed(self) -> bool:
+        """Whether the newest samples say alike that some were lost, or that the stream's clock was set back."""
+        late = list(self._late)
+        single = len(late) == _CONFIRMED and min(late) > 0.5
+        return single or (len(late) > 1 and (min(late[-2:]) > _SEVERAL or max(late[-2:]) < -_SEVERAL))
 
 
 def channel_descriptions(names: Sequence[str], unit: str = "meters") -> list[dict[str, str]]:

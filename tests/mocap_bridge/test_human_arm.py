@@ -7,6 +7,7 @@ from hil.avatar import avatar_skeleton, right_palm
 from mocap_bridge.frames import TrackedMarkers
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import load_marker_set, marker_set_names
+from mocap_bridge.pose_filter import NEVER
 from model import rotations
 
 SKELETON = avatar_skeleton()
@@ -113,6 +114,8 @@ def test_one_doubtful_marker_of_the_arm_makes_it_invalid_and_its_age_shows():
     arm = HumanArmEstimator(marker_set)(replace(frame, valid=valid, age_ns=age))
     assert not arm.valid
     assert arm.age_ns == 40
+    age[marker_set.indices([*marker_set.arm.wrist, *marker_set.arm.hand])] = NEVER
+    assert HumanArmEstimator(marker_set)(replace(frame, age_ns=age)).age_ns == NEVER
     valid[marker_set.index("RFIN")], valid[marker_set.index("RUPB")] = True, False
     assert HumanArmEstimator(marker_set)(replace(frame, valid=valid)).valid
 

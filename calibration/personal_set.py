@@ -9,9 +9,12 @@ import numpy as np
 from calibration.subject import Subject
 from mocap_bridge.marker_sets import MarkerSet, Segment, segment_lengths
 from model import rotations
+from model.rotations import Array
+from model.skeleton import Skeleton
 
-SPREAD = 0.003
-"""Standard deviation of a marker's place on its own person, m: skin moves, and markers are glued on again."""
+SPREAD = 0.005
+"""Least standard deviation of a marker's place on its own person, m, a coordinate: skin moves, and markers are glued on
+again. What the fit left over comes on top."""
 
 _DIGITS = 5  # of a metre: a hundredth of a millimetre
 
@@ -26,7 +29,13 @@ def personal_set(subject: Subject, name: str, description: str) -> MarkerSet:
         name: name of the new set.
         description: what it is, in a line.
     """
-    body, fitted = subject.skeleton, subject.marker_set
+    fitted = subject.marker_set
+    spreads = np.where(subject.rms > 0.0, np.hypot(SPREAD, subject.rms / 3**0.5), fitted.spreads)
+    return replace(on_body(fitted, subject.skeleton, spreads), name=name, description=description)
+
+
+def on_body(marker_set: MarkerSet, body: Skeleton, spreads: Array) -> MarkerSet:
+    """The set on ``body``: its segments, the markers where they are on them, and ``spreads`` (M,), m."""
     upright = np.tile(rotations.IDENTITY, (len(body), 1))
     centres, _ = body.forward_kinematics(body.offsets[0], upright)
     lengths = segment_lengths(body)
@@ -36,13 +45,11 @@ def personal_set(subject: Subject, name: str, description: str) -> MarkerSet:
             np.round(centres[body.index(joint)], _DIGITS),
             segment.parent,
         )
-        for joint, segment in fitted.segments.items()
+        for joint, segment in marker_set.segments.items()
     }
     return replace(
-        fitted,
-        name=name,
-        description=description,
-        local_positions=np.round(fitted.positions_on(body), _DIGITS) + 0.0,
-        spreads=np.where(subject.rms > 0.0, SPREAD, fitted.spreads),
+        marker_set,
+        local_positions=np.round(marker_set.positions_on(body), _DIGITS) + 0.0,
+        spreads=np.round(spreads, _DIGITS),
         segments=segments,
     )

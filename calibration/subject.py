@@ -50,12 +50,17 @@ class Subject:
         marker_set: the set with the markers where this person wears them.
         rms: (M,) m, root mean square of each marker's residual over the frames looked at; 0 for markers never seen.
         scales: scale of each measure of the body relative to the skeleton that was given.
+        length_sigmas: m, standard deviation of the length of each segment that carries markers. A still pose does not
+            tell a longer bone from markers that sit elsewhere on it.
+        frames: frames that were looked at.
     """
 
     skeleton: Skeleton
     marker_set: MarkerSet
     rms: Array
     scales: dict[str, float]
+    length_sigmas: dict[str, float]
+    frames: int
 
 
 def fit_subject(
@@ -82,19 +87,40 @@ def fit_subject(
     measure_names, measure_of = _measures(skeleton)
     body, markers = skeleton, marker_set
     scales, moved = np.ones(len(measure_names)), np.zeros((len(marker_set), 3))
-    poses = None
+    poses, covariance = None, np.zeros((0, 0))
     for attempt in range(ROUNDS):
         part = body_part(body, markers)
         # Half way the poses are found anew: what was a poor minimum on the unfitted body need not be one any more.
         poses = solve_part_alone(part, points, valid, None if attempt == ROUNDS // 2 else poses)
-        step = _improve(skeleton, marker_set, measure_of, part, poses, points, valid, scales, moved)
+        step, covariance = _improve(skeleton, marker_set, measure_of, part, poses, points, valid, scales, moved)
         scales, moved = scales + step[: len(scales)], moved + step[len(scales) :].reshape(-1, 3)
         body = replace(skeleton, offsets=skeleton.offsets * scales[measure_of][:, None])
         lengths = segment_lengths(body)
         stretch = [lengths[body.index(joint)] / marker_set.segments[joint].length for joint in marker_set.joints]
         markers = replace(marker_set, local_positions=marker_set.local_positions + moved / np.array(stretch)[:, None])
     rms = solve_body(body, markers, points, valid, key_step=1).rms
-    return Subject(body, markers, rms, dict(zip(measure_names, scales.tolist(), strict=True)))
+    named = dict(zip(measure_names, scales.tolist(), strict=True))
+    sigmas = _length_sigmas(skeleton, marker_set, measure_of, covariance[: len(scales), : len(scales)])
+    return Subject(body, markers, rms, named, sigmas, len(chosen))
+
+
+def _length_sigmas(
+    skeleton: Skeleton, marker_set: MarkerSet, measure_of: NDArray[np.intp], covariance: Array
+) -> dict[str, float]:
+    """Standard deviations, m, of the lengths of the set's segments, from the covariance (S, S) of the scales."""
+    sigmas = {}
+    for name in marker_set.segments:
+        slope = np.zeros(len(covariance))
+        for joint, share in _making_up(skeleton, skeleton.index(name)):
+            slope[measure_of[joint]] += share
+        sigmas[name] = float(np.sqrt(slope @ covariance @ slope))
+    return sigmas
+
+
+def _making_up(skeleton: Skeleton, joint: int) -> list[tuple[int, float]]:
+    """Joints whose offsets make up the length of a joint's segment, and how many m each adds at a scale of one."""
+    children = [child for child, parent in enumerate(skeleton.parents) if parent == joint] or [joint]
+    return [(child, float(np.linalg.norm(skeleton.offsets[child])) / len(children)) for child in children]
 
 
 def same_bodies(recordings: Sequence[Recording], marker_set: MarkerSet) -> list[list[int]]:
@@ -167,8 +193,8 @@ def _improve(
     valid: NDArray[np.bool_],
     scales: Array,
     moved: Array,
-) -> Array:
-    """Gauss–Newton step (S + 3 M,) of the scales and of the markers' shifts on their segments, m.
+) -> tuple[Array, Array]:
+    """Gauss–Newton step (S + 3 M,) of the scales and of the markers' shifts on their segments, m, and its covariance.
 
     A marker's place is linear in both: x = root + Σ s R o along the path + R (l(s) + d) with offsets o, place l.
     """
@@ -194,7 +220,7 @@ def _improve(
     normal, right = normal / MARKER_SIGMA**2, right / MARKER_SIGMA**2
     # Scales lie about their own mean, which is free; the places lie about the set's. The residuals are misfit of the
     # model, alike in neighbouring frames: all frames together count as a few.
-    weight = len(poses) / 4.0
+    weight = max(1.0, len(poses) / 4.0)
     count = len(scales)
     about_mean = np.eye(count) - np.full((count, count), 1.0 / count)
     normal[:count, :count] += weight / SCALE_SIGMA**2 * about_mean + weight * 1e-3 * np.eye(count)
@@ -203,7 +229,8 @@ def _improve(
     tightness = weight / np.repeat(marker_set.spreads, 3) ** 2
     normal[places, places] += tightness
     right[places] += tightness * moved.reshape(-1)
-    return np.asarray(-np.linalg.solve(normal, right), dtype=float)
+    step, inverse = -np.linalg.solve(normal, right), np.linalg.inv(normal)
+    return np.asarray(step, dtype=float), np.asarray(weight * inverse, dtype=float)
 
 
 def _body_columns(
@@ -215,7 +242,6 @@ def _body_columns(
     measures: int,
 ) -> Array:
     """Derivative (T, N, 3, S + 3 M) of the part's markers by the scales and by the shifts of all markers."""
-    lengths = np.linalg.norm(skeleton.offsets, axis=1)
     within = {int(joint): i for i, joint in enumerate(part.joints)}
     out = np.zeros((len(turned), len(part.markers), 3, measures + 3 * len(marker_set)))
     for n, m in enumerate(part.markers):
@@ -224,10 +250,8 @@ def _body_columns(
         own = turned[:, within[joint]]
         out[:, n, :, measures + 3 * m : measures + 3 * m + 3] = own
         place = own @ marker_set.local_positions[m]
-        children = [child for child, parent in enumerate(skeleton.parents) if parent == joint] or [joint]
-        for child in children:  # a segment is as long as the mean distance to its children
-            share = lengths[child] / len(children) / marker_set.segments[name].length
-            out[:, n, :, measure_of[child]] += share * place
+        for child, share in _making_up(skeleton, joint):
+            out[:, n, :, measure_of[child]] += share / marker_set.segments[name].length * place
         while skeleton.parents[joint] >= 0:
             parent = skeleton.parents[joint]
             out[:, n, :, measure_of[joint]] += turned[:, within[parent]] @ skeleton.offsets[joint]

@@ -17,7 +17,6 @@ from hil.tracker_cases import (
     ARM_COORDINATES,
     NOISE,
     RATE_HZ,
-    REAL,
     Case,
     lifting,
     real_recording,
@@ -60,7 +59,8 @@ class TrackerBenchOptions:
         high_fives: simulated high fives.
         pairs: of swapped labels; the paper's 16 markers make 120.
         episodes: of ghosts, and of missing markers.
-        real: the recording.
+        real: a recording of a person; None leaves this part out.
+        person: prefix of its markers; None for the only one with a right arm.
         real_frames: how much of it; None for all.
         peers_python: an interpreter with opensim and biorbd.
     """
@@ -70,7 +70,8 @@ class TrackerBenchOptions:
     high_fives: int = 12
     pairs: int = 120
     episodes: int = 20
-    real: Path = REAL
+    real: Path | None = None
+    person: str | None = None
     real_frames: int | None = None
     peers_python: Path = peer_runs.HERE
 
@@ -79,24 +80,22 @@ def bench_tracker(options: TrackerBenchOptions, bar: Bar) -> dict[str, Any]:
     """Errors, mm and degrees, and times, ms; see docs/performance.md for what each is.
 
     Raises:
-        HighFiveError: the peers' interpreter cannot be run, or a peer fails.
+        HighFiveError: the recording is not usable, the peers' interpreter cannot be run, or a peer fails.
     """
     use_one_blas_thread()
     peers = peer_runs.installed(options.peers_python)
-    made = bar("cases", options.seeds + options.high_fives + 1)
+    # The recording comes first: should it not be usable, that is told at once.
+    real = [] if options.real is None else [real_recording(options.real, options.person, options.real_frames)]
+    made = bar("cases", options.seeds + options.high_fives)
 
-    def told(case: Case | None) -> Case | None:
+    def told(case: Case) -> Case:
         made()
         return case
 
     frames = round(options.seconds * RATE_HZ)
     arms = [told(simulated_arm(seed, frames)) for seed in range(options.seeds)]
     greetings = [told(simulated_high_five(seed)) for seed in range(options.high_fives)]
-    recording = told(real_recording(options.real, options.real_frames))
-    cases = {
-        name: [case for case in group if case is not None]
-        for name, group in (("simulated", arms), ("simulated_high_five", greetings), ("real", [recording]))
-    }
+    cases = {"simulated": arms, "simulated_high_five": greetings, "real": real}
     methods = _methods(peers, options.peers_python)
     count = sum(len(group) for group in cases.values())
     lost: dict[str, dict[str, float]] = {}
@@ -106,13 +105,14 @@ def bench_tracker(options: TrackerBenchOptions, bar: Bar) -> dict[str, Any]:
     for name, group in cases.items():
         if group:
             lost[name], detail[name] = _lost_markers(group, methods, took if name == "simulated" else None, advance)
+    elapsed, own = _frame_times(cases["simulated"])
     result: dict[str, Any] = {
         "peers": peers,
         "lost_marker_rms_mm": lost,
         "lost_marker_detail": detail,
         **_joints(cases["simulated"], peers, options.peers_python, bar),
-        "frame_ms": {**_frame_times(cases["simulated"]), **{name: _percentiles(took[name]) for name in peers}},
-        "frame_cpu_ms": _frame_times(cases["simulated"], time.thread_time_ns),
+        "frame_ms": {**elapsed, **{name: _percentiles(took[name]) for name in peers}},
+        "frame_cpu_ms": own,
         "cases": {
             name: {"recordings": len(group), "frames": sum(len(case.truth) for case in group)}
             for name, group in cases.items()
@@ -121,8 +121,8 @@ def bench_tracker(options: TrackerBenchOptions, bar: Bar) -> dict[str, Any]:
     missing = [name for name in peer_runs.PEERS if name not in peers]
     if missing:
         result["peers_advice"] = ADVICE.format(", ".join(missing))
-    if recording is None:
-        result["real_advice"] = f"no recording {options.real}: the real part is left out"
+    if not real:
+        result["real_advice"] = "no recording, so nothing is said of real people: give one with --real FILE.c3d"
     advance = bar("faults", count_of_episodes(options.pairs, options.episodes))
     result["robustness"] = robustness(cases["simulated"][0].without_gaps(), options.pairs, options.episodes, advance)
     return result
@@ -261,22 +261,24 @@ def _own_joints(case: Case) -> Array:
     return np.concatenate([shoulder, elbow[:, [0, 2]], wrist[:, :2]], axis=1)
 
 
-def _frame_times(cases: list[Case], clock: Callable[[], int] = time.perf_counter_ns) -> dict[str, float]:
-    """Milliseconds from a frame of the paper's set, with gaps, to the tracked arm.
+def _frame_times(cases: list[Case]) -> tuple[dict[str, float], dict[str, float]]:
+    """Milliseconds from a frame of the paper's set, with gaps, to the tracked arm: elapsed, and of the thread's own.
 
     On a busy machine only the thread's own clock says what the work takes.
     """
     marker_set = cases[0].marker_set
-    times = []
+    elapsed, own = [], []
     for case in (cases[0], *cases):  # the first one compiles
         tracker, arm = Tracker(marker_set, RATE_HZ), HumanArmEstimator(marker_set)
-        own = []
+        times = []
         for frame in case.frames():
-            begun = clock()
+            own_begun, begun = time.thread_time_ns(), time.perf_counter_ns()
             arm(tracker.update(frame))
-            own.append(1e-6 * (clock() - begun))
-        times.append(np.array(own[SETTLED:]))
-    return _percentiles(times[1:])
+            ended, own_ended = time.perf_counter_ns(), time.thread_time_ns()
+            times.append((1e-6 * (ended - begun), 1e-6 * (own_ended - own_begun)))
+        elapsed.append(np.array(times[SETTLED:])[:, 0])
+        own.append(np.array(times[SETTLED:])[:, 1])
+    return _percentiles(elapsed[1:]), _percentiles(own[1:])
 
 
 def _percentiles(times: list[Array]) -> dict[str, float]:

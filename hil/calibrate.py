@@ -14,13 +14,19 @@ from rich.table import Table
 from calibration.personal_set import personal_set
 from calibration.subject import Subject, fit_subject
 from hil.avatar import avatar_skeleton
-from hil.console import STDOUT
+from hil.console import STDOUT, counted
 from hil.track_input import OnePerson, read_person
 from mocap_bridge.marker_set_file import write_marker_set
 from mocap_bridge.marker_sets import MarkerSet
 from model.errors import HighFiveError
 
 MM = 1e3
+
+FEW = 20
+"""Frames from which on a recording is not said to have few."""
+
+UNSURE = 0.04
+"""A segment whose length is less sure than this, relative to it, is told; from person to person it is 0.1."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +38,14 @@ class CalibrateOptions:
         person: prefix of the person's markers; None for the only one.
         marker_set: name or file of the marker set; None finds one.
         out: the file of the person's own set.
+        overwrite: replace that file if it is there.
     """
 
     file: Path
     person: str | None = None
     marker_set: str | None = None
     out: Path = Path("subject.toml")
+    overwrite: bool = False
 
 
 def calibrate_subject(options: CalibrateOptions) -> dict[str, Any]:
@@ -51,6 +59,8 @@ def calibrate_subject(options: CalibrateOptions) -> dict[str, Any]:
     """
     if options.out.suffix != ".toml":
         raise HighFiveError(f"--out {options.out}: a marker set is a TOML file; write it as {options.out.stem}.toml")
+    if options.out.exists() and not options.overwrite:
+        raise HighFiveError(f"{options.out} is there already; give another --out, or --overwrite")
     person = read_person(options.file, options.person, options.marker_set)
     base = person.marker_set
     points, seen = base.arrange(person.recording.names, person.recording.points, person.recording.valid)
@@ -87,11 +97,16 @@ def _summary(
         "person": person.prefix,
         "marker_set": base.name,
         "frames": len(person.recording),
+        "frames_fitted": subject.frames,
         "out": str(options.out),
         "residual_mm": _rms(residuals),
         "scales": {name: round(scale, 4) for name, scale in subject.scales.items()},
         "segments": {
-            joint: {"length_m": segment.length, "reference_m": base.segments[joint].length}
+            joint: {
+                "length_m": segment.length,
+                "sigma_m": round(subject.length_sigmas[joint], 5),
+                "reference_m": base.segments[joint].length,
+            }
             for joint, segment in own.segments.items()
         },
         "markers": {
@@ -111,10 +126,10 @@ def print_subject(summary: dict[str, Any]) -> None:
     """The summary for people."""
     whose = f", {summary['person']}" if summary["person"] else ""
     print(f"{Path(summary['file']).name}{whose}: marker set {summary['marker_set']}")
-    segments = Table("segment", "length, mm", "of the reference, %", box=SIMPLE_HEAD)
+    segments = Table("segment", "length, mm", "±, mm", "of the reference, %", box=SIMPLE_HEAD)
     for joint, of in summary["segments"].items():
         share = 100.0 * of["length_m"] / of["reference_m"]
-        segments.add_row(joint, f"{MM * of['length_m']:.0f}", f"{share:.0f}")
+        segments.add_row(joint, f"{MM * of['length_m']:.0f}", f"{MM * of['sigma_m']:.0f}", f"{share:.0f}")
     STDOUT.print(segments)
     markers = Table("marker", "on", "place x, y, z, mm", "moved, mm", "residual, mm", box=SIMPLE_HEAD)
     for name, of in summary["markers"].items():
@@ -122,4 +137,9 @@ def print_subject(summary: dict[str, Any]) -> None:
         residual = "never seen" if of["residual_mm"] is None else f"{of['residual_mm']:.1f}"
         markers.add_row(name, of["joint"], place, f"{of['moved_mm']:.0f}", residual)
     STDOUT.print(markers)
+    if summary["frames_fitted"] < FEW:
+        print(f"Only {counted(summary['frames_fitted'], 'frame')}: a recording of movement tells more.")
+    unsure = [name for name, of in summary["segments"].items() if of["sigma_m"] > UNSURE * of["length_m"]]
+    if unsure:
+        print(f"Hardly shown, and left near the proportions of the reference body: {', '.join(unsure)}.")
     print(f"Residuals {summary['residual_mm']:.1f} mm (root mean square). The person's own set: {summary['out']}")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli_options import Json, Seed
+from hil.cli_options import Json, Person, Seed
 from hil.console import print_json, progress_bars
 
 app = typer.Typer(
@@ -66,6 +66,10 @@ def bench_ablation(
 
 @app.command("tracker")
 def bench_tracker(
+    real: Annotated[
+        Path | None, typer.Option(metavar="FILE.c3d", help="A recording of a person, for the part on real people.")
+    ] = None,
+    person: Person = None,
     peers_python: Annotated[
         Path | None, typer.Option(help="Interpreter with opensim and biorbd, if this one has neither.")
     ] = None,
@@ -74,10 +78,10 @@ def bench_tracker(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Hide markers of simulated arms and of a real one, and find them, beside OpenSim, biorbd and plain filters."""
+    """Hide markers of simulated arms and of a recorded one, and find them, beside OpenSim, biorbd and plain filters."""
     from hil.bench_tracker import TrackerBenchOptions, bench_tracker, print_tracker_bench  # noqa: PLC0415
 
-    options = TrackerBenchOptions()
+    options = TrackerBenchOptions(real=real, person=person)
     if quick:
         options = replace(options, seeds=2, seconds=6.0, high_fives=1, pairs=20, episodes=4, real_frames=1440)
     if peers_python is not None:

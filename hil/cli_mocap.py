@@ -102,12 +102,13 @@ def calibrate_subject(
     person: Person = None,
     marker_set: AnySet = None,
     out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The person's own marker set.")] = Path("subject.toml"),
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace that file if it is there.")] = False,
     json: Json = False,
 ) -> None:
     """Fit segment lengths and places of markers to a person, and write her own marker set (docs/markers.md)."""
     from hil.calibrate import CalibrateOptions, calibrate_subject, print_subject  # noqa: PLC0415
 
-    result = calibrate_subject(CalibrateOptions(file, person, marker_set, out))
+    result = calibrate_subject(CalibrateOptions(file, person, marker_set, out, overwrite))
     if json:
         print_json(result)
     else:

@@ -12,17 +12,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.personal_set import SPREAD, on_body, personal_set
 from calibration.subject import fit_subject
 from hil.avatar import avatar_skeleton
 from hil.peer_models import PeerModel, peer_model, start_of
-from mocap_bridge.c3d import read_c3d
+from hil.track_input import read_person
 from mocap_bridge.chain import make_chain, segment_order
 from mocap_bridge.first_pose import first_state
 from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.marker_sets import MarkerSet, Segment, load_marker_set, segment_lengths
+from mocap_bridge.marker_sets import MarkerSet, load_marker_set
+from mocap_bridge.recording import resample
 from model.errors import HighFiveError
 from model.rotations import Array
-from model.skeleton import Skeleton
 
 RATE_HZ = 120.0
 NOISE = 0.001
@@ -31,15 +32,10 @@ NOISE = 0.001
 HIDDEN_FRAMES = 36
 """300 ms."""
 
-REAL = Path("/work/shared/data/markers/85_12.c3d")
-REAL_PERSON, REAL_SET = "Male", "plug_in_gait"
-REAL_HIDDEN = ("RWRA", "RWRB", "RFIN")
-
 ARM_COORDINATES = ("shoulder y", "shoulder x", "shoulder z", "elbow y", "elbow z", "wrist x", "wrist y")
 """The seven joints of the simulated arm, in the order of its coordinates."""
 
 _FIRST, _PERIOD, _REAL_PERIOD = 60, 72, 90  # frames: of the first gap, and from one gap to the next
-_PERSONAL_SPREAD = 0.003  # m, of a marker's place where it was fitted to the person
 _BELOW = ("hip", "knee", "ankle", "toe")
 
 
@@ -93,23 +89,6 @@ def gaps(frames: int, markers: int, groups: Sequence[NDArray[np.intp]], period: 
     return hidden
 
 
-def personal_set(marker_set: MarkerSet, skeleton: Skeleton) -> MarkerSet:
-    """The set on the body of ``skeleton``: its segments, and the markers where they are on them."""
-    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(skeleton), 1))
-    centres, _ = skeleton.forward_kinematics(skeleton.offsets[0], upright)
-    lengths = segment_lengths(skeleton)
-    segments = {
-        name: Segment(float(lengths[skeleton.index(name)]), centres[skeleton.index(name)], segment.parent)
-        for name, segment in marker_set.segments.items()
-    }
-    return replace(
-        marker_set,
-        local_positions=marker_set.positions_on(skeleton),
-        segments=segments,
-        spreads=np.full(len(marker_set), _PERSONAL_SPREAD),
-    )
-
-
 def simulated_arm(seed: int, frames: int) -> Case:
     """An arm of seven joints that sway as sums of two sines, on a body that stands still.
 
@@ -134,7 +113,7 @@ def simulated_arm(seed: int, frames: int) -> Case:
     truth = paper.simulate(skeleton, *skeleton.forward_kinematics(root, skeleton.from_hinges(angles)))
     arm = [name for name, joint in zip(paper.names, paper.joints, strict=True) if joint != "head"]
     peer = peer_model(paper, arm, fixed=["right_clavicle"], rigid=["right_elbow.x"])
-    personal = personal_set(paper, skeleton)
+    personal = on_body(paper, skeleton, np.full(len(paper), SPREAD))
     return _with_gaps(paper, personal, truth, rng, peer, coordinates[0], coordinates)
 
 
@@ -152,35 +131,41 @@ def simulated_high_five(seed: int) -> Case:
     truth = paper.simulate(
         person.skeleton, *person.skeleton.forward_kinematics(person.root_in_world, person.quaternions)
     )
-    personal = personal_set(paper, person.skeleton)
+    personal = on_body(paper, person.skeleton, np.full(len(paper), SPREAD))
     arm = [name for name, joint in zip(paper.names, paper.joints, strict=True) if joint != "head"]
     peer = peer_model(personal, arm)
     return _with_gaps(paper, personal, truth, rng, peer, _start(peer, personal, truth[0]), None)
 
 
-def real_recording(path: Path = REAL, frames: int | None = None) -> Case | None:
-    """Head, trunk and right arm of a recorded person, with wrist and hand hidden; None where the file is not there.
+def real_recording(path: Path, person: str | None = None, frames: int | None = None) -> Case:
+    """Head, trunk and right arm of a recorded person, with wrist and hand hidden, from where all are seen.
 
     The person's body is fitted to the same recording, without what is hidden.
+
+    Raises:
+        HighFiveError: the file is not usable, or it never shows all markers at once.
     """
-    if not path.is_file():
-        return None
-    recording = read_c3d(path).person(REAL_PERSON)
-    whole = load_marker_set(REAL_SET)
-    points, valid = whole.arrange(recording.names, recording.points[:frames], recording.valid[:frames])
-    hidden = gaps(len(points), len(whole), [whole.indices(REAL_HIDDEN)], _REAL_PERIOD) & valid
-    subject = fit_subject(avatar_skeleton(), whole, points, valid & ~hidden)
-    fitted = personal_set(subject.marker_set, subject.skeleton)
+    one = read_person(path, person, None)
+    recording, whole = resample(one.recording, RATE_HZ), one.marker_set
     kept = [
         name
         for name, joint in zip(whole.names, whole.joints, strict=True)
-        if not joint.startswith("left_") and joint.rpartition("_")[2] not in _BELOW
+        if not joint.startswith("left_") and joint.rpartition("_")[2] not in _BELOW and name not in one.missing
     ]
+    points, valid = whole.arrange(recording.names, recording.points, recording.valid)
     columns = whole.indices(kept)
-    personal, shipped = fitted.subset(kept), whole.subset(kept)
+    whole_frames = np.flatnonzero(valid[:, columns].all(axis=1))
+    if not len(whole_frames):
+        raise HighFiveError(f"{path}: no frame shows all of {', '.join(kept)}, with which the peers begin")
+    shown = slice(int(whole_frames[0]), None if frames is None else int(whole_frames[0]) + frames)
+    points, valid = points[shown], valid[shown]
+    hand = whole.indices((*whole.arm.wrist, *whole.arm.hand))
+    hidden = gaps(len(points), len(whole), [hand], _REAL_PERIOD) & valid
+    if not hidden.any():
+        raise HighFiveError(f"{path}: {len(points) / RATE_HZ:.1f} s from the first whole frame are too short for a gap")
+    subject = fit_subject(avatar_skeleton(), whole, points, valid & ~hidden)
+    personal, shipped = personal_set(subject, whole.name, whole.description).subset(kept), whole.subset(kept)
     points, valid, hidden = points[:, columns], valid[:, columns], hidden[:, columns]
-    if not valid[0].all():
-        raise HighFiveError(f"{path}: not all of {', '.join(kept)} are seen in the first frame, where the peers begin")
     peer = peer_model(personal, kept)
     start = _start(peer, personal, points[0])
     return Case(shipped, personal, points, points, valid & ~hidden, hidden, peer, start)

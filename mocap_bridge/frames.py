@@ -41,7 +41,7 @@ class TrackedMarkers:
         velocities: (M, 3) m/s, posterior mean.
         covariances: (M, 3, 3) m², posterior covariance of the positions.
         seen: (M,) bool, the marker was measured (and the measurement accepted) in this frame.
-        age_ns: (M,) int, time since the marker was last measured; 0 where ``seen``, the largest integer where it never was.
+        age_ns: (M,) int, time since the marker was last measured; 0 where ``seen``, the largest integer where never.
         valid: (M,) bool, the estimate is good enough to use.
         rejected: number of measurements that the tracker did not believe in this frame.
         time_ns: source time of the frame, ns.

@@ -55,9 +55,7 @@ def configure(local_only: bool) -> None:
     pylsl.util.set_config_content(library_settings(text, local_only))
 
 
-def connect_lsl(
-    name: str, timeout_s: float = 2.0, y_up: bool = False, counter: FrameCounter | None = None
-) -> Link:
+def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False, counter: FrameCounter | None = None) -> Link:
     """Connects to the stream called ``name``.
 
     Args:

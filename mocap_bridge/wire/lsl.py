@@ -174,9 +174,9 @@ class FrameCounter:
     """Frame numbers from time stamps and the nominal rate, so that lost samples leave a gap.
 
     The time at which the next sample is expected follows the stamps slowly, so that a rate that is not quite the
-    nominal one counts right. A sample that is late may only have been stamped late: lost ones are counted when the next
-    sample is as late, a single one when :data:`_CONFIRMED` in a row are. One counter serves all connections to a stream:
-    what is lost while it is gone shows when it is back.
+    nominal one counts right. A sample that is late may only have been stamped late: lost ones are counted when the
+    next sample is as late, a single one when :data:`_CONFIRMED` in a row are. One counter serves all connections to a
+    stream: what is lost while it is gone shows when it is back.
     """
 
     def __init__(self, rate_hz: float = 0.0):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,7 @@ from calibration.subject import fit_subject, same_bodies
 from hil.avatar import avatar_skeleton
 from mocap_bridge.body_solver import solve_body
 from mocap_bridge.c3d import read_c3d
-from mocap_bridge.marker_sets import load_marker_set
+from mocap_bridge.marker_sets import load_marker_set, segment_lengths
 from mocap_bridge.recording import make_recording
 from model.errors import HighFiveError
 
@@ -42,6 +44,34 @@ def test_the_size_of_a_simulated_person_is_found():
     assert np.sqrt((subject.rms**2).mean()) < 0.002
     moved = np.linalg.norm(subject.marker_set.local_positions - full.local_positions, axis=1)
     assert np.median(moved) < 0.004
+
+
+def test_lengths_are_as_sure_as_they_say():
+    """On people of other proportions with markers worn elsewhere; a still pose shows less than movement."""
+    full, rng, away = load_marker_set("plug_in_gait_upper"), np.random.default_rng(8), []
+    still = moving = fit_subject(SKELETON, full, lively(SKELETON, full)[:1], np.ones((1, len(full)), dtype=bool))
+    for _ in range(4):
+        moved = rng.normal(scale=full.spreads[:, None], size=(len(full), 3))
+        worn = replace(full, local_positions=full.local_positions + moved)
+        body = SKELETON.scaled(dict(zip(SKELETON.names, proportions(rng), strict=True)))
+        points = lively(body, worn, noise=0.001)
+        moving = fit_subject(SKELETON, full, points, np.ones(points.shape[:2], dtype=bool), frames=10)
+        lengths = segment_lengths(body), segment_lengths(moving.skeleton)
+        for joint, sigma in moving.length_sigmas.items():
+            true, found = (each[SKELETON.index(joint)] for each in lengths)
+            away.append((found - true) / sigma)
+    assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.3
+    for joint in ("right_shoulder", "right_elbow"):
+        assert still.length_sigmas[joint] > 1.2 * moving.length_sigmas[joint]
+
+
+def proportions(rng):
+    """A factor for each joint's offset, the same left and right; the trunk has one."""
+    trunk = {"lumbar_5", "lumbar_3", "thoracic_12", "thoracic_8", "neck"}
+    plain = [name.removeprefix("left_").removeprefix("right_") for name in SKELETON.names]
+    measures = ["trunk" if name in trunk else name for name in plain]
+    factors = {measure: rng.normal(1.0, 0.05) for measure in dict.fromkeys(measures)}
+    return [factors[measure] for measure in measures]
 
 
 def test_left_and_right_are_alike_and_the_reference_body_is_left_alone():

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from simulated_reach import simulated_reach
 
 from hil import bench_tracker, tracker_cases
 from hil.bench_protocols import ProtocolBenchOptions, bench_protocols
@@ -14,13 +15,12 @@ from hil.bench_tracker import TrackerBenchOptions, print_tracker_bench
 from hil.peer_models import biorbd_text, opensim_text, peer_model
 from hil.peer_runs import follow, installed
 from hil.plain_filters import held, kalman
-from hil.tracker_cases import HIDDEN_FRAMES, REAL, real_recording, simulated_arm
+from hil.tracker_cases import HIDDEN_FRAMES, real_recording, simulated_arm
 from mocap_bridge.chain import make_chain, segment_order
 from mocap_bridge.first_pose import first_state
 from mocap_bridge.pose_filter import kinematics, on_segments
 from model.errors import HighFiveError
 
-NOBODY = Path("/nowhere.c3d")
 PROTOCOLS = ("vicon", "qtm", "natnet", "lsl")
 
 
@@ -30,7 +30,7 @@ def silent(label: str, total: int):
 
 @pytest.fixture(scope="module")
 def small() -> dict:
-    options = TrackerBenchOptions(seeds=1, seconds=4.0, high_fives=0, pairs=4, episodes=1, real=NOBODY)
+    options = TrackerBenchOptions(seeds=1, seconds=4.0, high_fives=0, pairs=4, episodes=1)
     return json.loads(json.dumps(bench_tracker.bench_tracker(options, silent), allow_nan=False))
 
 
@@ -47,7 +47,7 @@ def test_the_figures_that_are_asked_for_are_there(small: dict, capsys: pytest.Ca
 
 def test_what_is_not_there_is_left_out_and_said_so(small: dict):
     assert "real" not in small["lost_marker_rms_mm"]
-    assert str(NOBODY) in small["real_advice"]
+    assert "--real FILE.c3d" in small["real_advice"]
     missing = {"opensim", "biorbd"} - small["peers"].keys()
     assert not missing & small["lost_marker_rms_mm"]["simulated"].keys()
     assert all(name in small.get("peers_advice", "") for name in missing)
@@ -147,17 +147,20 @@ def test_plain_filters_follow_what_goes_on_as_they_expect():
 
 @pytest.mark.data
 @pytest.mark.slow
-def test_the_real_recording_is_compared_where_it_was_left_out():
-    if not REAL.is_file():
-        pytest.skip(f"no {REAL}")
-    case = real_recording(frames=480)
-    assert case is not None
+def test_the_real_recording_is_compared_where_it_was_left_out(recordings: Path):
+    case = real_recording(recordings / "markers" / "85_12.c3d", frames=480)
     assert {name for m, name in enumerate(case.marker_set.names) if case.hidden[:, m].any()} == {
         "RWRA", "RWRB", "RFIN",
     }  # fmt: skip
     at_start = case.peer.marker_positions(case.start[None])[0] - case.truth[0]
     assert np.sqrt((at_start**2).sum(axis=1).mean()) < 0.03
-    assert real_recording(NOBODY) is None
+
+
+def test_a_recording_that_is_of_no_use_is_told_at_once(tmp_path: Path):
+    simulated_reach(tmp_path / "short.c3d", frames=60)
+    for path, said in ((tmp_path / "none.c3d", "no file"), (tmp_path / "short.c3d", "too short")):
+        with pytest.raises(HighFiveError, match=said):
+            bench_tracker.bench_tracker(TrackerBenchOptions(real=path), silent)
 
 
 @pytest.mark.slow

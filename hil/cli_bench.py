@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from hil.cli_options import Json, Person, Seed
-from hil.console import print_json, progress_bars
+from hil.console import print_result, progress_bars
 
 app = typer.Typer(
     help="Measure how fast High Five is on this machine, and what each part of the model is worth.",
@@ -40,10 +40,7 @@ def bench_model(
         options = replace(options, sizes=(500, 1000, 2000), repeats=3, training=False)
     with progress_bars() as bar:
         result = bench_model(options, bar)
-    if json:
-        print_json(result)
-    else:
-        print_bench(result)
+    print_result(result, json, print_bench)
 
 
 @app.command("ablation")
@@ -58,10 +55,7 @@ def bench_ablation(
 
     with progress_bars() as bar:
         result = ablate(data, inducing, seed, bar)
-    if json:
-        print_json(result)
-    else:
-        print_ablation(result)
+    print_result(result, json, print_ablation)
 
 
 @app.command("tracker")
@@ -88,10 +82,7 @@ def bench_tracker(
         options = replace(options, peers_python=peers_python)
     with progress_bars() as bar:
         result = bench_tracker(options, bar)
-    if json:
-        print_json(result)
-    else:
-        print_tracker_bench(result)
+    print_result(result, json, print_tracker_bench)
 
 
 @app.command("protocols")
@@ -111,7 +102,4 @@ def bench_protocols(
     options = ProtocolBenchOptions(file, tuple(protocol or SCHEMES), seconds, person)
     with progress_bars() as bar:
         result = bench_protocols(options, bar)
-    if json:
-        print_json(result)
-    else:
-        print_protocol_bench(result)
+    print_result(result, json, print_protocol_bench)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hil.cli_options import AnySet, Json, Person, Seed
-from hil.console import STDERR, print_json, progress_bars
+from hil.console import STDERR, print_json, print_result, progress_bars
 
 app = typer.Typer()
 calibrate = typer.Typer(help="Fit what the project knows of a person or a place to a recording.", no_args_is_help=True)
@@ -90,10 +90,7 @@ def track(
 
     with progress_bars() as bar:
         result = track(TrackOptions(file, person, marker_set, subject, out), bar)
-    if json:
-        print_json(result)
-    else:
-        print_track(result)
+    print_result(result, json, print_track)
 
 
 @calibrate.command("subject")
@@ -109,10 +106,7 @@ def calibrate_subject(
     from hil.calibrate import CalibrateOptions, calibrate_subject, print_subject  # noqa: PLC0415
 
     result = calibrate_subject(CalibrateOptions(file, person, marker_set, out, overwrite))
-    if json:
-        print_json(result)
-    else:
-        print_subject(result)
+    print_result(result, json, print_subject)
 
 
 def _say(line: str) -> None:

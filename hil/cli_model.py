@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hil.cli_options import Avatar, AvatarSet, Human, HumanSet, Interrupted, Json, Seed
-from hil.console import print_json, print_observations, print_scores, progress_bars
+from hil.console import print_json, print_observations, print_result, print_scores, progress_bars
 from model.errors import HighFiveError
 
 app = typer.Typer()
@@ -168,7 +168,4 @@ def observe(
     )
     with progress_bars() as bar:
         result = observe(options, bar)
-    if json:
-        print_json(result)
-    else:
-        print_observations(result)
+    print_result(result, json, print_observations)

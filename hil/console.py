@@ -146,3 +146,11 @@ def counted(count: int, thing: str) -> str:
 def print_json(value: dict[str, Any]) -> None:
     """One JSON object on standard output."""
     print(json.dumps(value, allow_nan=False, ensure_ascii=False))
+
+
+def print_result(result: dict[str, Any], as_json: bool, for_people: Callable[[dict[str, Any]], None]) -> None:
+    """A command's result: one JSON object for machines, or as ``for_people`` shows it."""
+    if as_json:
+        print_json(result)
+    else:
+        for_people(result)

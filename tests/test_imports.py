@@ -14,6 +14,7 @@ ALLOWED = {
     "mocap_bridge": {"mocap_bridge", "model.rotations", "model.skeleton", "model.errors", "model.compiled"},
     "calibration": {"calibration", "mocap_bridge", "model"},
     "hil/drivers": {"hil.drivers", "model.errors"},
+    "hil/safety": {"hil.safety", "hil.drivers.values", "model.rotations", "model.errors"},
 }
 FORBIDDEN = {
     "scenes": {"mujoco", "serial", "dynamixel_sdk", "numpy", "jax"},
@@ -21,6 +22,7 @@ FORBIDDEN = {
     "mocap_bridge": {"mujoco", "serial", "dynamixel_sdk"},
     "calibration": {"mujoco", "serial", "dynamixel_sdk"},
     "hil/drivers": {"mujoco"},
+    "hil/safety": {"mujoco", "serial", "dynamixel_sdk", "time", "socket"},
 }
 
 

@@ -1,0 +1,56 @@
+"""What passes between the servo arm, its driver and whatever stands in for it: one number a joint, in SI units.
+
+Joints stand in the order of the rig's description (:mod:`hil.drivers.rig`). A joint driven by two servos is one number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointCommand:
+    """What the arm is told in one cycle.
+
+    Attributes:
+        positions: (J,) rad, where the joints shall be.
+        currents: (J,) A, most that each servo may draw: the goal current of the current-based position mode.
+    """
+
+    positions: Array
+    currents: Array
+
+
+@dataclass(frozen=True)
+class JointState:
+    """What the arm said in one cycle.
+
+    Attributes:
+        time_ns: this process's monotonic clock when the last reply had come.
+        positions: (J,) rad.
+        velocities: (J,) rad/s.
+        currents: (J,) A, positive where the joint pushes towards larger angles.
+        errors: (J,) int, hardware error status, bits as in the servo's register; of two servos, all their bits.
+        answered: (J,) bool, every servo of the joint answered in this cycle; where not, the numbers are its last ones.
+    """
+
+    time_ns: int
+    positions: Array
+    velocities: Array
+    currents: Array
+    errors: NDArray[np.int64]
+    answered: NDArray[np.bool_]
+
+
+class Plant(Protocol):
+    """The body that emulated servos move."""
+
+    def step(self, torques: Array, seconds: float) -> tuple[Array, Array]:
+        """Positions (J,), rad, and velocities (J,), rad/s, ``seconds`` later, with ``torques`` (J,), N·m, on them."""
+        ...

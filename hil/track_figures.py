@@ -17,6 +17,7 @@ from mocap_bridge.joint_angles import ANGLES
 from model.rotations import Array
 
 BLUE, ORANGE, RED, PURPLE = "#0072B2", "#E69F00", "#D55E00", "#8C6BB1"
+_SHOWN_BANDS = 90.0  # per cent of the bands have room in their panel
 _POINTS = 1200
 """Points of a drawn line at most: more than the page has pixels."""
 _INSTANTS = 6
@@ -124,9 +125,11 @@ def joint_angles(track: TrackedRecording) -> Drawing | None:
         axes.plot(times, line, color=PURPLE, lw=1.3)
         axes.set_ylabel(f"{_NAMES[angle]}, °", fontsize=9)
         axes.margins(x=0.0)
-        low, high = axes.get_ylim()
-        if high - low < 20.0:  # a joint that hardly moves shall look so
-            axes.set_ylim((low + high) / 2 - 10.0, (low + high) / 2 + 10.0)
+        if np.isfinite(line).any():  # bands run off the panel in long gaps; a joint that hardly moves shall look so
+            reach = float(np.nanpercentile(band, _SHOWN_BANDS))
+            low, high = float(np.nanmin(line)) - reach, float(np.nanmax(line)) + reach
+            middle, half = (low + high) / 2.0, max(0.52 * (high - low), 10.0)
+            axes.set_ylim(middle - half, middle + half)
     panels[3].set_xlabel("time, s")
     panels[7].set_xlabel("time, s")
     figure.align_ylabels()

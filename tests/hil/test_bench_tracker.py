@@ -164,6 +164,7 @@ def test_a_recording_that_is_of_no_use_is_told_at_once(tmp_path: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_every_protocol_brings_every_frame():
     result = json.loads(json.dumps(bench_protocols(ProtocolBenchOptions(seconds=2.0), silent), allow_nan=False))
     assert tuple(result["protocols"]) == PROTOCOLS

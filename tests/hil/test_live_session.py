@@ -11,7 +11,7 @@ from live_commands import ended, lab_recording, serving, start, stop
 from hil.partners import simulated_partners
 from mocap_bridge.c3d import write_c3d
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 
 @pytest.fixture(scope="module")

@@ -84,7 +84,7 @@ def test_a_recording_ends_by_itself(
     assert 1 <= said("--loop", "--seconds", 0.3, "--json")["frames_sent"] <= 37
 
 
-OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in ("qtm", "natnet", "lsl")]
+OTHERS = [pytest.param(name, marks=[pytest.mark.slow, pytest.mark.realtime]) for name in ("qtm", "natnet", "lsl")]
 
 
 @pytest.mark.parametrize("protocol", ["vicon", *OTHERS])

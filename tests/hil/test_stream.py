@@ -135,6 +135,7 @@ def test_where_no_frame_comes_one_line_says_why(vicon: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_system_that_goes_and_comes_back(lab: Path, tmp_path: Path) -> None:
     process, address, _ = serving("vicon", lab, "--loop", "--port", 0, "--faults", "disconnect@3-5")
     try:

@@ -31,7 +31,12 @@ def personal_set(subject: Subject, name: str, description: str) -> MarkerSet:
     """
     fitted = subject.marker_set
     spreads = np.where(subject.rms > 0.0, np.hypot(SPREAD, subject.rms / 3**0.5), fitted.spreads)
-    return replace(on_body(fitted, subject.skeleton, spreads), name=name, description=description)
+    own = on_body(fitted, subject.skeleton, spreads)
+    segments = {
+        joint: replace(segment, sigma=round(subject.length_sigmas[joint], _DIGITS))
+        for joint, segment in own.segments.items()
+    }
+    return replace(own, name=name, description=description, segments=segments)
 
 
 def on_body(marker_set: MarkerSet, body: Skeleton, spreads: Array) -> MarkerSet:

@@ -83,13 +83,16 @@ def track(
         Path | None, typer.Option(metavar="FILE.toml", help="The person's own set, from calibrate subject.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/track-1, -2, …).")] = None,
+    no_fit: Annotated[
+        bool, typer.Option("--no-fit", help="Use the marker set as it is, not fitted to the person first.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Fill a recording's gaps, and write the right arm's angles and a report with figures (docs/mocap.md)."""
     from hil.track import TrackOptions, print_track, track  # noqa: PLC0415
 
     with progress_bars() as bar:
-        result = track(TrackOptions(file, person, marker_set, subject, out), bar)
+        result = track(TrackOptions(file, person, marker_set, subject, out, not no_fit), bar)
     print_result(result, json, print_track)
 
 

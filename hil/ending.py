@@ -2,24 +2,63 @@
 
 from __future__ import annotations
 
+import os
+import select
 import signal
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 AGAIN_S = 1.0
 """A Ctrl-C that comes later than this after the first one is another one, s."""
 
 
+class Told:
+    """Whether the command was told to end. May be set from a signal's handler, at any instruction.
+
+    ``threading.Event`` may not: its lock is not re-entrant, and a signal that comes while it is held waits for itself.
+    Here a flag is raised and a byte goes down a pipe.
+    """
+
+    def __init__(self) -> None:
+        """Not yet."""
+        self._is_set = False
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._write, False)
+
+    def set(self) -> None:
+        """Tells it."""
+        self._is_set = True
+        with suppress(OSError):  # full: whoever waits has enough to read; closed: nobody waits
+            os.write(self._write, b"!")
+
+    def is_set(self) -> bool:
+        """Whether it was told."""
+        return self._is_set
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Waits until it is told, for so many s at most; whether it was."""
+        if not self._is_set:
+            with suppress(OSError, ValueError):
+                select.select([self._read], [], [], None if timeout is None else max(0.0, timeout))
+        return self._is_set
+
+    def close(self) -> None:
+        """Lets go of the pipe."""
+        for descriptor in (self._read, self._write):
+            with suppress(OSError):
+                os.close(descriptor)
+        self._read = self._write = -1
+
+
 @contextmanager
-def until_told() -> Iterator[threading.Event]:
-    """An event that Ctrl-C or SIGTERM sets; another Ctrl-C more than a second later interrupts as ever.
+def until_told() -> Iterator[Told]:
+    """What Ctrl-C or SIGTERM sets; another Ctrl-C more than a second later interrupts as ever.
 
     One Ctrl-C may come as two signals, to the process and to its group. It is set up even where whoever started this
     process had switched Ctrl-C off (a shell's ``&`` does).
     """
-    told, when = threading.Event(), time.monotonic()
+    told, when = Told(), time.monotonic()
 
     def tell(number: int, _: object) -> None:
         nonlocal when
@@ -35,3 +74,4 @@ def until_told() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        told.close()

@@ -14,7 +14,7 @@ import numpy as np
 from rich.live import Live
 
 from hil.console import STDERR
-from hil.ending import until_told
+from hil.ending import Told, until_told
 from hil.stream_arm import ArmThread, arm_follower, choose_marker_set
 from hil.stream_record import Recorder, recover
 from hil.stream_screen import StreamView, arm_text, plain_line, screen
@@ -36,6 +36,7 @@ SWITCH_S = 5e-4
 
 _SCREENS_A_SECOND = 8.0
 _POLL_S = 1e-3
+_CURRENT = (Connection.LIVE, Connection.ENDED)  # an arm of another time is not shown
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class _Listener:
         self._thread = threading.Thread(target=self._take, name="statistics", daemon=True)
         self._thread.start()
 
-    def run(self, told: threading.Event, recorder: Recorder | None) -> None:
+    def run(self, told: Told, recorder: Recorder | None) -> None:
         """Shows what comes until it is over."""
         on_screen = STDERR.is_terminal
         pause = 1.0 / _SCREENS_A_SECOND
@@ -154,6 +155,7 @@ class _Listener:
             "trouble": health.trouble,
             "frames": health.received if self._first is not None else 0,
             "lost_frames": health.lost,
+            "refused_frames": health.refused,
             "rate_hz": round(self._rate(health), 3),
             "nominal_rate_hz": self._source.rate_hz,
             "age_ms": _rounded(zip(("p50", "p99", "max"), seen.age_ms, strict=True)),
@@ -240,7 +242,7 @@ class _Listener:
         return (health.received - self._first[1]) / elapsed if elapsed > 0.0 else 0.0
 
     def _view(self, recorder: Recorder | None) -> StreamView:
-        now = time.monotonic_ns()
+        health = self._source.health(time.monotonic_ns())
         notes = []
         if recorder is not None:
             notes.append(recorder.trouble or f"recording to {self._options.record}: {recorder.frames} frames")
@@ -248,11 +250,11 @@ class _Listener:
             notes.append(f"right arm: {self._arm.trouble}")
         return StreamView(
             title=self._options.address,
-            health=self._source.health(now),
+            health=health,
             nominal_hz=self._source.rate_hz,
-            seen=self._statistics.snapshot(now),
+            seen=self._statistics.snapshot(time.monotonic_ns()),
             marker_set=self._marker_set or "",
-            arm=self._arm.newest if self._arm is not None else None,
+            arm=self._arm.newest if self._arm is not None and health.connection in _CURRENT else None,
             notes=tuple(notes),
         )
 

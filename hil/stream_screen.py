@@ -59,7 +59,8 @@ def screen(view: StreamView, width: int, height: int) -> RenderableType:
         head,
         Text.from_markup(
             f"[dim]rate[/] {seen.rate_hz:.0f} Hz [dim]of {view.nominal_hz:g}[/]   [dim]frames[/] {health.received}   "
-            f"[dim]lost[/] {_warned(health.lost)}   [dim]without a label[/] {seen.unlabelled}"
+            f"[dim]lost[/] {_warned(health.lost)}   [dim]refused[/] {_warned(health.refused)}   "
+            f"[dim]without a label[/] {seen.unlabelled}"
         ),
         Text.from_markup(
             f"[dim]age[/] {age[0]:.2f} ms [dim]p99[/] {age[1]:.2f} [dim]max[/] {age[2]:.1f}   "
@@ -87,7 +88,8 @@ def plain_line(view: StreamView) -> str:
         arm += f", {view.arm.rejected} labels not believed"
     trouble = f" ({health.trouble})" if health.trouble else ""
     return (
-        f"{health.connection.value}{trouble}: {seen.rate_hz:.0f} Hz, {health.received} frames, {health.lost} lost, "
+        f"{health.connection.value}{_since(health)}{trouble}: {seen.rate_hz:.0f} Hz, {health.received} frames, "
+        f"{health.lost} lost, {_refused(health)}"
         f"age {seen.age_ms[0]:.2f} ms, jitter {seen.jitter_ms[0]:.2f} ms{hidden}{arm}"
     )
 
@@ -99,6 +101,10 @@ def arm_text(arm: ArmView) -> str:
         f"elbow {math.degrees(arm.elbow_flexion):.0f}°, upper arm {math.degrees(arm.shoulder_elevation):.0f}° up, "
         f"hand at {x:.2f}, {y:.2f}, {z:.2f} m"
     )
+
+
+def _refused(health: SourceHealth) -> str:
+    return f"{health.refused} refused, " if health.refused else ""
 
 
 def _since(health: SourceHealth) -> str:

@@ -12,6 +12,9 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from calibration.personal_set import personal_set
+from calibration.subject import fit_subject
+from hil.avatar import avatar_skeleton
 from hil.console import STDOUT
 from hil.folders import next_folder
 from hil.page import write_file
@@ -20,6 +23,7 @@ from hil.track_report import write_track_report
 from hil.track_summary import angle_rows, summarise_track
 from hil.tracked_recording import TrackedRecording, passes, track_recording
 from mocap_bridge.c3d_fill import write_filled
+from mocap_bridge.marker_sets import MarkerSet
 from model.errors import HighFiveError
 
 ANGLES_FILE = "angles.csv"
@@ -37,6 +41,7 @@ class TrackOptions:
         marker_set: name or file of the marker set; None finds one.
         subject: file of the person's own set, from ``highfive calibrate subject``, instead of ``marker_set``.
         out: folder for the results; None takes ``out/track-1``, ``-2``, ….
+        fit: fit the marker set to the person first, from the same recording; never done to a subject's own set.
     """
 
     file: Path
@@ -44,6 +49,7 @@ class TrackOptions:
     marker_set: str | None = None
     subject: Path | None = None
     out: Path | None = None
+    fit: bool = True
 
 
 def track(options: TrackOptions, bar: ProgressBar) -> dict[str, Any]:
@@ -61,17 +67,37 @@ def track(options: TrackOptions, bar: ProgressBar) -> dict[str, Any]:
     person = read_person(options.file, options.person, wanted)
     folder = options.out or next_folder("track")
     _check_folder(folder)
-    advance = bar("tracking", len(person.recording) * passes(person.recording, person.marker_set))
-    tracked = track_recording(person.recording, person.marker_set, advance)
+    fitted = _fitted(person, bar) if options.fit and options.subject is None else None
+    marker_set = fitted or person.marker_set
+    advance = bar("tracking", len(person.recording) * passes(person.recording, marker_set))
+    tracked = track_recording(person.recording, marker_set, advance)
     filled = f"{options.file.stem}_filled.c3d"
     if (folder / filled).resolve() == options.file.resolve():
         raise HighFiveError(f"{folder / filled} is the recording itself; choose another --out")
     files = {"filled": filled, "angles": ANGLES_FILE, "report": "report.html"}
-    summary = summarise_track(person, tracked) | {"folder": str(folder), "files": files}
+    summary = summarise_track(person, tracked) | {
+        "fitted": fitted is not None, "folder": str(folder), "files": files,
+    }  # fmt: skip
     _write_angles(folder / ANGLES_FILE, tracked)
     _write_filled(folder / filled, person, tracked)
     write_track_report(folder, summary, tracked, _command(options, folder))
     return summary
+
+
+def _fitted(person: OnePerson, bar: ProgressBar) -> MarkerSet | None:
+    """The marker set on this person's own body; None where the recording shows too little of it.
+
+    Where somebody's arms are an eighth shorter than the set's, angles by the set as it is are ten degrees off and more.
+    """
+    advance, base = bar("fitting the body", 1), person.marker_set
+    points, seen = base.arrange(person.recording.names, person.recording.points, person.recording.valid)
+    try:
+        subject = fit_subject(avatar_skeleton(), base, points, seen)
+    except HighFiveError:
+        return None
+    finally:
+        advance()
+    return personal_set(subject, base.name, base.description)
 
 
 def print_track(summary: dict[str, Any]) -> None:
@@ -79,7 +105,7 @@ def print_track(summary: dict[str, Any]) -> None:
     whose = f", {summary['person']}" if summary["person"] else ""
     print(
         f"{Path(summary['file']).name}{whose}: {summary['frames']} frames at {summary['rate_hz']:g} Hz, "
-        f"marker set {summary['marker_set']}"
+        f"marker set {summary['marker_set']}{', fitted to the person' if summary['fitted'] else ''}"
     )
     residual = summary["residual_mm"]
     if residual is not None:
@@ -87,6 +113,8 @@ def print_track(summary: dict[str, Any]) -> None:
     hidden, filled = summary["hidden_points"], summary["filled_points"]
     print(f"  hidden points         {hidden} in {summary['gaps']} gaps, {filled} filled")
     print(f"  not believed          {summary['disbelieved_points']}")
+    if summary["refused_frames"]:
+        print(f"  frames not used       {summary['refused_frames']}: their markers span what no person does")
     if summary["missing"]:
         print(f"  never there           {', '.join(summary['missing'])}")
     rows = {name: of for name, of in summary["markers"].items() if of["hidden"] or of["disbelieved"]}
@@ -130,4 +158,4 @@ def _command(options: TrackOptions, folder: Path) -> list[str]:
     for name in ("person", "marker_set", "subject"):
         if (value := getattr(options, name)) is not None:
             words += [f"--{name.replace('_', '-')}", str(value)]
-    return [*words, "--out", str(folder)]
+    return [*words, *([] if options.fit else ["--no-fit"]), "--out", str(folder)]

@@ -92,11 +92,11 @@ def residuals(track: TrackedRecording) -> Drawing | None:
             axes.plot(middle, row, "o", ms=4.0, color=BLUE, zorder=3)
         axes.set_yticks(range(len(half)), [track.marker_set.names[m] for m in half], fontsize=8.5)
         axes.set_ylim(max(len(each) for each in halves) - 0.5, -0.7)
-        axes.set_xlim(left=0.0)
         axes.spines["left"].set_visible(False)
         axes.tick_params(axis="y", length=0)
         axes.grid(axis="x", color=FAINT, alpha=0.25, lw=0.6)
         axes.set_xlabel("measured to skeleton, mm")
+    panels[0].set_xlim(0.0, 1.05 * float(np.nanmax(np.nanpercentile(MM * track.residuals[:, rows], 95.0, axis=0))))
     caption = (
         "Distance of each measured marker from where it sits on the skeleton: a dot is the median, a bar the middle "
         "half, a line 5 to 95 % of the frames. Skin, and segments that are not rigid, show here."

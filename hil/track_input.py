@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap_bridge.c3d import read_c3d
+from mocap_bridge.live import SPAN
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording
 from model.errors import HighFiveError
@@ -22,12 +24,14 @@ class OnePerson:
         prefix: what stands before the colon of the person's labels; ``''`` for none.
         recording: the person's markers, the prefix taken off.
         marker_set: the set that is used.
+        refused: frames of which nothing is used: their markers span what no person does, so they are of another unit.
     """
 
     path: Path
     prefix: str
     recording: Recording
     marker_set: MarkerSet
+    refused: int = 0
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -76,7 +80,17 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     one_frame = np.zeros((len(one.names), 3)), np.zeros(len(one.names), dtype=bool)
     marker_set.arrange(one.names, *one_frame, required=marker_set.arm.markers)
     prefix = "".join(whole.prefixes) if person is None else person.removesuffix(":")
-    return OnePerson(path, prefix, one, marker_set)
+    strange = _of_another_unit(one)
+    return OnePerson(path, prefix, replace(one, valid=one.valid & ~strange[:, None]), marker_set, int(strange.sum()))
+
+
+def _of_another_unit(one: Recording) -> NDArray[np.bool_]:
+    """Frames (T,) whose markers span what no person does: a live system that changed its unit was recorded so."""
+    points = np.where(one.valid[..., None], one.points, np.nan)
+    enough = one.valid.sum(axis=1) > 2
+    span = np.zeros(len(one))
+    span[enough] = (np.nanmax(points[enough], axis=1) - np.nanmin(points[enough], axis=1)).max(axis=1)
+    return enough & ~((span >= SPAN[0]) & (span <= SPAN[1]))
 
 
 def _fits(one: Recording, asked: MarkerSet | None) -> bool:

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from hil.console import counted
 from hil.drawing import Drawing, to_png
 from hil.page import figures, render, section, table, write_file
 from hil.track_figures import draw_track
@@ -86,6 +87,14 @@ def _headline(summary: dict[str, Any]) -> str:
 
 def _remarks(summary: dict[str, Any]) -> str:
     found = []
+    if summary["refused_frames"]:
+        frames = counted(summary["refused_frames"], "frame")
+        found.append(f"Not used: {frames} whose markers span what no person does, as if the unit had changed.")
+    if summary["fitted"]:
+        found.append(
+            "The marker set was first fitted to this person, from the same recording: segment lengths, and where the "
+            "markers sit."
+        )
     if summary["missing"]:
         found.append(f"Markers of the set that the recording never shows: {', '.join(summary['missing'])}.")
     if summary["unused"]:
@@ -104,10 +113,10 @@ def _angles(summary: dict[str, Any]) -> str:
     base = summary["angles_relative_to"]
     remark = ""
     if base["markers"] < 3:
-        counted = f"{base['markers']} marker{'s' * (base['markers'] != 1)}"
+        markers = counted(base["markers"], "marker")
         remark = (
             f"<p>The first three angles are relative to the {escape(base['segment'].replace('_', ' '))}, which bears "
-            f"{counted}: how it is turned is known from the rest of the body alone. A set with three or more markers "
+            f"{markers}: how it is turned is known from the rest of the body alone. A set with three or more markers "
             "on the trunk gives them better.</p>"
         )
     rows = [

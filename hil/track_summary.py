@@ -31,6 +31,7 @@ def summarise_track(person: OnePerson, track: TrackedRecording) -> dict[str, Any
         "hidden_points": int(hidden.sum()),
         "filled_points": int(filled.sum()),
         "disbelieved_points": int(track.disbelieved.sum()),
+        "refused_frames": person.refused,
         "residual_mm": _spread(track.residuals),
         "markers": {name: _marker(track, m) for m, name in enumerate(track.marker_set.names) if track.labelled[m]},
         "missing": [name for m, name in enumerate(track.marker_set.names) if not track.labelled[m]],

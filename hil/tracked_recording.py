@@ -14,7 +14,7 @@ from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.joint_angles import ANGLES
 from mocap_bridge.marker_sets import MarkerSet
 from mocap_bridge.recording import Recording
-from mocap_bridge.tracker import Tracker
+from mocap_bridge.tracker import ELSEWHERE, Tracker
 from model.rotations import Array
 
 _BLIND = 1e12  # m², variance of an estimate that is not valid
@@ -30,7 +30,7 @@ class TrackedRecording:
         measured: (T, M, 3) m, as recorded; zero where not ``there``.
         there: (T, M) the recording has the marker.
         skeleton: (T, M, 3) m, where the markers sit on the tracked skeleton; NaN where it knows no pose.
-        seen: (T, M) the measurement, or a point without a label taken for it, was believed.
+        disbelieved: (T, M) the recording has the marker, and the tracker did not believe it or had it elsewhere.
         filled: (T, M, 3) m, where a hidden marker was, from what came before and after; elsewhere as ``measured``.
         usable: (T, M) ``filled`` is worth something.
         angles, deviations: (T, 8) rad, of the right arm and their standard deviations; NaN where not known.
@@ -46,7 +46,7 @@ class TrackedRecording:
     measured: Array
     there: NDArray[np.bool_]
     skeleton: Array
-    seen: NDArray[np.bool_]
+    disbelieved: NDArray[np.bool_]
     filled: Array
     usable: NDArray[np.bool_]
     angles: Array
@@ -80,11 +80,6 @@ class TrackedRecording:
     def hidden(self) -> NDArray[np.bool_]:
         """(T, M) the marker is missing in a recording that has it elsewhere."""
         return ~self.there & self.labelled
-
-    @property
-    def disbelieved(self) -> NDArray[np.bool_]:
-        """(T, M) the recording has the marker, the tracker did not believe it."""
-        return self.there & ~self.seen & self.posed[:, None]
 
     @property
     def residuals(self) -> Array:
@@ -130,13 +125,14 @@ def track_recording(
         filled = share[..., None] * forward.positions + (1.0 - share[..., None]) * back.positions
         usable = forward.valid | back.valid
     segments, parents = _tree(marker_set)
+    away = np.linalg.norm(measured - forward.positions, axis=-1)
     return TrackedRecording(
         marker_set=marker_set,
         rate_hz=recording.rate_hz,
         measured=measured,
         there=there,
         skeleton=forward.skeleton,
-        seen=forward.seen,
+        disbelieved=there & np.isfinite(forward.headings)[:, None] & (~forward.seen | (away > ELSEWHERE)),
         filled=np.where(there[..., None], measured, filled),
         usable=there | usable,
         angles=forward.angles,

@@ -10,6 +10,7 @@ import numpy as np
 
 from mocap_bridge.marker_sets import MarkerSet
 from mocap_bridge.pose_filter import HINGE, SHIFT, TURN, Chain
+from model.rotations import Array
 
 _TILT = 0.35  # rad, standard deviation of a free segment from upright
 _HEADING = 0.6  # rad, of a free segment from where the head looks
@@ -93,8 +94,23 @@ def make_chain(marker_set: MarkerSet) -> Chain:
         carrier=np.array([names.index(joint) for joint in marker_set.joints]),
         places=np.array(marker_set.local_positions, dtype=float),
         spreads=np.array(marker_set.spreads, dtype=float),
+        strangeness=_strangeness(marker_set, names, parents, offsets),
         head=names.index("head") if "head" in free and len(free) > 1 else -1,
     )
+
+
+def _strangeness(marker_set: MarkerSet, names: list[str], parents: list[int], offsets: list[Array]) -> Array:
+    """Variance (M,), m², of a coordinate of each marker on somebody whose size and pose are known.
+
+    An error of a length lies along the segment, but counts for every coordinate alike here.
+    """
+    to_joint = np.zeros(len(names))
+    for j, parent in enumerate(parents):  # a parent stands before its children
+        if parent >= 0:
+            relative = marker_set.segments[names[parent]].relative_sigma
+            to_joint[j] = to_joint[parent] + (relative * np.linalg.norm(offsets[j])) ** 2 / 3.0
+    carriers = [names.index(joint) for joint in marker_set.joints]
+    return np.square(marker_set.spreads) + to_joint[carriers]
 
 
 def _plain(name: str) -> str:

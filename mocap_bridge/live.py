@@ -91,7 +91,7 @@ class LiveSource:
         self._changed = threading.Condition()
         self._newest: MarkerFrame | None = None
         self._number: int | None = None  # of the newest frame that came, whether it could be used or not
-        self._received, self._lost = 0, 0
+        self._received = self._lost = self._refused = 0
         self._linked = False
         self._trouble = "connecting"
         self._closing = threading.Event()
@@ -139,7 +139,7 @@ class LiveSource:
             state = Connection.CONNECTING
         else:
             state = Connection.LIVE if age_ns <= STALLED_S * 1e9 else Connection.STALLED
-        return SourceHealth(state, age_ns, self._received, self._lost, self._trouble)
+        return SourceHealth(state, age_ns, self._received, self._lost, self._trouble, self._refused)
 
     def close(self) -> None:
         """Ends the thread and the connection."""
@@ -180,7 +180,7 @@ class LiveSource:
 
     def _take(self, frames: Sequence[MarkerFrame], now: int) -> None:
         """Counts what came and keeps the newest."""
-        newest = None
+        newest, received = None, self._received
         for frame in frames:
             step = 1 if self._number is None else frame.number - self._number
             if -REORDERED <= step <= 0:  # late: it was counted as lost; or the same once more
@@ -194,7 +194,7 @@ class LiveSource:
         try:
             newest = replace(self._of_person(newest), arrival_time_ns=now)
         except HighFiveError as error:
-            self._trouble = str(error)
+            self._trouble, self._refused = str(error), self._refused + self._received - received
             return
         with self._changed:
             self._newest, self._trouble = newest, ""

@@ -37,7 +37,8 @@ def marker_set_text(marker_set: MarkerSet, subject: Mapping[str, Value | Mapping
     for joint, segment in marker_set.segments.items():
         above = "" if segment.parent is None else f", parent = {_value(segment.parent)}"
         centre = _value(segment.centre.tolist())
-        lines.append(f"{joint} = {{ length = {_value(segment.length)}, centre = {centre}{above} }}")
+        unsure = "" if segment.sigma is None else f", sigma = {_value(segment.sigma)}"
+        lines.append(f"{joint} = {{ length = {_value(segment.length)}, centre = {centre}{above}{unsure} }}")
     if subject is not None:
         lines += ["", "[subject]", *(f"{key} = {_entry(value)}" for key, value in subject.items())]
     return "\n".join(lines) + "\n"

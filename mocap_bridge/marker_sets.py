@@ -26,6 +26,9 @@ FOLDER = Path(__file__).parent / "marker_sets"
 PLACE_SIGMA = 0.010
 """Standard deviation of a marker's place on its segment from person to person, m, where the set says nothing else."""
 
+PROPORTION_SIGMA = 0.08
+"""Standard deviation of a segment's length over itself, from person to person of one height."""
+
 _CENTRES = "joint_centres"  # the set whose markers go by any name
 
 
@@ -78,11 +81,18 @@ class Segment:
         length: m, see :func:`segment_lengths`.
         centre: (3,) m, the joint's centre in the zero pose.
         parent: the next joint towards the root that carries markers, or None.
+        sigma: m, standard deviation of the length from person to person; None for :data:`PROPORTION_SIGMA` of it.
     """
 
     length: float
     centre: Array
     parent: str | None
+    sigma: float | None = None
+
+    @property
+    def relative_sigma(self) -> float:
+        """Standard deviation of the length, over the length."""
+        return PROPORTION_SIGMA if self.sigma is None else self.sigma / self.length
 
 
 @dataclass(frozen=True)
@@ -264,6 +274,8 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     """
     path = FOLDER / f"{name_or_path}.toml" if str(name_or_path) in marker_set_names() else Path(name_or_path)
     if not path.is_file():
+        if path.suffix:
+            raise HighFiveError(f"no file {path}; a marker set is a TOML file")
         known = _listed(marker_set_names())
         raise HighFiveError(
             f"no marker set {str(name_or_path)!r}; the sets are {known}, or give the path of a TOML file"
@@ -311,7 +323,8 @@ def _parse(data: dict[str, Any]) -> MarkerSet:
 def _parse_segment(data: dict[str, Any]) -> Segment:
     if not float(data["length"]) > 0.0:
         raise ValueError("segment lengths must be positive")
-    return Segment(float(data["length"]), _vector(data["centre"]), data.get("parent"))
+    sigma = float(data["sigma"]) if "sigma" in data else None
+    return Segment(float(data["length"]), _vector(data["centre"]), data.get("parent"), sigma)
 
 
 def _parse_arm(data: dict[str, Any]) -> ArmRecipe:

@@ -117,6 +117,8 @@ class Chain(NamedTuple):
         carrier: (M,) the segment of each marker.
         places: (M, 3) m, of the markers in their segment's frame.
         spreads: (M,) m, standard deviation of a coordinate of that place from person to person.
+        strangeness: (M,) m², variance of a coordinate of where a marker is on somebody in a known pose: by its place and
+            by the lengths of the segments that lead to it.
         head: the free segment whose heading the others follow, or -1.
     """
 
@@ -136,6 +138,7 @@ class Chain(NamedTuple):
     carrier: NDArray[np.int64]
     places: Array
     spreads: Array
+    strangeness: Array
     head: int
 
 
@@ -511,7 +514,7 @@ def _look(
 
 @compiled_entry
 def places_doubt(chain: Chain, state: State) -> Array:
-    """Covariance (n, n) of the pose that comes of not knowing where the markers sit on this person.
+    """Covariance (n, n) of the pose that comes of not knowing this person: places of markers, lengths of segments.
 
     The places' errors stay the same from frame to frame, so no number of frames takes them away ("consider" covariance,
     Schmidt 1966): it is that of a single look with every marker as far off as it may be from person to person.
@@ -520,7 +523,7 @@ def places_doubt(chain: Chain, state: State) -> Array:
     pose, axes = kinematics(chain, state.offsets, state.pose)
     system, right = np.zeros((n, n)), np.zeros(n)
     doubtful = State(
-        state.pose, state.speeds, state.covariance, state.offsets, state.places, state.homes, chain.spreads**2,
+        state.pose, state.speeds, state.covariance, state.offsets, state.places, state.homes, chain.strangeness,
         np.zeros_like(state.misfit), state.left, state.ages, state.disbelieved, state.last, state.pace, state.astray,
     )  # fmt: skip
     _expect_rest(chain, pose, PULL_S, system, right)

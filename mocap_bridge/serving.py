@@ -14,6 +14,18 @@ from mocap_bridge.recording import Recording
 LOOPBACK = "127.0.0.1"
 
 
+class Stop(Protocol):
+    """What ends the sending: a ``threading.Event``, or anything that waits like one."""
+
+    def is_set(self) -> bool:
+        """Whether to end."""
+        ...
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Waits until it is time to end, for so many s at most; whether it is."""
+        ...
+
+
 class Server(Protocol):
     """What plays a live system in one protocol. It listens from the moment it is made."""
 
@@ -66,7 +78,7 @@ def serve(
     server: Server,
     faults: Faults | None = None,
     loop: bool = False,
-    stop: threading.Event | None = None,
+    stop: Stop | None = None,
     sent: Callable[[MarkerFrame], None] = lambda frame: None,
 ) -> None:
     """Sends the frames of ``recording`` at their times until its end, or until ``stop``.

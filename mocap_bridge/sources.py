@@ -37,6 +37,7 @@ class SourceHealth:
         received: frames that arrived so far.
         lost: frames that never arrived, from gaps in the source's frame numbers.
         trouble: why there is no newer frame, in one line; '' where there is nothing to say.
+        refused: frames that arrived and could not be used: of another unit, or without the person.
     """
 
     connection: Connection
@@ -44,6 +45,7 @@ class SourceHealth:
     received: int
     lost: int
     trouble: str = ""
+    refused: int = 0
 
 
 class Source(Protocol):

@@ -335,7 +335,7 @@ def test_the_joint_angles_are_those_of_the_person():
 
 
 def test_angles_of_somebody_whose_markers_sit_elsewhere_lie_within_their_deviations():
-    """Places off by what they differ from person to person: an error that no number of frames takes away."""
+    """Places and lengths off by what they differ from person to person: errors that no number of frames takes away."""
     upper = load_marker_set("plug_in_gait_upper")
     segments = [SKELETON.index(name) for name in ("thoracic_8", "right_shoulder", "right_elbow", "right_wrist")]
     normalised = []
@@ -343,11 +343,13 @@ def test_angles_of_somebody_whose_markers_sit_elsewhere_lie_within_their_deviati
         rng = np.random.default_rng(seed)
         angles = np.zeros((1, len(SKELETON), 3))
         angles[0, segments[1]], angles[0, segments[2]] = rng.uniform(-1.2, -0.4, 3) * [1, 0.5, -0.5], [-1.2, 0.0, -0.5]
-        positions, turned = SKELETON.forward_kinematics(np.array([[1.0, 0.0, 0.93]]), SKELETON.from_hinges(angles))
+        lengths = rng.normal(1.0, 0.07, 3)
+        body = SKELETON.scaled(dict(zip(("right_shoulder", "right_elbow", "right_wrist"), lengths, strict=True)))
+        positions, turned = body.forward_kinematics(np.array([[1.0, 0.0, 0.93]]), body.from_hinges(angles))
         worn = replace(
             upper, local_positions=upper.local_positions + rng.normal(size=(len(upper), 3)) * upper.spreads[:, None]
         )
-        points = worn.simulate(SKELETON, positions, turned)[0]
+        points = worn.simulate(body, positions, turned)[0]
         tracker = Tracker(upper)
         for k in range(60):
             noise = rng.normal(scale=0.001, size=points.shape)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.ending import until_told
+from hil.track_input import shows_right_arm
 from mocap_bridge.address import SCHEMES, Address
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.faults import Fault, Faults, parse_fault
@@ -161,7 +162,8 @@ def address_of(options: ServeOptions, port: int) -> Address:
 def _description(options: ServeOptions, recording: Recording, address: Address) -> list[str]:
     """What is sent, from where, and how to listen to it."""
     persons = [prefix for prefix in recording.prefixes if prefix]
-    who = " --person " + persons[0] if len(recording.prefixes) > 1 and persons else ""
+    whole = sorted(persons, key=lambda prefix: not shows_right_arm(recording.person(prefix), None))
+    who = f" --person {whole[0]}" if len(recording.prefixes) > 1 and persons else ""
     whose = f"of {' and '.join(persons)}" if persons else "without a person's name"
     loose = f", {recording.unlabelled.shape[1]} without a label" if recording.unlabelled.shape[1] else ""
     faults = f"; faults: {', '.join(options.faults)}" if options.faults else ""

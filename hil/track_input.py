@@ -70,7 +70,7 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     whole = read_c3d(path)
     asked = None if wanted is None else load_marker_set(wanted)
     if person is None and len(whole.prefixes) > 1:
-        fitting = [prefix for prefix in whole.prefixes if _fits(whole.person(prefix), asked)]
+        fitting = [prefix for prefix in whole.prefixes if shows_right_arm(whole.person(prefix), asked)]
         person = fitting[0] if len(fitting) == 1 else None
     if person is None and len(whole.prefixes) > 1:
         known = ", ".join(prefix or "(labels without a prefix)" for prefix in whole.prefixes)
@@ -93,7 +93,7 @@ def _of_another_unit(one: Recording) -> NDArray[np.bool_]:
     return enough & ~((span >= SPAN[0]) & (span <= SPAN[1]))
 
 
-def _fits(one: Recording, asked: MarkerSet | None) -> bool:
+def shows_right_arm(one: Recording, asked: MarkerSet | None) -> bool:
     """Whether the labels give a right arm by the set that was asked for, or by any that is there."""
     if asked is not None:
         return bool(np.all(asked.match(one.names)[asked.indices(asked.arm.markers)] >= 0))

@@ -117,8 +117,8 @@ class Chain(NamedTuple):
         carrier: (M,) the segment of each marker.
         places: (M, 3) m, of the markers in their segment's frame.
         spreads: (M,) m, standard deviation of a coordinate of that place from person to person.
-        strangeness: (M,) m², variance of a coordinate of where a marker is on somebody in a known pose: by its place and
-            by the lengths of the segments that lead to it.
+        strangeness: (M,) m², variance of a coordinate of where a marker is on somebody in a known pose: by its place
+            and by the lengths of the segments that lead to it.
         head: the free segment whose heading the others follow, or -1.
     """
 

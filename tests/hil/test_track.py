@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -287,3 +288,28 @@ def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(recordings
     error = np.linalg.norm(filled.points - whole.points[part], axis=-1)[~valid]
     assert filled.valid.all()
     assert np.sqrt((error**2).mean()) < 0.05
+
+
+def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_path: Path) -> None:
+    swapped = tmp_path / "swapped.c3d"
+    simulated_reach(swapped)
+    recording = read_c3d(swapped)
+    points = recording.points.copy()
+    one, other = (recording.names.index(f"human:{name}") for name in ("RWRA", "RFIN"))
+    points[120:180, [one, other]] = points[120:180, [other, one]]
+    write_c3d(swapped, replace(recording, points=points))
+    summary = track(TrackOptions(swapped, out=tmp_path / "out", fit=False), quiet)
+    for name in ("RWRA", "RFIN"):
+        assert summary["markers"][name]["disbelieved"] > 40, name
+
+
+def test_frames_of_another_unit_are_not_used_and_told(tmp_path: Path) -> None:
+    changed = tmp_path / "changed.c3d"
+    simulated_reach(changed)
+    recording = read_c3d(changed)
+    points = recording.points.copy()
+    points[100:130] *= 1e-3
+    write_c3d(changed, replace(recording, points=points))
+    summary = track(TrackOptions(changed, out=tmp_path / "out"), quiet)
+    assert summary["refused_frames"] == 30
+    assert summary["residual_mm"]["p95"] < 10.0

@@ -13,6 +13,8 @@ class Damaged:
 
     id: int
     instruction: int
+    cut: bool
+    """It ended too early; otherwise all of it came, and its CRC is wrong."""
 
 
 class Decoder:
@@ -47,7 +49,7 @@ class Decoder:
         found: list[Packet | Damaged] = []
         while self._buffer.startswith(HEADER):
             if len(self._buffer) > BEFORE_BODY:
-                found.append(Damaged(self._buffer[4], self._buffer[7]))
+                found.append(Damaged(self._buffer[4], self._buffer[7], cut=True))
             self._drop(len(HEADER))
             found += self.feed(b"")
         self._drop(len(self._buffer))
@@ -78,7 +80,7 @@ class Decoder:
             return None
         if cut or crc16(buffer[: end - 2]) != buffer[end - 2] | buffer[end - 1] << 8:
             self._drop(len(HEADER))
-            return Damaged(servo, instruction)
+            return Damaged(servo, instruction, cut)
         body = bytes(buffer[BEFORE_BODY : end - 2])
         del buffer[:end]
         body = body if fast else unstuff(body)

@@ -141,9 +141,9 @@ def test_a_length_is_not_trusted() -> None:
     assert decoder.feed(bytes_of("01 FF FF 03") + bytes(100_000)) == []
     assert decoder.pending < 8
     cut = encode(Packet(3, Instruction.WRITE, bytes(1000)))[:20]
-    assert decoder.feed(cut + wire.ping(1)) == [Damaged(3, Instruction.WRITE), Packet(1, Instruction.PING)]
+    assert decoder.feed(cut + wire.ping(1)) == [Damaged(3, Instruction.WRITE, True), Packet(1, Instruction.PING)]
     assert decoder.feed(cut) == [] and decoder.pending == 20
-    assert decoder.idle() == [Damaged(3, Instruction.WRITE)] and decoder.pending == 0
+    assert decoder.idle() == [Damaged(3, Instruction.WRITE, True)] and decoder.pending == 0
 
 
 def test_a_hundred_thousand_damaged_packets() -> None:

@@ -224,10 +224,12 @@ class EmulatedBus:
             if packet.instruction in _READS | _FAST:
                 self._read_several(packet, hearing, time, byte_ns)
             elif packet.instruction in _WRITES:
-                for target in write_targets(packet):
-                    for servo in hearing:
-                        if target.id in (servo.id, servo.shadow_id):
-                            servo.write(target.address, target.data, time, shadow=servo.id != target.id)
+                given = {target.id: target for target in write_targets(packet)}
+                for servo in hearing:
+                    own = servo.id
+                    for target in (given.get(own), given.get(servo.shadow_id) if servo.shadow_id is not None else None):
+                        if target:
+                            servo.write(target.address, target.data, time, shadow=target.id != own)
             elif packet.id == BROADCAST:
                 self._tell_all(packet, hearing, time, byte_ns)
             else:

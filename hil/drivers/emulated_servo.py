@@ -50,6 +50,7 @@ _MEASURED = (
     "present_position", "velocity_trajectory", "position_trajectory", "present_input_voltage", "present_temperature",
 )  # fmt: skip
 _TO_POSITION = {POSITION, EXTENDED, CURRENT_POSITION}
+_MOST_KEPT = 100  # ways of reading, and of writing, that are remembered
 _TURN = 4096
 _IN_POSITION, _FOLLOWING = 20, 100  # counts: closer than that it is there; further than that it does not follow
 _CODES = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
@@ -140,6 +141,7 @@ class EmulatedServo:
         """``length`` bytes from ``address``; none with an error."""
         key = (address, length)
         if key not in self._seen:
+            self._seen = self._seen if len(self._seen) < _MOST_KEPT else {}
             self._seen[key] = self._places(address, length)
         places = self._seen[key]
         if places is None:
@@ -310,6 +312,7 @@ class EmulatedServo:
         """The registers that a write would set, and to what; or why it may not."""
         key = (address, len(data))
         if key not in self._written:
+            self._written = self._written if len(self._written) < _MOST_KEPT else {}
             self._written[key] = self._plan(*key)
         plan = self._written[key]
         if isinstance(plan, Error):

@@ -18,7 +18,7 @@ KINDS = {
     "half": "the second half of a reply is missing (half=4; of one reply in ten: half:0.1)",
     "overload": "servos report an overload and shut down, until they are started again (overload=2@5)",
     "hot": "servos are so many °C warm (hot=4:85; without a number 5 above their limit)",
-    "brownout": "servos have so many V (brownout:8; without a number 8; below 6 they are off)",
+    "brownout": "servos have so many V (brownout:8; without a number 8; below half of what they need they are off)",
     "unplug": "the adapter's cable is out: the port is gone, and comes back at the end (unplug@4-6)",
     "echo": "the adapter sends back what it is given",
     "twice": "there is a second servo of the same ID (twice=3)",

@@ -179,6 +179,17 @@ def encode(register: Register, raw: int) -> bytes:
         raise HighFiveError(f"{register.name}: {raw} does not fit in {register.size} bytes") from None
 
 
+def baud_index(baud: int) -> int:
+    """Value of the register ``baud_rate`` for a baud rate.
+
+    Raises:
+        HighFiveError: no servo speaks at it.
+    """
+    if baud not in BAUD_RATES:
+        raise HighFiveError(f"no servo speaks at {baud} baud; there are {', '.join(map(str, BAUD_RATES))}")
+    return BAUD_RATES.index(baud)
+
+
 def models() -> tuple[str, ...]:
     """Names of the models that there are tables for."""
     return tuple(_document()["models"])

@@ -37,8 +37,8 @@ WATCHDOG_NS = 20_000_000
 BOOT_NS = 200_000_000
 """So long a servo hears nothing after it was started, ns (an assumption)."""
 
-LOWEST_VOLTAGE = 6.0
-"""Below it a servo is off, V (an assumption)."""
+LOWEST_SHARE = 0.5
+"""A servo is off when it has less than this share of its motor's voltage (an assumption)."""
 
 OVERLOAD_SHARE, OVERLOAD_S = 0.8, 2.0
 """It is overloaded when it draws this share of its stall current for so long, s (an assumption)."""
@@ -131,7 +131,7 @@ class EmulatedServo:
 
     def listening(self, now_ns: int) -> bool:
         """Whether it hears anything: it has power and has finished starting."""
-        return self.voltage >= LOWEST_VOLTAGE and now_ns >= self._silent_until
+        return self._powered(self.voltage) and now_ns >= self._silent_until
 
     def heard(self, now_ns: int) -> None:
         """An instruction went over the bus, to whomever: its watchdog counts from here."""
@@ -204,10 +204,13 @@ class EmulatedServo:
     def power(self, voltage: float, now_ns: int) -> None:
         """It has ``voltage`` V from now on; when that is enough again after it was not, it starts."""
         was, self.voltage = self.voltage, voltage
-        if was < LOWEST_VOLTAGE <= voltage:
+        if self._powered(voltage) and not self._powered(was):
             self.reboot(now_ns)
-        elif voltage < LOWEST_VOLTAGE:
+        elif not self._powered(voltage):
             self._put("torque_enable", 0)
+
+    def _powered(self, voltage: float) -> bool:
+        return voltage >= LOWEST_SHARE * self.table.motor.voltage
 
     def fail(self, bits: int) -> None:
         """Sets bits of its hardware error status; those that its shutdown register names switch its torque off."""

@@ -18,10 +18,15 @@ from types import TracebackType
 from typing import Any, TextIO
 
 from hil.drivers.bus_faults import parse_faults
+from hil.drivers.control_table import baud_index, load_table
 from hil.drivers.emulated_bus import EmulatedBus, build_servos
+from hil.drivers.emulated_servo import EmulatedServo
 from hil.drivers.emulator import Emulator
+from hil.drivers.packet import LAST_ID
 from hil.drivers.rig import load_rig
 from model.errors import HighFiveError
+
+FACTORY_BAUD = 57_600
 
 _ENDING_S = 10.0
 
@@ -32,6 +37,7 @@ class EmulatorOptions:
 
     Attributes:
         rig: file of the rig; None for the one that comes with the project.
+        servos: in place of a rig, servos as from the factory, each on a joint of its own: ``ID=MODEL``.
         plant: ``package.module:function`` of the function that makes the body, called without arguments; None for an
             inertia a joint. It is imported in the emulator's process.
         faults: as :func:`~hil.drivers.bus_faults.parse_fault` reads them; times count from the start.
@@ -43,6 +49,7 @@ class EmulatorOptions:
     """
 
     rig: str | None = None
+    servos: tuple[str, ...] = ()
     plant: str | None = None
     faults: tuple[str, ...] = ()
     link: str | None = None
@@ -59,11 +66,22 @@ def make_bus(options: EmulatorOptions) -> EmulatedBus:
         HighFiveError: there is no such rig or plant, or a fault is spelt otherwise.
     """
     faults = parse_faults(options.faults)
-    servos, joints = build_servos(load_rig(options.rig), configured=options.configured, baud_rate=options.baud_rate)
+    if options.servos:
+        servos, joints = [_servo(text, options.baud_rate or FACTORY_BAUD) for text in options.servos], None
+    else:
+        rig = load_rig(options.rig)
+        servos, joints = build_servos(rig, configured=options.configured, baud_rate=options.baud_rate)
     plant = None if options.plant is None else _plant(options.plant)
     bus = EmulatedBus(servos, joints, plant, paced=options.paced, seed=options.seed)
     bus.set_faults(faults)
     return bus
+
+
+def _servo(text: str, baud_rate: int) -> EmulatedServo:
+    number, _, model = text.partition("=")
+    if not number.isdecimal() or int(number) > LAST_ID:
+        raise HighFiveError(f"no servo {text!r}; give it as ID=MODEL, such as 1=XL430-W250")
+    return EmulatedServo(load_table(model), {"id": int(number), "baud_rate": baud_index(baud_rate)})
 
 
 def _plant(name: str) -> Any:
@@ -157,9 +175,8 @@ def _child(instructions: TextIO, answers: TextIO) -> int:
         answers.flush()
 
     try:
-        options = json.loads(instructions.readline())
-        options["faults"] = tuple(options["faults"])
-        options = EmulatorOptions(**options)
+        told = json.loads(instructions.readline())
+        options = EmulatorOptions(**told | {"faults": tuple(told["faults"]), "servos": tuple(told["servos"])})
         with Emulator(make_bus(options), link=options.link) as emulator:
             answer({"port": emulator.port})
             ended = threading.Event()

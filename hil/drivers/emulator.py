@@ -23,7 +23,7 @@ from hil.drivers.emulated_bus import EmulatedBus
 from model.errors import HighFiveError
 
 SPIN_NS = 300_000
-"""A deadline that is nearer than this is waited for in a busy loop."""
+"""A deadline that is nearer than this is waited for in a busy loop, and so is what the host says after a reply."""
 
 IDLE_S = 0.002
 """With nothing to send, the servos are let move so often."""
@@ -68,7 +68,7 @@ class Emulator:
         self._lock = Lock()
         self._asked: tuple[BusFault, ...] | None = None
         self._master = self._slave = -1
-        self._overruns = self._late_ns = 0
+        self._overruns = self._late_ns = self._spoken = 0
         self._zero = clock()
         self._plug()
         self.port = str(self._link or os.ttyname(self._slave))
@@ -120,14 +120,18 @@ class Emulator:
     def _serve(self) -> None:
         """Waits for the next thing that happens on the line, and lets it happen."""
         bus = self._bus
-        wait = bus.pending[0].time_ns - self._now() if bus.pending else round(IDLE_S * 1e9)
+        now = self._now()
+        if bus.pending:
+            wait = bus.pending[0].time_ns - now
+        else:  # what follows a reply usually follows at once
+            wait = 0 if now - self._spoken < SPIN_NS else round(IDLE_S * 1e9)
         if self._master < 0:
             time.sleep(IDLE_S)
         elif select.select([self._master], [], [], max(0, wait - SPIN_NS) * 1e-9)[0]:
             bus.receive(self._read(), self._now(), self._baud())
         now = self._now()
         for piece in bus.due(now):
-            self._late_ns = max(self._late_ns, now - piece.time_ns)
+            self._late_ns, self._spoken = max(self._late_ns, now - piece.time_ns), now
             self._write(piece.data)
         if not bus.pending or bus.pending[0].time_ns - now > SPIN_NS:
             bus.advance(now)

@@ -95,7 +95,7 @@ class EmulatedBus:
         Args:
             servos: in any order.
             joints: for each of them the joint that it drives; without, each has one of its own.
-            plant: what moves; without, an inertia a joint.
+            plant: what moves; without, an inertia a joint. A step of 0 s tells where it begins.
             paced: bytes take their time; otherwise none.
             seed: of what is random in faults.
         """
@@ -114,6 +114,8 @@ class EmulatedBus:
         self._decoder = Decoder()
         self._time = self._line_free = self._last_byte = 0
         self._positions, self._velocities = self._plant.step(np.zeros(count), 0.0)
+        for servo, joint in zip(self.servos, self._joints, strict=True):
+            servo.place(float(self._positions[joint]))
 
     @property
     def faults(self) -> tuple[BusFault, ...]:
@@ -144,9 +146,10 @@ class EmulatedBus:
         if start - self._last_byte > SILENCE_NS:
             self._take(self._decoder.idle(), start, baud)
         self._last_byte = end
+        spoilt = self._spoken_into(start)
         if self._on("echo", start * 1e-9):
             self._send(Piece(end, data))
-        if self._spoken_into(start):
+        if spoilt:
             self._decoder.idle()
         else:
             self._take(self._decoder.feed(data), end, baud)

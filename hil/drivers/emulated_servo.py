@@ -201,6 +201,12 @@ class EmulatedServo:
 
     # What happens to it in time.
 
+    def place(self, position: float) -> None:
+        """Its joint is at ``position``, rad, when it is switched on."""
+        self._joint = position
+        self._forget_turns()
+        self._stay(self._now)
+
     def power(self, voltage: float, now_ns: int) -> None:
         """It has ``voltage`` V from now on; when that is enough again after it was not, it starts."""
         was, self.voltage = self.voltage, voltage
@@ -420,19 +426,20 @@ class EmulatedServo:
     def _count(self, position: float) -> float:
         """Count of its encoder, offset included, at a joint's position."""
         turned = position / self._pulse + self._zero - _TURN // 2
-        count = _TURN // 2 + self._direction() * turned + self._turns * _TURN
+        return _TURN // 2 + self._direction() * turned + self._turns * _TURN + self._offset()
+
+    def _offset(self) -> int:
+        """The homing offset; in position mode one of more than a quarter turn is none."""
         offset = self.values["homing_offset"]
-        single = self.values["operating_mode"] == POSITION
-        return count + (offset if not single or abs(offset) <= _TURN // 4 else 0)
+        return 0 if self.values["operating_mode"] == POSITION and abs(offset) > _TURN // 4 else offset
 
     def _angle(self, position: float) -> float:
         return self._count(position) * self._pulse
 
     def _forget_turns(self) -> None:
         """Its count is within one turn, but for the homing offset."""
-        self._turns = 0
-        offset = self.values["homing_offset"]
-        self._turns = -int((self._count(self._joint) - offset) // _TURN)
+        self._turns, self._measured_at = 0, -1
+        self._turns = -int((self._count(self._joint) - self._offset()) // _TURN)
 
     def _measure(self) -> None:
         """Brings what it measures up to date in its memory."""

@@ -32,13 +32,15 @@ def reply(line: serial.Serial, said: bytes, seconds: float = 2.0) -> list[int]:
 
 
 def test_the_terminals_baud_rate_is_the_hosts() -> None:
-    with EmulatorProcess(EmulatorOptions(baud_rate=57_600)) as emulator:
-        with serial.Serial(emulator.port, 57_600, timeout=0) as line:
-            assert reply(line, wire.ping(3)) == [3]
-            line.baudrate = BAUD
-            assert reply(line, wire.ping(3), 0.5) == []
-            line.baudrate = 57_600
-            assert reply(line, wire.ping(3)) == [3]
+    with (
+        EmulatorProcess(EmulatorOptions(baud_rate=57_600)) as emulator,
+        serial.Serial(emulator.port, 57_600, timeout=0) as line,
+    ):
+        assert reply(line, wire.ping(3)) == [3]
+        line.baudrate = BAUD
+        assert reply(line, wire.ping(3), 0.5) == []
+        line.baudrate = 57_600
+        assert reply(line, wire.ping(3)) == [3]
     assert emulator.summary["instructions"]["ping"] == 3
 
 

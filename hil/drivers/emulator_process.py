@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import importlib
 import json
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from types import TracebackType
 from typing import Any, TextIO
@@ -122,7 +124,7 @@ class EmulatorProcess:
         self._say(json.dumps(asdict(self._options)))
         said = self._heard()
         if "port" not in said:
-            self._process.wait(_ENDING_S)
+            self.__exit__(None, None, None)
             raise HighFiveError(said.get("error", "the emulator ended before it began"))
         self.port = said["port"]
         return self
@@ -131,7 +133,7 @@ class EmulatorProcess:
         """From now on only these go wrong, and their times count from now; an empty text ends all.
 
         Raises:
-            HighFiveError: they are spelt wrongly.
+            HighFiveError: they are spelt wrongly, or it has ended.
         """
         texts = [faults] if isinstance(faults, str) else list(faults)
         parse_faults(texts)
@@ -149,20 +151,24 @@ class EmulatorProcess:
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
             return
-        try:
+        with suppress(OSError):  # it may be gone already
             process.stdin.close()
-            self.summary = self._heard()
+        self.summary = self._heard()
+        process.stdout.close()
+        try:
             process.wait(_ENDING_S)
-        except (OSError, subprocess.TimeoutExpired):
+        except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        finally:
-            process.stdout.close()
 
     def _say(self, line: str) -> None:
-        if self._process is not None and self._process.stdin is not None:
+        if self._process is None or self._process.stdin is None:
+            raise HighFiveError("the emulator does not run; start it with a with statement")
+        try:
             self._process.stdin.write(line + "\n")
             self._process.stdin.flush()
+        except OSError:
+            raise HighFiveError("the emulator has ended; start another one") from None
 
     def _heard(self) -> dict[str, Any]:
         line = self._process.stdout.readline() if self._process and self._process.stdout else ""
@@ -197,4 +203,5 @@ def _listen(instructions: TextIO, emulator: Emulator, ended: threading.Event) ->
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the parent as well, which ends this in its own time
     sys.exit(_child(sys.stdin, sys.stdout))

@@ -1,6 +1,7 @@
 """The emulated line in time: bytes at their baud, replies in order, faults as they are asked for."""
 
 import contextlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -221,7 +222,8 @@ def test_what_happens_to_servos() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_fault_can_be_spelt(kind: str) -> None:
+def test_every_fault_can_be_spelt_and_is_documented(kind: str) -> None:
+    assert f"| `{kind}" in (Path(__file__).parents[3] / "docs" / "rig.md").read_text(encoding="utf-8")
     value = {"late": ":20", "brownout": ":8", "dead": "=3", "overload": "=3", "twice": "=3"}.get(kind, "")
     fault = parse_fault(f"{kind}{value}@2-3.5")
     assert (fault.kind, fault.start, fault.end) == (kind, 2.0, 3.5)

@@ -2,6 +2,7 @@
 
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -109,13 +110,34 @@ def test_what_cannot_be_emulated_is_one_line(tmp_path: Path) -> None:
         EmulatorOptions(servos=("300=XM540-W270",)),
         EmulatorOptions(baud_rate=12),
     ):
-        with pytest.raises(HighFiveError), EmulatorProcess(options):
+        with pytest.raises(HighFiveError) as caught, Emulator(make_bus(options), link=options.link):
             pass
+        assert "\n" not in str(caught.value)
     assert (tmp_path / "file").read_text() == ""
+    with pytest.raises(HighFiveError, match="cannot read"), EmulatorProcess(EmulatorOptions(rig="none.toml")):
+        pass
+
+
+def test_one_that_was_killed_is_told_as_such() -> None:
+    with EmulatorProcess() as emulator:
+        emulator.kill()
+        time.sleep(0.2)
+        with pytest.raises(HighFiveError, match="ended"):
+            for _ in range(5):
+                emulator.set_faults("dead=1")
+    assert emulator.summary == {}
+
+
+def test_ctrl_c_is_left_to_whoever_started_it() -> None:
+    with EmulatorProcess() as emulator, serial.Serial(emulator.port, BAUD, timeout=0) as line:
+        assert emulator._process is not None
+        emulator._process.send_signal(signal.SIGINT)
+        assert reply(line, wire.ping(2)) == [2]
+    assert emulator.summary["instructions"] == {"ping": 1}
 
 
 def test_a_plant_is_taken_by_name() -> None:
-    bus = make_bus(EmulatorOptions(plant="tests.hil.drivers.test_emulator:held"))
+    bus = make_bus(EmulatorOptions(plant=f"{__name__}:held"))
     assert bus.servos[0].read(132, 4)[1] == (2048 + 652).to_bytes(4, "little")
 
 

@@ -159,15 +159,17 @@ def test_a_hundred_thousand_damaged_packets() -> None:
     wires += [b"".join(fast_parts([(1, 0, bytes(10)), (2, 0x80, bytes(10))]))]
     counts = {Packet: 0, Damaged: 0}
     decoder = Decoder()
-    for _ in range(100_000):
-        damaged = bytearray(wires[rng.integers(len(wires))])
-        for _ in range(rng.integers(4)):
-            where = rng.integers(len(damaged))
-            match rng.integers(3):
+    dice = rng.integers(1 << 16, size=(100_000, 11)).tolist()
+    for one, changes, *where_and_how in dice:
+        damaged = bytearray(wires[one % len(wires)])
+        for n in range(0, changes % 4 * 3, 3):
+            where, how, what = where_and_how[n : n + 3]
+            where %= len(damaged)
+            match how % 3:
                 case 0:
-                    damaged[where] ^= 1 << rng.integers(8)
+                    damaged[where] ^= 1 << what % 8
                 case 1:
-                    damaged[where] = (0, 0xFF, 0xFD, 0xFE)[rng.integers(4)]
+                    damaged[where] = (0, 0xFF, 0xFD, 0xFE)[what % 4]
                 case _ if len(damaged) > 1:
                     del damaged[where]
         for found in decoder.feed(bytes(damaged)):

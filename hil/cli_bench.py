@@ -103,3 +103,16 @@ def bench_protocols(
     with progress_bars() as bar:
         result = bench_protocols(options, bar)
     print_result(result, json, print_protocol_bench)
+
+
+@app.command("bus")
+def bench_bus(
+    seconds: Annotated[float, typer.Option(min=1.0, help="For each client.")] = 10.0,
+    json: Json = False,
+) -> None:
+    """Time write and read cycles with seven emulated servos whose bytes take their time on the line."""
+    from hil.bench_bus import BusBenchOptions, bench_bus, print_bus_bench  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = bench_bus(BusBenchOptions(seconds), bar)
+    print_result(result, json, print_bus_bench)

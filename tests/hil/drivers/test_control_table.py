@@ -100,7 +100,7 @@ def test_a_table_is_in_order(model: str) -> None:
         assert low < high
         assert register.initial is None or low <= register.initial <= high, register.name
         assert register.limited_by is None or register.limited_by in table
-        encode(register, low), encode(register, high)
+        assert decode(register, encode(register, low)) == low and decode(register, encode(register, high)) == high
     assert table["operating_mode"].initial in table.operating_modes
     assert table["baud_rate"].maximum in (len(BAUD_RATES) - 1, len(BAUD_RATES) - 2)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -338,15 +338,19 @@ def garbled(data: bytes) -> bytes:
     return bytes(byte & (byte << 1 | 1) & 0xFF for byte in data)
 
 
-def build_servos(rig: Rig, *, configured: bool = True) -> tuple[list[EmulatedServo], list[int]]:
+def build_servos(
+    rig: Rig, *, configured: bool = True, baud_rate: int | None = None
+) -> tuple[list[EmulatedServo], list[int]]:
     """The servos of an arm, and for each the joint that it drives.
 
     Args:
         rig: the arm.
         configured: they hold what the rig wants of them, EEPROM and RAM; otherwise what they left the factory with, but
             for ID, baud rate, drive mode and whom they shadow, without which the arm could not have been put together.
+        baud_rate: what they listen at; None for the rig's.
     """
     servos, joints = [], []
+    rig = rig if baud_rate is None else replace(rig, baud_rate=baud_rate)
     for servo, wanted in wanted_registers(rig).items():
         number, joint = next((n, joint) for n, joint in enumerate(rig.joints) if servo in joint.ids)
         kept = wanted if configured else {name: wanted[name] for name in ("id", "baud_rate", "drive_mode", "shadow_id")}

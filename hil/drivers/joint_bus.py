@@ -32,15 +32,16 @@ ANSWERS = (
 )
 """What is read in every cycle."""
 
-DEAD_AFTER = 2
-"""Cycles in a row without an answer after which a servo is not asked any more."""
+DEAD_AFTER = 3
+"""Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
 
 
 @dataclass
 class _Servo:
-    """What is known of one servo: its last values, raw, and for how many cycles it has been silent."""
+    """What is known of one servo: its last values, raw, whether they are of this cycle, and how often it was silent."""
 
     values: dict[str, int] = field(default_factory=lambda: dict.fromkeys(ANSWERS, 0))
+    answered: bool = False
     silent: int = 0
 
 
@@ -173,17 +174,15 @@ class JointBus:
         """
         asked = [servo for servo, state in self._servos.items() if state.silent < DEAD_AFTER]
         found = self._answers(asked) if asked else {}
-        for servo in asked:
-            state = self._servos[servo]
-            if servo in found:
-                state.values, state.silent = self._values(servo, found[servo]), 0
-            else:
-                state.silent += 1
+        for servo, state in self._servos.items():
+            state.answered = servo in found
+            if state.answered:
+                state.values = self._values(servo, found[servo])
         return self._state(self._clock())
 
     def _answers(self, asked: list[int]) -> dict[int, bytes]:
-        """One answer for all while everyone is there; after a gap each for itself, so that one silent servo costs one
-        wait a cycle and not the others."""
+        """One answer for all while everyone is there; after a gap each for itself, until nobody is silent or the silent
+        are dead: one of them costs a wait a cycle, and not the others."""
         at, size = self._answers_at, self._answers_size
         if self._fast:
             try:
@@ -195,7 +194,9 @@ class JointBus:
         found = self._bus.sync_read(at, size, asked)
         for servo in asked[len(found) + 1 :]:  # after the first silent one
             found |= self._bus.sync_read(at, size, [servo])
-        self._fast = True
+        for servo in asked:
+            self._servos[servo].silent = 0 if servo in found else self._servos[servo].silent + 1
+        self._fast = all(self._servos[servo].silent in (0, DEAD_AFTER) for servo in asked)
         return found
 
     def _values(self, servo: int, data: bytes) -> dict[str, int]:
@@ -216,7 +217,7 @@ class JointBus:
             velocities=self._mean("present_velocity", of),
             currents=self._mean("present_current", of),
             errors=np.array([_bits(own) for own in of], dtype=np.int64),
-            answered=np.array([all(servo.silent == 0 for servo in own) for own in of]),
+            answered=np.array([all(servo.answered for servo in own) for own in of]),
         )
 
     def _mean(self, name: str, of: list[list[_Servo]]) -> Array:

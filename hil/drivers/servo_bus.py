@@ -7,8 +7,9 @@ The SDK is synchronous and belongs to one thread: whoever opens a bus uses it al
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
@@ -22,7 +23,11 @@ from model.errors import HighFiveError
 ALERT = 0x80
 """Bit of a status packet's error byte: the servo has a hardware error."""
 
-_TRIES = 3  # until an ID is taken to give nothing but damaged answers
+_TRIES = 3  # of what is not done in a cycle: now and then an answer is late, or the line noisy
+
+_FIRMWARE = 6  # address, the same in all models
+
+Result = TypeVar("Result")
 
 _ERRORS = {
     1: "it could not carry out the instruction",
@@ -121,18 +126,16 @@ class ServoBus:
             NoAnswer: nothing, or nothing whole, came.
             PortError: the port is gone.
         """
+        return _tried(lambda: self._ping(servo))
+
+    def _ping(self, servo: int) -> Found:
         with self._used():
             number, result, _ = self._sdk.ping(self._port, servo)
         self._check(servo, result, 0)
-        return self._met(Found(servo, model_of(number), number, self._firmware(servo)))
-
-    def _firmware(self, servo: int) -> int:
-        return self._read_bytes(servo, 6, 1)[0]
-
-    def _met(self, found: Found) -> Found:
-        if found.model is not None:
-            self._tables[found.servo] = load_table(found.model)
-        return found
+        model = model_of(number)
+        if model is not None:
+            self._tables[servo] = load_table(model)
+        return Found(servo, model, number, self._read_bytes(servo, _FIRMWARE, 1)[0])
 
     def scan(self, servos: Sequence[int] = range(LAST_ID + 1)) -> tuple[list[Found], list[int]]:
         """The servos that answer, and the IDs of which only damaged answers came: two servos that share one, or noise.
@@ -143,18 +146,12 @@ class ServoBus:
         found, damaged = [], []
         for servo in servos:
             try:
-                found.append(self._ping_again(servo))
+                found.append(self._ping(servo))
             except DamagedAnswer:
                 damaged.append(servo)
             except NoAnswer:
                 continue
         return found, damaged
-
-    def _ping_again(self, servo: int) -> Found:
-        for _ in range(_TRIES - 1):
-            with contextlib.suppress(DamagedAnswer):
-                return self.ping(servo)
-        return self.ping(servo)
 
     def read(self, servo: int, name: str) -> int:
         """A register's raw value.
@@ -165,7 +162,7 @@ class ServoBus:
             PortError: the port is gone.
         """
         register = self.table(servo)[name]
-        return decode(register, self._read_bytes(servo, register.address, register.size))
+        return decode(register, _tried(lambda: self._read_bytes(servo, register.address, register.size)))
 
     def _read_bytes(self, servo: int, address: int, size: int) -> bytes:
         with self._used():
@@ -184,10 +181,14 @@ class ServoBus:
         register = self.table(servo)[name]
         if not register.writable:
             raise HighFiveError(f"servo {servo}: {name} is read-only")
-        data = list(encode(register, raw))
-        with self._used():
-            result, error = self._sdk.writeTxRx(self._port, servo, register.address, register.size, data)
-        self._check(servo, result, error, name)
+        data = encode(register, raw)
+
+        def once() -> None:
+            with self._used():
+                result, error = self._sdk.writeTxRx(self._port, servo, register.address, register.size, list(data))
+            self._check(servo, result, error, name)
+
+        _tried(once)
 
     def reboot(self, servo: int) -> None:
         """Starts a servo anew; its hardware errors are cleared, its torque is off.
@@ -269,6 +270,14 @@ class ServoBus:
             raise DamagedAnswer(f"{where}: {self._sdk.getTxRxResult(result).split('] ')[-1]}")
         if code := error & ~ALERT:
             raise ServoError(f"{where}: {_ERRORS.get(code, f'error {code}')}", code)
+
+
+def _tried(call: Callable[[], Result]) -> Result:
+    """What ``call`` gives, at the first of some tries that finds an answer."""
+    for _ in range(_TRIES - 1):
+        with contextlib.suppress(NoAnswer):
+            return call()
+    return call()
 
 
 def _listed(servos: Sequence[int]) -> str:

@@ -1,0 +1,183 @@
+"""An emulator in a process of its own, so that whoever talks to it leaves it its time.
+
+The child is ``python -m hil.drivers.emulator_process``. It is told what to do by one JSON object on its first line of
+standard input, says the port in one on its first line of output, takes faults from the lines that follow, and says its
+summary when its input ends: so it does not outlive its parent.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from types import TracebackType
+from typing import Any, TextIO
+
+from hil.drivers.bus_faults import parse_faults
+from hil.drivers.emulated_bus import EmulatedBus, build_servos
+from hil.drivers.emulator import Emulator
+from hil.drivers.rig import load_rig
+from model.errors import HighFiveError
+
+_ENDING_S = 10.0
+
+
+@dataclass(frozen=True)
+class EmulatorOptions:
+    """What is emulated.
+
+    Attributes:
+        rig: file of the rig; None for the one that comes with the project.
+        plant: ``package.module:function`` of the function that makes the body, called without arguments; None for an
+            inertia a joint. It is imported in the emulator's process.
+        faults: as :func:`~hil.drivers.bus_faults.parse_fault` reads them; times count from the start.
+        link: path of the symbolic link to the port; None for none.
+        paced: bytes take their time.
+        configured: the servos hold what the rig wants of them; otherwise what they left the factory with.
+        baud_rate: of the servos; None for the rig's.
+        seed: of what is random in faults.
+    """
+
+    rig: str | None = None
+    plant: str | None = None
+    faults: tuple[str, ...] = ()
+    link: str | None = None
+    paced: bool = True
+    configured: bool = True
+    baud_rate: int | None = None
+    seed: int = 0
+
+
+def make_bus(options: EmulatorOptions) -> EmulatedBus:
+    """The bus of the options, with their faults.
+
+    Raises:
+        HighFiveError: there is no such rig or plant, or a fault is spelt otherwise.
+    """
+    faults = parse_faults(options.faults)
+    servos, joints = build_servos(load_rig(options.rig), configured=options.configured, baud_rate=options.baud_rate)
+    plant = None if options.plant is None else _plant(options.plant)
+    bus = EmulatedBus(servos, joints, plant, paced=options.paced, seed=options.seed)
+    bus.set_faults(faults)
+    return bus
+
+
+def _plant(name: str) -> Any:
+    module, _, function = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), function)()
+    except (ImportError, AttributeError, ValueError) as error:
+        raise HighFiveError(f"no plant {name!r} ({error}); give it as package.module:function") from None
+
+
+class EmulatorProcess:
+    """An emulator that runs while this context lasts.
+
+    Attributes:
+        port: what a host opens.
+        summary: as :class:`~hil.drivers.emulator.EmulatorSummary` has it, by name; empty until the context has ended.
+    """
+
+    def __init__(self, options: EmulatorOptions | None = None) -> None:
+        """Nothing runs yet."""
+        self._options = options or EmulatorOptions()
+        self._process: subprocess.Popen[str] | None = None
+        self.port = ""
+        self.summary: dict[str, Any] = {}
+
+    def __enter__(self) -> EmulatorProcess:
+        """Starts it, and waits until its port is there.
+
+        Raises:
+            HighFiveError: it could not start; it says why.
+        """
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "hil.drivers.emulator_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._say(json.dumps(asdict(self._options)))
+        said = self._heard()
+        if "port" not in said:
+            self._process.wait(_ENDING_S)
+            raise HighFiveError(said.get("error", "the emulator ended before it began"))
+        self.port = said["port"]
+        return self
+
+    def set_faults(self, faults: str | Iterable[str]) -> None:
+        """From now on only these go wrong, and their times count from now; an empty text ends all.
+
+        Raises:
+            HighFiveError: they are spelt wrongly.
+        """
+        texts = [faults] if isinstance(faults, str) else list(faults)
+        parse_faults(texts)
+        self._say(",".join(texts))
+
+    def kill(self) -> None:
+        """Ends it as a power cut would."""
+        if self._process is not None:
+            self._process.kill()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Ends it, and keeps its summary."""
+        process = self._process
+        if process is None or process.stdin is None or process.stdout is None:
+            return
+        try:
+            process.stdin.close()
+            self.summary = self._heard()
+            process.wait(_ENDING_S)
+        except (OSError, subprocess.TimeoutExpired):
+            process.kill()
+            process.wait()
+        finally:
+            process.stdout.close()
+
+    def _say(self, line: str) -> None:
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.write(line + "\n")
+            self._process.stdin.flush()
+
+    def _heard(self) -> dict[str, Any]:
+        line = self._process.stdout.readline() if self._process and self._process.stdout else ""
+        return json.loads(line) if line.strip() else {}
+
+
+def _child(instructions: TextIO, answers: TextIO) -> int:
+    def answer(what: dict[str, Any]) -> None:
+        answers.write(json.dumps(what) + "\n")
+        answers.flush()
+
+    try:
+        options = json.loads(instructions.readline())
+        options["faults"] = tuple(options["faults"])
+        options = EmulatorOptions(**options)
+        with Emulator(make_bus(options), link=options.link) as emulator:
+            answer({"port": emulator.port})
+            ended = threading.Event()
+            threading.Thread(target=_listen, args=(instructions, emulator, ended), daemon=True).start()
+            answer(asdict(emulator.run(ended.is_set)))
+    except HighFiveError as error:
+        answer({"error": str(error)})
+        return 2
+    return 0
+
+
+def _listen(instructions: TextIO, emulator: Emulator, ended: threading.Event) -> None:
+    try:
+        for line in instructions:
+            emulator.set_faults(line.strip())
+    finally:
+        ended.set()
+
+
+if __name__ == "__main__":
+    sys.exit(_child(sys.stdin, sys.stdout))

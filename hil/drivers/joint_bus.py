@@ -160,7 +160,10 @@ class JointBus:
                 raise HighFiveError(f"{joint.name}: {position:g} rad and {current:g} A are no goals")
             current_register, position_register = self._goal_registers[joint.id]
             raw = to_raw(current_register, min(max(current, 0.0), joint.current_limit)), count(joint, position)
-            data[joint.id] = encode(current_register, raw[0]) + encode(position_register, raw[1])
+            try:
+                data[joint.id] = encode(current_register, raw[0]) + encode(position_register, raw[1])
+            except HighFiveError as error:
+                raise HighFiveError(f"{joint.name}: {error}") from None
             positions.append(angle(joint, raw[1]))
             currents.append(to_si(current_register, raw[0]))
         self._bus.sync_write(self._goals_at, data)

@@ -10,9 +10,6 @@ from hil.drivers.rig import Rig, RigJoint, wanted_registers
 from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus
 from model.errors import HighFiveError
 
-NO_SHADOW = 255
-"""Shadow ID of a servo that follows nobody."""
-
 _ARMED_LATER = ("bus_watchdog",)  # it only counts, and can only be armed, while torque is on
 _BY_WHICH_IT_IS_FOUND = ("id", "baud_rate")
 
@@ -85,8 +82,6 @@ def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
 def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
     """Writes what was found different, and reads everything back.
 
-    A shadow takes the writes to its leader's ID too, so that it is no shadow while they are set.
-
     Raises:
         HighFiveError: torque is on (the servos then refuse), or a servo does not keep what was written.
         NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
@@ -94,15 +89,8 @@ def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
     for _, servo in _servos(rig):
         if bus.read(servo, "torque_enable"):
             raise HighFiveError(f"servo {servo}: torque is on, and its settings are locked; highfive rig release first")
-    shadows = [joint.shadow_id for joint in rig.joints if joint.shadow_id is not None]
-    for servo in shadows:
-        bus.write(servo, "shadow_id", NO_SHADOW)
     for one in wanted:
-        if one.register != "shadow_id":
-            bus.write(one.servo, one.register, one.wanted)
-    for servo, values in wanted_registers(rig).items():
-        if servo in shadows:
-            bus.write(servo, "shadow_id", values["shadow_id"])
+        bus.write(one.servo, one.register, one.wanted)
     if kept := differences(bus, rig):
         raise HighFiveError(f"{kept[0]}, although that was written")
 

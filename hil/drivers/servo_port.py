@@ -132,7 +132,7 @@ def _reason(error: Exception, path: str) -> str:
         return "no permission; on Linux, add yourself to the group dialout and log in again"
     if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK) or "lock" in str(error).lower():
         return "busy: another program has it open"
-    if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR) or isinstance(error, ValueError):
+    if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR) or "configure port" in str(error):
         return "not a serial port"
     return _strerror(error)
 

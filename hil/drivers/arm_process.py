@@ -23,7 +23,7 @@ import numpy as np
 from hil.drivers.joint_bus import JointBus
 from hil.drivers.rig import Rig
 from hil.drivers.servo_bus import NoAnswer, ServoBus, ServoError
-from hil.drivers.servo_port import PortError
+from hil.drivers.servo_port import ALLOWANCE_MS, PortError
 from hil.drivers.values import Array, JointCommand, JointState
 from model.errors import HighFiveError
 
@@ -112,7 +112,14 @@ def _size(joints: int) -> int:
 class ArmProcess:
     """The host's side: gives commands, reads cycles. One owner, one thread."""
 
-    def __init__(self, port: str, rig: Rig, rate_hz: float = 120.0, estop: Event | None = None):
+    def __init__(
+        self,
+        port: str,
+        rig: Rig,
+        rate_hz: float = 120.0,
+        estop: Event | None = None,
+        allowance_ms: float = ALLOWANCE_MS,
+    ):
         """Starts the process; it opens the port, tells the servos what to show, and reads.
 
         Args:
@@ -120,6 +127,7 @@ class ArmProcess:
             rig: the arm on it; its servos must be configured.
             rate_hz: cycles a second.
             estop: when it is set the arm is told to stay where it is, and no goal is sent any more.
+            allowance_ms: how long an answer of a servo may be late.
         """
         context = multiprocessing.get_context("spawn")
         self._joints = len(rig.joints)
@@ -127,9 +135,14 @@ class ArmProcess:
         self._shared = _Shared(self._raw, self._joints)
         self.estop = context.Event() if estop is None else estop
         self._read = 0
-        arguments = (self._raw, port, rig, rate_hz, self.estop, os.getpid())
+        arguments = (self._raw, port, rig, rate_hz, self.estop, os.getpid(), allowance_ms)
         self._process = context.Process(target=_run, args=arguments, name=f"arm {port}", daemon=True)
         self._process.start()
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid or 0
 
     @property
     def mode(self) -> Mode:
@@ -208,12 +221,12 @@ class ArmProcess:
         )  # fmt: skip
 
 
-def _run(raw: Any, port: str, rig: Rig, rate_hz: float, estop: Event, parent: int) -> None:
+def _run(raw: Any, port: str, rig: Rig, rate_hz: float, estop: Event, parent: int, allowance_ms: float) -> None:
     """The other side, until it is told to end or the host is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the host's to handle: the arm must not drop
     shared = _Shared(raw, len(rig.joints))
     try:
-        bus = ServoBus(port, rig.baud_rate, rig.models)
+        bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms)
         try:
             _Loop(bus, rig, shared, estop, parent, rate_hz).run()
         finally:

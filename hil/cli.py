@@ -10,7 +10,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from hil import cli_bench, cli_mocap, cli_model
+from hil import cli_bench, cli_mocap, cli_model, cli_rig
 from hil.cli_options import Interrupted, Json, Seed
 from hil.console import STDERR, counted, print_json, progress_bars
 from model.errors import HighFiveError
@@ -25,6 +25,7 @@ app = typer.Typer(
 app.add_typer(cli_model.app)
 app.add_typer(cli_mocap.app)
 app.add_typer(cli_bench.app, name="bench")
+app.add_typer(cli_rig.app, name="rig")
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""

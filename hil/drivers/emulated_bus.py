@@ -19,10 +19,10 @@ from hil.drivers.packet import (
     ALERT,
     BROADCAST,
     Error,
+    FastStatus,
     Instruction,
     Packet,
     PacketError,
-    fast_status_parts,
     read_targets,
     status,
     write_targets,
@@ -109,6 +109,7 @@ class EmulatedBus:
         self.pending: list[Piece] = []
         self._faults: list[BusFault] = []
         self._begun: set[tuple[BusFault, int]] = set()
+        self._ids: list[int] = []  # of who heard the last instruction
         self._troubled = self._halved = False
         self._decoder = Decoder()
         self._time = self._line_free = self._last_byte = 0
@@ -194,6 +195,7 @@ class EmulatedBus:
         for one in found:
             self.advance(time)
             hearing = [servo for servo in self.servos if self._hears(servo, time, baud)]
+            self._ids = [servo.id for servo in hearing]
             if isinstance(one, Packet):
                 self._count(one)
                 for servo in hearing:
@@ -208,7 +210,7 @@ class EmulatedBus:
 
     def _hears(self, servo: EmulatedServo, time: int, baud: int | None) -> bool:
         same = baud is None or abs(baud - servo.baud_rate) <= 0.03 * servo.baud_rate
-        return same and servo.listening(time) and not self._on("dead", time * 1e-9, servo.id)
+        return same and servo.listening(time) and not (self._faults and self._on("dead", time * 1e-9, servo.id))
 
     def _count(self, packet: Packet) -> None:
         known = packet.instruction in set(Instruction)
@@ -222,10 +224,12 @@ class EmulatedBus:
             if packet.instruction in _READS | _FAST:
                 self._read_several(packet, hearing, time, byte_ns)
             elif packet.instruction in _WRITES:
-                for target in write_targets(packet):
-                    for servo in hearing:
-                        if target.id in (servo.id, servo.shadow_id):
-                            servo.write(target.address, target.data, time, shadow=servo.id != target.id)
+                given = {target.id: target for target in write_targets(packet)}
+                for servo in hearing:
+                    own = servo.id
+                    for target in (given.get(own), given.get(servo.shadow_id) if servo.shadow_id is not None else None):
+                        if target:
+                            servo.write(target.address, target.data, time, shadow=target.id != own)
             elif packet.id == BROADCAST:
                 self._tell_all(packet, hearing, time, byte_ns)
             else:
@@ -259,40 +263,50 @@ class EmulatedBus:
         """Each replies when it has heard the one before it, so where one is silent, so are all after it."""
         targets = read_targets(packet)
         fast = packet.instruction in _FAST
-        replies: list[tuple[int, int, bytes]] = []
-        end = time
+        together = FastStatus([target.length for target in targets]) if fast else None
+        first, end = True, time
         for target in targets:
             servo = next((servo for servo in hearing if servo.id == target.id), None)
             if servo is None or servo.values["status_return_level"] < 1:
                 return
             error, data = servo.read(target.address, target.length)
-            if not fast:
+            if together is None:
                 said = self._status(servo, servo.id, error, data)
             else:
-                replies.append((servo.id, error | (ALERT if servo.alert else 0), data or bytes(target.length)))
-                said = fast_status_parts(replies, [one.length for one in targets])[-1]
-                self.counts.errors += bool(error)
-            first = not fast or len(replies) == 1
-            end = self._speak(servo, servo.id, said, end, byte_ns, seamless=not first)
+                said = together.part(servo.id, self._error_byte(servo, error), data or bytes(target.length))
+            end = self._speak(servo, servo.id, said, end, byte_ns, seamless=fast and not first)
+            first = False
             if self._halved:
                 return
 
     # Replies.
 
     def _status(self, servo: EmulatedServo, identity: int, error: Error, data: bytes) -> bytes:
+        return status(identity, self._error_byte(servo, error), data)
+
+    def _error_byte(self, servo: EmulatedServo, error: Error) -> int:
         self.counts.errors += bool(error)
-        return status(identity, error | (ALERT if servo.alert else 0), data)
+        return error | (ALERT if servo.alert else 0)
 
     def _speak(
         self, servo: EmulatedServo, identity: int, data: bytes, after: int, byte_ns: int, *, seamless: bool = False
     ) -> int:
         """A servo says something, as soon as it may, with all that goes wrong; gives the time when it is through."""
-        now = after * 1e-9
         start = after if seamless or not byte_ns else after + TURNAROUND_NS + servo.return_delay_ns
+        if self._ids.count(identity) > 1:
+            data = garbled(data)
+        self._halved = False
+        if self._faults:
+            data, start = self._spoil(data, start, identity)
+        end = start + len(data) * byte_ns
+        self._send(Piece(end, data))
+        return end
+
+    def _spoil(self, data: bytes, start: int, identity: int) -> tuple[bytes, int]:
+        """A servo's words with what goes wrong on the line, and when they begin."""
+        now = start * 1e-9
         start += sum(round(fault.amount * 1e6) for fault in self._on("late", now, identity))
-        if any(other is not servo and other.id == identity for other in self.servos) or self._on(
-            "twice", now, identity
-        ):
+        if self._on("twice", now, identity):
             data = garbled(data)
         if self._chance("crc", now, identity):
             data = data[:-3] + bytes((data[-3] ^ 0x01,)) + data[-2:]
@@ -301,9 +315,7 @@ class EmulatedBus:
             data = data[: len(data) // 2]
         if self._chance("noise", now, identity):
             data = self._rng.integers(0, 256, size=self._rng.integers(1, 9), dtype=np.uint8).tobytes() + data
-        end = start + len(data) * byte_ns
-        self._send(Piece(end, data))
-        return end
+        return data, start
 
     def _on(self, kind: str, now: float, servo: int | None = None) -> list[BusFault]:
         return [fault for fault in self._faults if fault.kind == kind and fault.on(now, servo)]

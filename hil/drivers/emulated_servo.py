@@ -49,6 +49,8 @@ _MEASURED = (
     "realtime_tick", "moving", "moving_status", "present_pwm", "present_current", "present_load", "present_velocity",
     "present_position", "velocity_trajectory", "position_trajectory", "present_input_voltage", "present_temperature",
 )  # fmt: skip
+_TO_POSITION = {POSITION, EXTENDED, CURRENT_POSITION}
+_MOST_KEPT = 100  # ways of reading, and of writing, that are remembered
 _TURN = 4096
 _IN_POSITION, _FOLLOWING = 20, 100  # counts: closer than that it is there; further than that it does not follow
 _CODES = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
@@ -83,9 +85,14 @@ class EmulatedServo:
         self._defined = bytearray(table.end)
         for register in table:
             self._defined[register.address : register.end] = b"\1" * register.size
-        self._measured = [table[name] for name in _MEASURED if name in table]
-        self._packing = struct.Struct("<" + "".join(_CODES[r.size, r.signed] for r in self._measured))
+        measured = [table[name] for name in _MEASURED if name in table]
+        self._measured_from, self._measured_at = measured[0].address, -1
+        self._packing = struct.Struct("<" + "".join(_CODES[r.size, r.signed] for r in measured))
+        self._pulse, self._speed = table["present_position"].scale, table["present_velocity"].scale
+        ampere = table["present_current"].scale if "present_current" in table else None
+        self._load = ampere or table.motor.stall_current * table["present_load"].scale  # A, of one count
         self._seen: dict[tuple[int, int], tuple[int, ...] | None] = {}
+        self._written: dict[tuple[int, int], tuple[tuple[Register, tuple[int, ...]], ...] | Error] = {}
         self.watchdog_trips = 0
         self.voltage = table.motor.voltage
         self.hot: float | None = None
@@ -134,6 +141,7 @@ class EmulatedServo:
         """``length`` bytes from ``address``; none with an error."""
         key = (address, length)
         if key not in self._seen:
+            self._seen = self._seen if len(self._seen) < _MOST_KEPT else {}
             self._seen[key] = self._places(address, length)
         places = self._seen[key]
         if places is None:
@@ -215,7 +223,7 @@ class EmulatedServo:
             now_ns: the time at which the step begins.
             seconds: how long it is.
         """
-        self._now, self._joint, self._joint_velocity = now_ns, position, velocity
+        self._now, self._joint, self._joint_velocity, self._measured_at = now_ns, position, velocity, -1
         direction = self._direction()
         motion = self.motion
         motion.position, motion.velocity = self._angle(position), direction * velocity
@@ -266,7 +274,7 @@ class EmulatedServo:
             self._put(register.name, kept.get(register.name, register.initial or 0))
         self._put("torque_enable", kept.get("torque_enable", self.values["startup_configuration"] & 1))
         self._reset_goals()
-        self._seen.clear()
+        self._forget_places()
         self._forget_turns()
         self._stay(self._now)
 
@@ -278,7 +286,13 @@ class EmulatedServo:
     def _put(self, name: str, raw: int) -> None:
         register = self.table.registers[name]
         self.values[name] = raw
+        self._measured_at = -1
         self._memory[register.address : register.end] = encode(register, raw)
+
+    def _forget_places(self) -> None:
+        """The indirect addresses have changed."""
+        self._seen.clear()
+        self._written.clear()
 
     def _places(self, address: int, length: int) -> tuple[int, ...] | None:
         """Where the bytes from ``address`` on really lie: what an indirect address points at. None for nowhere."""
@@ -296,22 +310,34 @@ class EmulatedServo:
 
     def _check(self, address: int, data: bytes, shadow: bool) -> tuple[list[tuple[Register, int]], Error]:
         """The registers that a write would set, and to what; or why it may not."""
-        places = self._places(address, len(data))
+        key = (address, len(data))
+        if key not in self._written:
+            self._written = self._written if len(self._written) < _MOST_KEPT else {}
+            self._written[key] = self._plan(*key)
+        plan = self._written[key]
+        if isinstance(plan, Error):
+            return [], plan
+        wanted = [(register, decode(register, bytes([data[n] for n in places]))) for register, places in plan]
+        for register, raw in wanted:
+            if error := self._refusal(register, raw, shadow):
+                return [], error
+        return wanted, Error.NONE
+
+    def _plan(self, address: int, length: int) -> tuple[tuple[Register, tuple[int, ...]], ...] | Error:
+        """Which registers a write would set, each with which of its bytes; or why it may not."""
+        places = self._places(address, length)
         if places is None:
-            return [], Error.ACCESS
-        new = dict(zip(places, data, strict=True))
-        wanted, left = [], dict(new)
+            return Error.ACCESS
+        left = {place: n for n, place in enumerate(places)}
+        plan = []
         for place in places:
             if place not in left:
                 continue
             register = self._at.get(place)
             if register is None or any(one not in left for one in range(register.address, register.end)):
-                return [], Error.DATA_LENGTH
-            raw = decode(register, bytes(left.pop(one) for one in range(register.address, register.end)))
-            if error := self._refusal(register, raw, shadow):
-                return [], error
-            wanted.append((register, raw))
-        return wanted, Error.NONE
+                return Error.DATA_LENGTH
+            plan.append((register, tuple(left.pop(one) for one in range(register.address, register.end))))
+        return tuple(plan)
 
     def _refusal(self, register: Register, raw: int, shadow: bool) -> Error:
         """Why a register may not be set to a value; no error where it may."""
@@ -335,7 +361,7 @@ class EmulatedServo:
         """What follows from registers having been written."""
         values = self.values
         if any(name.startswith("indirect_address") for name in names):
-            self._seen.clear()
+            self._forget_places()
         if "operating_mode" in names:
             self._change_mode()
         if names & {"operating_mode", "drive_mode", "homing_offset"}:
@@ -381,7 +407,7 @@ class EmulatedServo:
         self.motion.position = self._angle(self._joint)
         self.motion.velocity = self._direction() * self._joint_velocity
         self.motion.hold(now_ns * 1e-9)
-        self._put("goal_position", round(self.motion.position / self.table["goal_position"].scale))
+        self._put("goal_position", round(self.motion.position / self._pulse))
 
     # Angles.
 
@@ -390,14 +416,14 @@ class EmulatedServo:
 
     def _count(self, position: float) -> float:
         """Count of its encoder, offset included, at a joint's position."""
-        turned = position / self.table["present_position"].scale + self._zero - _TURN // 2
+        turned = position / self._pulse + self._zero - _TURN // 2
         count = _TURN // 2 + self._direction() * turned + self._turns * _TURN
         offset = self.values["homing_offset"]
         single = self.values["operating_mode"] == POSITION
         return count + (offset if not single or abs(offset) <= _TURN // 4 else 0)
 
     def _angle(self, position: float) -> float:
-        return self._count(position) * self.table["present_position"].scale
+        return self._count(position) * self._pulse
 
     def _forget_turns(self) -> None:
         """Its count is within one turn, but for the homing offset."""
@@ -407,36 +433,33 @@ class EmulatedServo:
 
     def _measure(self) -> None:
         """Brings what it measures up to date in its memory."""
-        values, motion, table = self.values, self.motion, self.table
-        time = self._now * 1e-9
-        scale, speed = table["present_position"].scale, table["present_velocity"].scale
-        wanted, wanted_velocity = motion.wanted(time)
-        ongoing = bool(values["torque_enable"]) and motion.ongoing(time)
-        velocity = round(motion.velocity / speed)
-        count = round(self._count(self._joint))
-        status = motion.profile.kind << 4 | (2 if ongoing else 0)
-        if values["operating_mode"] in {POSITION, EXTENDED, CURRENT_POSITION}:
-            status |= 1 if abs(values["goal_position"] - count) <= _IN_POSITION else 0
-            status |= 8 if abs(wanted / scale - count) > _FOLLOWING else 0
+        if self._measured_at == self._now:
+            return
+        self._measured_at = self._now
+        values, motion, pulse = self.values, self.motion, self._pulse
+        wanted, wanted_velocity = motion.wanted(self._now * 1e-9)
+        ongoing = bool(values["torque_enable"]) and motion.ongoing(self._now * 1e-9)
+        velocity, count = round(motion.velocity / self._speed), round(self._count(self._joint))
+        course = round(wanted / pulse)
+        status = motion.profile.kind << 4 | ongoing << 1
+        if values["operating_mode"] in _TO_POSITION:
+            status |= (abs(values["goal_position"] - count) <= _IN_POSITION) | (abs(course - count) > _FOLLOWING) << 3
         values["moving"] = int(ongoing or abs(velocity) > values["moving_threshold"])
-        found = {
-            "realtime_tick": self._now // 1_000_000 % 32_768,
-            "moving": values["moving"],
-            "moving_status": status,
-            "present_pwm": _word(motion.duty * FULL_DUTY),
-            "present_load": _word(1000 * motion.current / table.motor.stall_current),
-            "present_current": _word(motion.current / table["present_current"].scale)
-            if "present_current" in table
-            else 0,
-            "present_velocity": velocity,
-            "present_position": count,
-            "velocity_trajectory": round(wanted_velocity / speed),
-            "position_trajectory": round(wanted / scale),
-            "present_input_voltage": round(self.voltage * 10),
-            "present_temperature": min(255, max(0, round(motion.temperature))),
-        }
-        start = self._measured[0].address
-        self._packing.pack_into(self._memory, start, *(found[register.name] for register in self._measured))
+        self._packing.pack_into(
+            self._memory,
+            self._measured_from,
+            self._now // 1_000_000 % 32_768,
+            values["moving"],
+            status,
+            _word(motion.duty * FULL_DUTY),
+            _word(motion.current / self._load),
+            velocity,
+            count,
+            round(wanted_velocity / self._speed),
+            course,
+            round(self.voltage * 10),
+            min(255, max(0, round(motion.temperature))),
+        )
 
 
 def _word(value: float) -> int:

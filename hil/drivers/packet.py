@@ -8,9 +8,13 @@ https://emanual.robotis.com/docs/en/dxl/protocol2/
 
 from __future__ import annotations
 
+import struct
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+
+import numpy as np
 
 from model.errors import HighFiveError
 
@@ -122,24 +126,27 @@ class WriteTarget:
     data: bytes
 
 
-def _crc_table() -> tuple[int, ...]:
-    """CRC-16 of every byte: polynomial 0x8005, most significant bit first."""
-    table = []
-    for byte in range(256):
-        crc = byte << 8
-        for _ in range(8):
-            crc = (crc << 1) ^ (0x8005 if crc & 0x8000 else 0)
-        table.append(crc & 0xFFFF)
-    return tuple(table)
+def _crc_tables() -> tuple[array[int], array[int]]:
+    """CRC-16 of every byte and of every two: polynomial 0x8005, most significant bit first."""
+    crc = np.arange(256, dtype=np.uint32) << 8
+    for _ in range(8):
+        crc = ((crc << 1) ^ np.where(crc & 0x8000, 0x8005, 0)) & 0xFFFF
+    two = np.arange(65_536, dtype=np.uint32)
+    for _ in range(2):
+        two = ((two << 8) & 0xFF00) ^ crc[two >> 8]
+    return array("H", crc.astype(np.uint16).tobytes()), array("H", two.astype(np.uint16).tobytes())
 
 
-_CRC = _crc_table()
+_CRC_BYTE, _CRC_WORD = _crc_tables()
 
 
 def crc16(data: bytes | bytearray, crc: int = 0) -> int:
-    """The protocol's CRC of ``data``, going on from ``crc``."""
-    for byte in data:
-        crc = ((crc << 8) & 0xFF00) ^ _CRC[(crc >> 8) ^ byte]
+    """The protocol's CRC of ``data``, going on from ``crc``. Two bytes at a time: it is most of an emulator's work."""
+    table = _CRC_WORD
+    for word in struct.unpack_from(f">{len(data) // 2}H", data):
+        crc = table[crc ^ word]
+    if len(data) % 2:
+        crc = ((crc << 8) & 0xFF00) ^ _CRC_BYTE[(crc >> 8) ^ data[-1]]
     return crc
 
 
@@ -329,27 +336,32 @@ def status(servo: int, error: int, data: bytes = b"") -> bytes:
     return encode(Packet(servo, Instruction.STATUS, bytes((error,)) + data))
 
 
-def fast_status_parts(replies: Sequence[tuple[int, int, bytes]], lengths: Sequence[int]) -> list[bytes]:
-    """The reply to a fast read, one part a servo, as each would send it after those before it.
+class FastStatus:
+    """The reply to a fast read while it grows, one part a servo.
 
     Every part ends in the CRC of all bytes from the header to there; the first one begins with the header, whose LEN
     counts the parts of all servos that were asked.
-
-    Args:
-        replies: ID, error byte and data of the servos that reply; fewer than were asked where one is dead.
-        lengths: bytes of data of every servo that was asked.
     """
-    total = 1 + sum(4 + length for length in lengths)
-    if total > LONGEST:
-        raise PacketError(f"a reply of {total} bytes is too long; at most {LONGEST}: ask fewer servos at once")
-    sent, parts = b"", []
-    for servo, error, data in replies:
-        head = b"" if sent else HEADER + bytes((BROADCAST,)) + _word(total) + bytes((Instruction.STATUS,))
-        part = head + bytes((error, servo)) + data
-        part += _word(crc16(sent + part))
-        sent += part
-        parts.append(part)
-    return parts
+
+    def __init__(self, lengths: Sequence[int]) -> None:
+        """Nobody has replied yet; ``lengths`` are the bytes of data that each servo was asked for.
+
+        Raises:
+            PacketError: together they are too long for a packet.
+        """
+        total = 1 + sum(4 + length for length in lengths)
+        if total > LONGEST:
+            raise PacketError(f"a reply of {total} bytes is too long; at most {LONGEST}: ask fewer servos at once")
+        self._head = HEADER + bytes((BROADCAST,)) + _word(total) + bytes((Instruction.STATUS,))
+        self._crc = 0
+
+    def part(self, servo: int, error: int, data: bytes) -> bytes:
+        """What the next servo sends."""
+        said = self._head + bytes((error, servo)) + data
+        crc = _word(crc16(said, self._crc))
+        self._crc = crc16(said + crc, self._crc)
+        self._head = b""
+        return said + crc
 
 
 def decode_status(packet: Packet) -> Status:

@@ -142,7 +142,7 @@ def _wanted(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
     shadow = servo == joint.shadow_id
     return {
         "id": servo,
-        "baud_rate": BAUD_RATES.index(rig.baud_rate),
+        "baud_rate": _baud_index(rig.baud_rate),
         "return_delay_time": to_raw(table["return_delay_time"], settings.return_delay),
         "drive_mode": REVERSE if joint.reversed != shadow else 0,
         "operating_mode": settings.operating_mode,
@@ -166,7 +166,7 @@ def _rig(document: Mapping[str, Any]) -> Rig:
     joints = tuple(_joint(entry, n) for n, entry in enumerate(entries, 1))
     _once("joint", [joint.name for joint in joints])
     _once("ID", [str(servo) for joint in joints for servo in joint.ids])
-    rig = Rig(_typed(document, "", "name", str), _baud_rate(document), _settings(document["settings"]), joints)
+    rig = Rig(_typed(document, "", "name", str), _typed(document, "", "baud_rate", int), _settings(document["settings"]), joints)
     for joint in joints:
         if rig.settings.operating_mode not in load_table(joint.model).operating_modes:
             raise HighFiveError(f"settings: a {joint.model} has no operating mode {rig.settings.operating_mode}")
@@ -178,11 +178,10 @@ def _once(what: str, values: list[str]) -> None:
         raise HighFiveError(f"{what} {twice} is there twice; each may be there once")
 
 
-def _baud_rate(document: Mapping[str, Any]) -> int:
-    baud = _typed(document, "", "baud_rate", int)
+def _baud_index(baud: int) -> int:
     if baud not in BAUD_RATES:
-        raise HighFiveError(f"baud_rate: no servo speaks at {baud}; there are {', '.join(map(str, BAUD_RATES))}")
-    return baud
+        raise HighFiveError(f"no servo speaks at {baud} baud; there are {', '.join(map(str, BAUD_RATES))}")
+    return BAUD_RATES.index(baud)
 
 
 def _settings(entry: Mapping[str, Any]) -> RigSettings:

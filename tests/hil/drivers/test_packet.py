@@ -98,6 +98,11 @@ def test_stuffing_is_the_makers(parameters: bytes) -> None:
     assert bytes(Protocol2PacketHandler().addStuffing(packet)[:-2]) == ours[:-2]
 
 
+def fast_parts(replies: list[tuple[int, int, bytes]]) -> list[bytes]:
+    whole = wire.FastStatus([len(data) for _, _, data in replies])
+    return [whole.part(*reply) for reply in replies]
+
+
 def cut_up(data: bytes, seed: int) -> list[bytes]:
     cuts = np.sort(np.random.default_rng(seed).integers(0, len(data) + 1, size=5))
     return [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]
@@ -151,7 +156,7 @@ def test_a_hundred_thousand_damaged_packets() -> None:
     rng = np.random.default_rng(5)
     wires = [ours for ours, _ in PRINTED.values()]
     wires += [wire.sync_read(126, 10, range(1, 8), fast=True), wire.bulk_read([ReadTarget(1, 126, 10)], fast=True)]
-    wires += [b"".join(wire.fast_status_parts([(1, 0, bytes(10)), (2, 0x80, bytes(10))], [10, 10]))]
+    wires += [b"".join(fast_parts([(1, 0, bytes(10)), (2, 0x80, bytes(10))]))]
     counts = {Packet: 0, Damaged: 0}
     decoder = Decoder()
     for _ in range(100_000):
@@ -217,7 +222,7 @@ def _only(data: bytes) -> Packet:
 def test_fast_replies_as_far_as_they_came(servos: dict[int, tuple[int, bytes]], data: st.DataObject) -> None:
     replies = [(servo, *own) for servo, own in servos.items()]
     lengths = {servo: len(own[1]) for servo, own in servos.items()}
-    parts = wire.fast_status_parts(replies, list(lengths.values()))
+    parts = fast_parts(replies)
     expected = [Status(s, e & 0x7F, e >= 0x80, d) for s, e, d in replies]
     whole = b"".join(parts)
     assert decode_fast_status(whole, lengths) == expected
@@ -233,7 +238,7 @@ def test_fast_replies_as_far_as_they_came(servos: dict[int, tuple[int, bytes]], 
 
 def test_the_makers_sdk_takes_the_fast_reply() -> None:
     """Its check: one CRC over all that comes before, the CRCs of the servos before included."""
-    whole = b"".join(wire.fast_status_parts([(1, 0, b"ab"), (2, 0, b"cd"), (3, 0, b"ef")], [2, 2, 2]))
+    whole = b"".join(fast_parts([(1, 0, b"ab"), (2, 0, b"cd"), (3, 0, b"ef")]))
     assert len(whole) == 7 + (whole[5] | whole[6] << 8)
     assert Protocol2PacketHandler().updateCRC(0, whole, len(whole) - 2) == whole[-2] | whole[-1] << 8
 
@@ -246,7 +251,7 @@ def test_the_makers_sdk_takes_the_fast_reply() -> None:
         lambda: wire.sync_write(116, {1: b"a", 2: b"bc"}),
         lambda: wire.sync_write(116, {}),
         lambda: wire.write(1, 0, bytes(2000)),
-        lambda: wire.fast_status_parts([(1, 0, b"")], [2000]),
+        lambda: wire.FastStatus([2000]),
         lambda: decode_fast_status(wire.status(1, 0), {1: 0}),
         lambda: decode_fast_status(b"", {1: 0}),
         lambda: read_targets(Packet(BROADCAST, Instruction.SYNC_READ, b"\x84\0\4\0\1\1")),

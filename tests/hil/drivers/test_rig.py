@@ -62,7 +62,7 @@ def test_a_count_is_the_nearest(wanted: float) -> None:
         ("id = 2\n", "id = 1\n", "ID 1 is there twice"),
         ('"elbow"', '"waist"', "joint waist is there twice"),
         ("shadow_id = 3", "shadow_id = 253", "0 to 252"),
-        ("1_000_000", "1_000_001", "baud_rate"),
+        ("1_000_000", "1_000_001", "1000001 baud"),
         ("baud_rate = 1_000_000\n", "", "baud_rate missing"),
         ("zero = 2048", "zero = nan", "a whole number"),
         ("current_limit_A = 2.0", "current_limit_A = nan", "0 to 4.4"),

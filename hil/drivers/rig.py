@@ -166,7 +166,12 @@ def _rig(document: Mapping[str, Any]) -> Rig:
     joints = tuple(_joint(entry, n) for n, entry in enumerate(entries, 1))
     _once("joint", [joint.name for joint in joints])
     _once("ID", [str(servo) for joint in joints for servo in joint.ids])
-    rig = Rig(_typed(document, "", "name", str), _typed(document, "", "baud_rate", int), _settings(document["settings"]), joints)
+    rig = Rig(
+        _typed(document, "", "name", str),
+        _typed(document, "", "baud_rate", int),
+        _settings(document["settings"]),
+        joints,
+    )
     for joint in joints:
         if rig.settings.operating_mode not in load_table(joint.model).operating_modes:
             raise HighFiveError(f"settings: a {joint.model} has no operating mode {rig.settings.operating_mode}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import select
+import termios
 import time
 from pathlib import Path
 
@@ -60,7 +61,7 @@ class ServoPort(PortHandler):
         try:
             self.ser = serial.Serial(self.path, self.baudrate, timeout=0, write_timeout=0.1, exclusive=True)
             self.ser.reset_input_buffer()
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             self.ser = None
             raise PortError(f"{self.path}: {_reason(error, self.path)}") from None
         self.is_open, self.is_using = True, False
@@ -106,7 +107,7 @@ class ServoPort(PortHandler):
         try:
             if self.ser is not None:
                 self.ser.reset_input_buffer()
-        except (OSError, ValueError, serial.SerialException) as error:
+        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             raise PortError(f"{self.path}: the port is gone ({_strerror(error)})") from None
 
     def setPacketTimeout(self, packet_length: int) -> None:
@@ -138,5 +139,5 @@ def _reason(error: Exception, path: str) -> str:
 
 
 def _strerror(error: Exception) -> str:
-    number = getattr(error, "errno", None)
+    number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
     return os.strerror(number) if number else str(error) or type(error).__name__

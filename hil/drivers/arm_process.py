@@ -1,0 +1,360 @@
+"""The arm's bus in a process of its own: what waits for servos must not hold up whoever answers a person.
+
+The two sides share a block of memory and never wait for each other. The newest command is a one-place mailbox; every
+cycle leaves a row in a ring. The process goes by the clock, not by the commands, so that the servos hear from it and
+their watchdogs stay quiet; once the host falls silent or is gone, the arm is told to stay where it is, then nothing
+more, and the watchdogs do the rest. An emergency stop wakes the process at once.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from multiprocessing.synchronize import Event
+from typing import Any
+
+import numpy as np
+
+from hil.drivers.joint_bus import JointBus
+from hil.drivers.rig import Rig
+from hil.drivers.servo_bus import NoAnswer, ServoBus, ServoError
+from hil.drivers.servo_port import ALLOWANCE_MS, PortError
+from hil.drivers.values import Array, JointCommand, JointState
+from model.errors import HighFiveError
+
+HOST_SILENT_NS = 50_000_000
+"""A host that gives no command for so long is taken for stalled: the arm is told to stay where it is, ns."""
+
+REOPEN_S = 0.2
+"""How often a lost port is tried again, s."""
+
+ROWS = 1024
+"""Cycles that the ring holds: eight seconds."""
+
+_TEXT = 200  # bytes of the message about what is wrong
+
+
+class Mode(IntEnum):
+    """What the process is doing."""
+
+    STARTING = 0
+    READING = 1
+    DRIVING = 2
+    HOLDING = 3
+    STOPPED = 4
+    PORT_LOST = 5
+    ENDED = 6
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle of the bus.
+
+    Attributes:
+        number: counted from 0.
+        mode: of the process in it.
+        due_ns, begun_ns: when it should have begun, and when it did, of the monotonic clock.
+        took_ns: until all answers were there.
+        sent: the goals that went out; None if none did.
+        state: what the arm said.
+        temperatures, voltages: (J,) °C and V.
+    """
+
+    number: int
+    mode: Mode
+    due_ns: int
+    begun_ns: int
+    took_ns: int
+    sent: JointCommand | None
+    state: JointState
+    temperatures: Array
+    voltages: Array
+
+
+def _row_type(joints: int) -> np.dtype[Any]:
+    each = (np.float64, (joints,))
+    return np.dtype([
+        ("number", np.int64), ("mode", np.int64), ("due_ns", np.int64), ("begun_ns", np.int64), ("took_ns", np.int64),
+        ("is_sent", np.int64), ("sent_positions", *each), ("sent_currents", *each), ("time_ns", np.int64),
+        ("positions", *each), ("velocities", *each), ("currents", *each), ("errors", np.int64, (joints,)),
+        ("answered", np.int64, (joints,)), ("temperatures", *each), ("voltages", *each),
+    ])  # fmt: skip
+
+
+def _head_type(joints: int) -> np.dtype[Any]:
+    """What there is once: a number that is odd while a command is being written, the command, when it was given, how
+    many rows are complete, whether to end, what is wrong."""
+    each = (np.float64, (joints,))
+    return np.dtype([
+        ("written", np.int64), ("given_ns", np.int64), ("positions", *each), ("currents", *each), ("drive", np.int64),
+        ("rows", np.int64), ("mode", np.int64), ("end", np.int64), ("trouble", f"S{_TEXT}"),
+    ])  # fmt: skip
+
+
+class _Shared:
+    """The block of memory that both sides see."""
+
+    def __init__(self, raw: Any, joints: int):
+        head = _head_type(joints)
+        self.head = np.frombuffer(raw, dtype=head, count=1)
+        self.rows = np.frombuffer(raw, dtype=_row_type(joints), count=ROWS, offset=head.itemsize)
+
+
+def _size(joints: int) -> int:
+    return _head_type(joints).itemsize + ROWS * _row_type(joints).itemsize
+
+
+class ArmProcess:
+    """The host's side: gives commands, reads cycles. One owner, one thread."""
+
+    def __init__(
+        self,
+        port: str,
+        rig: Rig,
+        rate_hz: float = 120.0,
+        estop: Event | None = None,
+        allowance_ms: float = ALLOWANCE_MS,
+    ):
+        """Starts the process; it opens the port, tells the servos what to show, and reads.
+
+        Args:
+            port: path of the serial port.
+            rig: the arm on it; its servos must be configured.
+            rate_hz: cycles a second.
+            estop: when it is set the arm is told to stay where it is, and no goal is sent any more.
+            allowance_ms: how long an answer of a servo may be late.
+        """
+        context = multiprocessing.get_context("spawn")
+        self._joints = len(rig.joints)
+        self._raw = context.RawArray("b", _size(self._joints))
+        self._shared = _Shared(self._raw, self._joints)
+        self.estop = context.Event() if estop is None else estop
+        self._read = 0
+        arguments = (self._raw, port, rig, rate_hz, self.estop, os.getpid(), allowance_ms)
+        self._process = context.Process(target=_run, args=arguments, name=f"arm {port}", daemon=True)
+        self._process.start()
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid or 0
+
+    @property
+    def mode(self) -> Mode:
+        """What the process is doing; ENDED when it is gone, whatever took it."""
+        return Mode(int(self._shared.head["mode"][0])) if self._process.is_alive() else Mode.ENDED
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong, in one line; '' for nothing."""
+        said = bytes(self._shared.head["trouble"][0]).decode("utf-8", "replace")
+        if not said and not self._process.is_alive() and self._process.exitcode:
+            return f"the process of the arm ended by itself (exit code {self._process.exitcode})"
+        return said
+
+    def wait_ready(self, timeout_s: float = 10.0) -> None:
+        """Returns once the arm has been read.
+
+        Raises:
+            HighFiveError: that failed, or took longer.
+        """
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            if self.trouble:
+                raise HighFiveError(self.trouble)
+            if self._shared.head["rows"][0] > 0:
+                return
+            time.sleep(0.002)
+        raise HighFiveError(f"the arm did not answer within {timeout_s:g} s")
+
+    def drive(self, command: JointCommand) -> None:
+        """Gives a command; the first one switches torque on. It holds until the next one, and has to be followed by one
+        within :data:`HOST_SILENT_NS`."""
+        head = self._shared.head
+        head["written"] += 1
+        head["positions"][0], head["currents"][0] = command.positions, command.currents
+        head["given_ns"][0] = time.monotonic_ns()
+        head["drive"][0] = 1
+        head["written"] += 1
+
+    def stop(self) -> None:
+        """Tells the arm to stay where it is and sends no more goals; torque stays on, and the watchdogs quiet."""
+        head = self._shared.head
+        head["written"] += 1
+        head["drive"][0] = 0
+        head["written"] += 1
+
+    def newest(self) -> Cycle | None:
+        """The last cycle; None before the first."""
+        count = int(self._shared.head["rows"][0])
+        return self._cycle(count - 1) if count else None
+
+    def unread(self) -> list[Cycle]:
+        """The cycles since the last call, oldest first; those that the ring no longer holds are left out."""
+        count = int(self._shared.head["rows"][0])
+        start, self._read = max(self._read, count - ROWS + 2), count
+        return [self._cycle(number) for number in range(start, count)]
+
+    def close(self, timeout_s: float = 2.0) -> None:
+        """Ends the process. The arm holds where it is: torque stays on, watchdogs are switched off."""
+        self._shared.head["end"][0] = 1
+        self._process.join(timeout_s)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _cycle(self, number: int) -> Cycle:
+        row = self._shared.rows[number % ROWS].copy()
+        sent = JointCommand(row["sent_positions"], row["sent_currents"]) if row["is_sent"] else None
+        state = JointState(
+            int(row["time_ns"]), row["positions"], row["velocities"], row["currents"], row["errors"],
+            row["answered"].astype(bool),
+        )  # fmt: skip
+        return Cycle(
+            int(row["number"]), Mode(int(row["mode"])), int(row["due_ns"]), int(row["begun_ns"]), int(row["took_ns"]),
+            sent, state, row["temperatures"], row["voltages"],
+        )  # fmt: skip
+
+
+def _run(raw: Any, port: str, rig: Rig, rate_hz: float, estop: Event, parent: int, allowance_ms: float) -> None:
+    """The other side, until it is told to end or the host is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the host's to handle: the arm must not drop
+    shared = _Shared(raw, len(rig.joints))
+    try:
+        bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms)
+        try:
+            _Loop(bus, rig, shared, estop, parent, rate_hz).run()
+        finally:
+            bus.close()
+    except HighFiveError as error:
+        _say(shared, str(error))
+    shared.head["mode"][0] = Mode.ENDED
+
+
+def _say(shared: _Shared, text: str) -> None:
+    shared.head["trouble"][0] = text.encode("utf-8")[:_TEXT]
+
+
+class _Loop:
+    """The process's state and its cycle."""
+
+    def __init__(self, bus: ServoBus, rig: Rig, shared: _Shared, estop: Event, parent: int, rate_hz: float):
+        self._bus, self._rig, self._shared, self._estop, self._parent = bus, rig, shared, estop, parent
+        self._period_ns = round(1e9 / rate_hz)
+        self._joints = JointBus(bus, rig)
+        self._engaged = self._held = False
+        self._mode = Mode.STARTING
+
+    def run(self) -> None:
+        """Cycles at their time."""
+        self._joints.prepare()
+        self._mode = Mode.READING
+        due = time.monotonic_ns()
+        while not self._shared.head["end"][0] and os.getppid() == self._parent:
+            self._wait(due)
+            self._cycle(due)
+            due += self._period_ns
+            if (late := time.monotonic_ns() - due) > self._period_ns:
+                due += late // self._period_ns * self._period_ns
+        if os.getppid() == self._parent:
+            self._joints.disarm_watchdog()
+        else:
+            self._hold()  # then silence: the watchdogs stop the arm
+
+    def _wait(self, due: int) -> None:
+        left = 1e-9 * (due - time.monotonic_ns())
+        if left <= 0.0:
+            return
+        if self._mode in (Mode.STOPPED, Mode.READING):
+            time.sleep(left)
+        else:
+            self._estop.wait(left)
+
+    def _cycle(self, due: int) -> None:
+        begun = time.monotonic_ns()
+        try:
+            sent = self._send()
+            state = self._joints.read()
+        except PortError as error:
+            self._lost(error)
+            return
+        except (NoAnswer, ServoError, HighFiveError) as error:
+            _say(self._shared, str(error))
+            self._mode = Mode.STOPPED
+            sent, state = None, self._joints.read()
+        self._note(due, begun, sent, state)
+
+    def _send(self) -> JointCommand | None:
+        """What is sent in this cycle, if anything; torque comes on with the first command."""
+        if self._estop.is_set() or self._mode == Mode.STOPPED:
+            sent = self._hold() if self._mode != Mode.STOPPED else None
+            self._mode = Mode.STOPPED
+            return sent
+        wanted, given = self._wanted()
+        if wanted is None:
+            sent = self._hold() if self._mode == Mode.DRIVING else None
+            self._mode = Mode.HOLDING if self._engaged else Mode.READING
+            return sent
+        if time.monotonic_ns() - given > HOST_SILENT_NS:
+            sent = self._hold() if self._mode == Mode.DRIVING else None
+            self._mode = Mode.HOLDING
+            return sent
+        if not self._engaged:
+            self._joints.engage()
+            self._engaged = True
+        self._mode = Mode.DRIVING
+        return self._joints.write(wanted)
+
+    def _wanted(self) -> tuple[JointCommand | None, int]:
+        """The newest command, whole, and when it was given; None if there is none."""
+        head = self._shared.head
+        while True:
+            before = int(head["written"][0])
+            if before % 2 == 0:
+                drive, given = bool(head["drive"][0]), int(head["given_ns"][0])
+                command = JointCommand(head["positions"][0].copy(), head["currents"][0].copy())
+                if int(head["written"][0]) == before:
+                    return (command if drive else None), given
+            if os.getppid() != self._parent:  # it died while it wrote
+                return None, 0
+
+    def _hold(self) -> JointCommand | None:
+        """The goal is where each joint stands."""
+        return self._joints.hold() if self._engaged else None
+
+    def _lost(self, error: PortError) -> None:
+        """The port is gone: tried again until it is back; then the arm is read, and driven only by a new process."""
+        _say(self._shared, str(error))
+        self._mode = Mode.PORT_LOST
+        self._shared.head["mode"][0] = self._mode
+        while not self._shared.head["end"][0] and os.getppid() == self._parent:
+            time.sleep(REOPEN_S)
+            try:
+                self._bus.reopen()
+                self._joints.read()
+            except PortError:
+                continue
+            self._mode = Mode.STOPPED
+            return
+
+    def _note(self, due: int, begun: int, sent: JointCommand | None, state: JointState) -> None:
+        """Leaves the cycle's row in the ring."""
+        head = self._shared.head
+        number = int(head["rows"][0])
+        row = self._shared.rows[number % ROWS : number % ROWS + 1]
+        hot, volts = self._joints.health()
+        nothing = np.full(len(self._rig.joints), np.nan)
+        values: Sequence[Any] = (
+            number, self._mode, due, begun, state.time_ns - begun, sent is not None,
+            nothing if sent is None else sent.positions, nothing if sent is None else sent.currents, state.time_ns,
+            state.positions, state.velocities, state.currents, state.errors, state.answered, hot, volts,
+        )  # fmt: skip
+        for name, value in zip(row.dtype.names or (), values, strict=True):
+            row[name][0] = value
+        head["mode"][0] = self._mode
+        head["rows"][0] = number + 1

@@ -1,0 +1,255 @@
+"""The joints of an arm over a servo bus: one packet with all goals, one with all answers, a cycle.
+
+What is read every cycle lies in different places of the control table; each servo is told once to show it in one block
+(indirect addresses), goals likewise. Units and directions end here: above are joints, rad and A.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hil.drivers.control_table import Table, decode, encode, to_raw, to_si
+from hil.drivers.rig import Rig, angle, count
+from hil.drivers.servo_bus import NoAnswer, ServoBus, ServoError
+from hil.drivers.values import Array, JointCommand, JointState
+from model.errors import HighFiveError
+
+GOALS = ("goal_current", "goal_position")
+"""What is written in every cycle."""
+
+ANSWERS = (
+    "present_current",
+    "present_velocity",
+    "present_position",
+    "hardware_error_status",
+    "present_temperature",
+    "present_input_voltage",
+)
+"""What is read in every cycle."""
+
+DEAD_AFTER = 3
+"""Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
+
+
+@dataclass
+class _Servo:
+    """What is known of one servo: its last values, raw, whether they are of this cycle, and how often it was silent."""
+
+    values: dict[str, int] = field(default_factory=lambda: dict.fromkeys(ANSWERS, 0))
+    answered: bool = False
+    silent: int = 0
+
+
+class JointBus:
+    """The arm's servos. One owner, one thread."""
+
+    def __init__(self, bus: ServoBus, rig: Rig, clock: Callable[[], int] = time.monotonic_ns):
+        """Args: ``clock`` is this process's monotonic clock, ns."""
+        self._bus, self._rig, self._clock = bus, rig, clock
+        self._servos = {servo: _Servo() for joint in rig.joints for servo in joint.ids}
+        tables = {servo: bus.table(servo) for servo in self._servos}
+        self._goal_registers = {joint.id: [tables[joint.id][name] for name in GOALS] for joint in rig.joints}
+        self._answer_registers = {servo: [table[name] for name in ANSWERS] for servo, table in tables.items()}
+        self._goals_at, self._answers_at = _blocks(next(iter(tables.values())))
+        self._answers_size = sum(r.size for r in next(iter(self._answer_registers.values())))
+        self._fast = True
+        self._fallbacks = 0
+
+    @property
+    def dead(self) -> tuple[int, ...]:
+        """Servos that have gone silent; they are not asked again before :meth:`prepare`."""
+        return tuple(servo for servo, state in self._servos.items() if state.silent >= DEAD_AFTER)
+
+    @property
+    def fallbacks(self) -> int:
+        """Cycles in which the one answer of all servos did not come whole, and each was asked for its own."""
+        return self._fallbacks
+
+    def prepare(self) -> None:
+        """Tells every servo which registers to show together. Torque must be off.
+
+        Raises:
+            NoAnswer, ServoError, PortError: a servo did not take it.
+        """
+        for servo, state in self._servos.items():
+            table = self._bus.table(servo)
+            names = [*GOALS, *ANSWERS]
+            shown = [table[name].address + byte for name in names for byte in range(table[name].size)]
+            for number, address in enumerate(shown, 1):
+                self._bus.write(servo, f"indirect_address_{number}", address)
+            state.silent = 0
+
+    def engage(self) -> JointState:
+        """Holds the arm where it is: the goal is where each joint stands, torque on, then the watchdog armed.
+
+        Raises:
+            NoAnswer, ServoError, PortError: a servo did not take it; those that did hold on.
+            HighFiveError: a servo is missing.
+        """
+        state = self.read()
+        if not state.answered.all():
+            silent = [j.name for j, there in zip(self._rig.joints, state.answered, strict=True) if not there]
+            raise HighFiveError(f"{', '.join(silent)}: no answer; nothing is switched on")
+        self.write(JointCommand(state.positions, np.array([joint.current_limit for joint in self._rig.joints])))
+        for servo in self._servos:
+            self._bus.write(servo, "torque_enable", 1)
+        self.arm_watchdog()
+        return state
+
+    def arm_watchdog(self) -> None:
+        """Arms every servo's own watchdog, or arms it again after it tripped.
+
+        Raises:
+            NoAnswer, ServoError, PortError: a servo did not take it.
+        """
+        for servo in self._servos:
+            register = self._bus.table(servo)["bus_watchdog"]
+            self._bus.write(servo, register.name, 0)
+            self._bus.write(servo, register.name, to_raw(register, self._rig.settings.watchdog))
+
+    def disarm_watchdog(self) -> None:
+        """Switches the watchdogs off, so that the arm holds on when the bus falls silent. The dead are left."""
+        for servo in self._servos:
+            with contextlib.suppress(NoAnswer, ServoError):
+                self._bus.write(servo, "bus_watchdog", 0)
+
+    def hold(self) -> JointCommand:
+        """Sends each joint's last known position as its goal.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        state = self._state(self._clock())
+        return self.write(JointCommand(state.positions, np.array([joint.current_limit for joint in self._rig.joints])))
+
+    def release(self) -> list[int]:
+        """Switches torque off: the arm falls. The servos that did not confirm it."""
+        failed = []
+        for servo in self._servos:
+            try:
+                self._bus.write(servo, "bus_watchdog", 0)
+                self._bus.write(servo, "torque_enable", 0)
+            except (NoAnswer, ServoError):
+                failed.append(servo)
+        return failed
+
+    def cycle(self, command: JointCommand | None) -> tuple[JointState, JointCommand | None]:
+        """Sends goals, if there are any, and reads everything; what was really sent comes back.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        sent = None if command is None else self.write(command)
+        return self.read(), sent
+
+    def write(self, command: JointCommand) -> JointCommand:
+        """Sends goals to all servos in one packet, which none answers; as what they arrive, to a count.
+
+        Raises:
+            HighFiveError: a goal is no number, or is nothing that a register takes. Nothing is sent.
+            PortError: the port is gone.
+        """
+        data, positions, currents = {}, [], []
+        for joint, position, current in zip(self._rig.joints, command.positions, command.currents, strict=True):
+            if not (np.isfinite(position) and np.isfinite(current)):
+                raise HighFiveError(f"{joint.name}: {position:g} rad and {current:g} A are no goals")
+            current_register, position_register = self._goal_registers[joint.id]
+            raw = to_raw(current_register, min(max(current, 0.0), joint.current_limit)), count(joint, position)
+            try:
+                data[joint.id] = encode(current_register, raw[0]) + encode(position_register, raw[1])
+            except HighFiveError as error:
+                raise HighFiveError(f"{joint.name}: {error}") from None
+            positions.append(angle(joint, raw[1]))
+            currents.append(to_si(current_register, raw[0]))
+        self._bus.sync_write(self._goals_at, data)
+        return JointCommand(np.array(positions), np.array(currents))
+
+    def read(self) -> JointState:
+        """Everything of all servos that answer.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        asked = [servo for servo, state in self._servos.items() if state.silent < DEAD_AFTER]
+        found = self._answers(asked) if asked else {}
+        for servo, state in self._servos.items():
+            state.answered = servo in found
+            if state.answered:
+                state.values = self._values(servo, found[servo])
+        return self._state(self._clock())
+
+    def _answers(self, asked: list[int]) -> dict[int, bytes]:
+        """One answer for all while everyone is there; after a gap each for itself, until nobody is silent or the silent
+        are dead: one of them costs a wait a cycle, and not the others."""
+        at, size = self._answers_at, self._answers_size
+        if self._fast:
+            try:
+                return self._bus.fast_sync_read(at, size, asked)
+            except NoAnswer:
+                self._fast = False
+                self._fallbacks += 1
+                return {}
+        found = self._bus.sync_read(at, size, asked)
+        for servo in asked[len(found) + 1 :]:  # after the first silent one
+            found |= self._bus.sync_read(at, size, [servo])
+        for servo in asked:
+            self._servos[servo].silent = 0 if servo in found else self._servos[servo].silent + 1
+        self._fast = all(self._servos[servo].silent in (0, DEAD_AFTER) for servo in asked)
+        return found
+
+    def _values(self, servo: int, data: bytes) -> dict[str, int]:
+        values, start = {}, 0
+        for register in self._answer_registers[servo]:
+            values[register.name] = decode(register, data[start : start + register.size])
+            start += register.size
+        return values
+
+    def _state(self, now_ns: int) -> JointState:
+        joints = self._rig.joints
+        of = [[self._servos[servo] for servo in joint.ids] for joint in joints]
+        return JointState(
+            time_ns=now_ns,
+            positions=np.array(
+                [angle(joint, own[0].values["present_position"]) for joint, own in zip(joints, of, strict=True)]
+            ),
+            velocities=self._mean("present_velocity", of),
+            currents=self._mean("present_current", of),
+            errors=np.array([_bits(own) for own in of], dtype=np.int64),
+            answered=np.array([all(servo.answered for servo in own) for own in of]),
+        )
+
+    def _mean(self, name: str, of: list[list[_Servo]]) -> Array:
+        registers = [self._bus.table(joint.id)[name] for joint in self._rig.joints]
+        return np.array(
+            [
+                sum(to_si(register, servo.values[name]) for servo in own) / len(own)
+                for register, own in zip(registers, of, strict=True)
+            ]
+        )
+
+    def health(self) -> tuple[Array, Array]:
+        """Temperatures, °C, and supply voltages, V, (J,) each, as read last: of two servos the hotter and the lower."""
+        hot, low = [], []
+        for joint in self._rig.joints:
+            table, own = self._bus.table(joint.id), [self._servos[servo].values for servo in joint.ids]
+            hot.append(max(to_si(table["present_temperature"], v["present_temperature"]) for v in own))
+            low.append(min(to_si(table["present_input_voltage"], v["present_input_voltage"]) for v in own))
+        return np.array(hot), np.array(low)
+
+
+def _bits(own: list[_Servo]) -> int:
+    errors = 0
+    for servo in own:
+        errors |= servo.values["hardware_error_status"]
+    return errors
+
+
+def _blocks(table: Table) -> tuple[int, int]:
+    """Where the servos show goals and answers: addresses of the first byte of each."""
+    goals = sum(table[name].size for name in GOALS)
+    return table.indirect[0].data, table.indirect[0].data + goals

@@ -1,0 +1,99 @@
+"""Whether the servos on a bus are those of a rig, and set as it wants them; and how to set them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hil.drivers.control_table import load_table
+from hil.drivers.rig import Rig, RigJoint, wanted_registers
+from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus
+from model.errors import HighFiveError
+
+_ARMED_LATER = ("bus_watchdog",)  # it only counts, and can only be armed, while torque is on
+_BY_WHICH_IT_IS_FOUND = ("id", "baud_rate")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A register that does not hold what the rig wants.
+
+    Attributes:
+        servo: ID.
+        joint: name.
+        register: name.
+        found, wanted: raw.
+    """
+
+    servo: int
+    joint: str
+    register: str
+    found: int
+    wanted: int
+
+    def __str__(self) -> str:
+        """As in ``servo 4 (elbow): return_delay_time is 250, not 0``."""
+        return f"servo {self.servo} ({self.joint}): {self.register} is {self.found}, not {self.wanted}"
+
+
+def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
+    """What stands in the way of using the servos at all, a line each: silent ones, double IDs, other models.
+
+    Raises:
+        PortError: the port is gone.
+    """
+    troubles = []
+    for joint, servo in _servos(rig):
+        where = f"servo {servo} ({joint.name})"
+        try:
+            found = bus.ping(servo)
+        except DamagedAnswer:
+            troubles.append(f"{where}: only damaged answers; two servos may have this ID, or the cable is bad")
+        except NoAnswer:
+            troubles.append(
+                f"{where}: no answer; is it plugged in, has it power, and is it set to {rig.baud_rate:,} baud?"
+            )
+        else:
+            if found.model != joint.model:
+                other = found.model or f"a model with number {found.number}"
+                troubles.append(f"{where}: it is {other}, expected {joint.model}")
+            elif found.firmware < (least := load_table(joint.model).firmware):
+                troubles.append(
+                    f"{where}: firmware {found.firmware} is older than {least}; update it with the maker's tool"
+                )
+    return troubles
+
+
+def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
+    """The registers of all servos that do not hold what the rig wants; read back one by one.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    wanted = wanted_registers(rig)
+    found = []
+    for joint, servo in _servos(rig):
+        for name, value in wanted[servo].items():
+            if name not in (*_ARMED_LATER, *_BY_WHICH_IT_IS_FOUND) and (holds := bus.read(servo, name)) != value:
+                found.append(Difference(servo, joint.name, name, holds, value))
+    return found
+
+
+def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
+    """Writes what was found different, and reads everything back.
+
+    Raises:
+        HighFiveError: torque is on (the servos then refuse), or a servo does not keep what was written.
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    for _, servo in _servos(rig):
+        if bus.read(servo, "torque_enable"):
+            raise HighFiveError(f"servo {servo}: torque is on, and its settings are locked; highfive rig release first")
+    for one in wanted:
+        bus.write(one.servo, one.register, one.wanted)
+    if kept := differences(bus, rig):
+        raise HighFiveError(f"{kept[0]}, although that was written")
+
+
+def _servos(rig: Rig) -> list[tuple[RigJoint, int]]:
+    return [(joint, servo) for joint in rig.joints for servo in joint.ids]

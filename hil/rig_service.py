@@ -1,0 +1,172 @@
+"""``highfive rig scan``, ``check``, ``configure`` and ``release``: what is on a servo bus, and how it is set.
+
+None of them moves a joint; ``release`` lets the arm fall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil.drivers.control_table import to_si
+from hil.drivers.joint_bus import JointBus
+from hil.drivers.ports import Port, latency_ms, serial_ports
+from hil.drivers.rig import Rig, load_rig
+from hil.drivers.rig_setup import Difference, configure, differences, missing_servos
+from hil.drivers.servo_bus import Found, ServoBus
+from hil.drivers.servo_port import PortError
+from model.errors import HighFiveError
+
+PROBED_IDS = range(1, 21)
+"""IDs that a scan asks for unless it is to ask for all: labs count from 1."""
+
+_HARDWARE = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
+
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """Where to look.
+
+    Attributes:
+        ports: paths; none for all that the system knows.
+        bauds: rates to try, in this order; the first at which somebody answers is taken.
+        ids: asked for.
+    """
+
+    ports: tuple[str, ...] = ()
+    bauds: tuple[int, ...] = (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200)
+    ids: Sequence[int] = PROBED_IDS
+
+
+def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) -> dict[str, Any]:
+    """What answers on each port: servos, double IDs, the rate; or why nothing does.
+
+    Raises:
+        HighFiveError: a port that was named cannot be opened.
+    """
+    known = serial_ports()
+    if options.ports:
+        paths = {port.path: port for port in known}
+        known = [paths.get(path) or Port(path, "", latency_ms(path)) for path in options.ports]
+    advance = bar("asking", len(known) * len(options.bauds))
+    rows = []
+    for port in known:
+        row: dict[str, Any] = {
+            "port": port.path, "description": port.description, "latency_ms": port.latency_ms, "advice": port.advice,
+            "baud": None, "servos": [], "double_or_damaged": [], "trouble": "",
+        }  # fmt: skip
+        rows.append(row)
+        for baud in options.bauds:
+            try:
+                found, damaged = _asked(port.path, baud, options.ids)
+            except PortError as error:
+                if options.ports:
+                    raise
+                row["trouble"] = str(error)
+                break
+            finally:
+                advance()
+            if found or damaged:
+                row |= {"baud": baud, "servos": [_described(one) for one in found], "double_or_damaged": damaged}
+                break
+    return {"ports": rows}
+
+
+def _asked(path: str, baud: int, ids: Sequence[int]) -> tuple[list[Found], list[int]]:
+    bus = ServoBus(path, baud)
+    try:
+        return bus.scan(ids)
+    finally:
+        bus.close()
+
+
+def _described(found: Found) -> dict[str, Any]:
+    return {"id": found.servo, "model": found.model, "model_number": found.number, "firmware": found.firmware}
+
+
+@contextmanager
+def opened(port: str, rig: Rig) -> Iterator[ServoBus]:
+    """A rig's bus, closed in the end.
+
+    Raises:
+        HighFiveError: the port cannot be opened.
+    """
+    bus = ServoBus(port, rig.baud_rate, rig.models)
+    try:
+        yield bus
+    finally:
+        bus.close()
+
+
+def check(port: str, rig_file: Path | None) -> dict[str, Any]:
+    """Everything that the rig's servos hold, against what it wants; ``ready`` says whether they may be used.
+
+    Raises:
+        HighFiveError: the rig's file or the port cannot be used.
+    """
+    rig = load_rig(rig_file)
+    with opened(port, rig) as bus:
+        troubles = missing_servos(bus, rig)
+        wrong: list[Difference] = []
+        servos: list[dict[str, Any]] = []
+        if not troubles:
+            wrong = differences(bus, rig)
+            servos = [_health(bus, rig, servo) for servo in rig.models]
+        troubles += [
+            f"servo {row['id']} ({row['joint']}): {', '.join(row['errors'])}" for row in servos if row["errors"]
+        ]
+    return {
+        "port": port,
+        "rig": rig.name,
+        "ready": not troubles and not wrong,
+        "troubles": troubles,
+        "differences": [vars(one) for one in wrong],
+        "servos": servos,
+    }
+
+
+def _health(bus: ServoBus, rig: Rig, servo: int) -> dict[str, Any]:
+    table, joint = bus.table(servo), next(joint for joint in rig.joints if servo in joint.ids)
+    bits = bus.read(servo, "hardware_error_status")
+    return {
+        "id": servo,
+        "joint": joint.name,
+        "model": table.model,
+        "firmware": bus.read(servo, "firmware_version"),
+        "torque": bool(bus.read(servo, "torque_enable")),
+        "temperature_C": to_si(table["present_temperature"], bus.read(servo, "present_temperature")),
+        "voltage_V": round(to_si(table["present_input_voltage"], bus.read(servo, "present_input_voltage")), 2),
+        "errors": [name for bit, name in _HARDWARE.items() if bits >> bit & 1],
+    }
+
+
+def configure_rig(port: str, rig_file: Path | None, agreed: Callable[[list[Difference]], bool]) -> dict[str, Any]:
+    """Sets the servos as the rig wants them, if ``agreed`` says yes to the differences.
+
+    Raises:
+        HighFiveError: a servo is missing, of another model or does not keep what is written; torque is on.
+    """
+    rig = load_rig(rig_file)
+    with opened(port, rig) as bus:
+        if troubles := missing_servos(bus, rig):
+            raise HighFiveError(troubles[0] + (f" ({len(troubles) - 1} more)" if len(troubles) > 1 else ""))
+        wrong = differences(bus, rig)
+        if wrong and (written := agreed(wrong)):
+            configure(bus, rig, wrong)
+        else:
+            written = False
+    return {"port": port, "rig": rig.name, "differences": [vars(one) for one in wrong], "written": written}
+
+
+def release(port: str, rig_file: Path | None) -> dict[str, Any]:
+    """Switches torque off: the arm falls. ``failed`` are servos that did not confirm it.
+
+    Raises:
+        HighFiveError: the rig's file or the port cannot be used.
+    """
+    rig = load_rig(rig_file)
+    with opened(port, rig) as bus:
+        return {"port": port, "rig": rig.name, "failed": JointBus(bus, rig).release()}

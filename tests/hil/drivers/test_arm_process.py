@@ -1,0 +1,156 @@
+"""The arm's own process: mailbox, ring, emergency stop, and what happens when either side dies."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_servo_bus import until
+
+from hil.drivers.arm_process import ArmProcess, Mode
+from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.rig import Rig
+from hil.drivers.servo_bus import ServoBus
+from hil.drivers.values import JointCommand
+from model.errors import HighFiveError
+
+HALF = np.full(6, 0.5)
+PATIENT_MS = 60.0
+
+
+@pytest.fixture
+def arm(emulator: EmulatorProcess, rig: Rig) -> Iterator[ArmProcess]:
+    arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
+    arm.wait_ready(30.0)
+    yield arm
+    arm.close()
+
+
+def drive_to(arm: ArmProcess, angle: float) -> None:
+    def there() -> bool:
+        arm.drive(JointCommand(np.full(6, angle), HALF))
+        newest = arm.newest()
+        return newest is not None and bool(np.allclose(newest.state.positions, angle, atol=0.03))
+
+    until(there)
+
+
+def drive(arm: ArmProcess, angle: float, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        arm.drive(JointCommand(np.full(6, angle), HALF))
+        time.sleep(0.005)
+
+
+def test_it_reads_until_it_is_told_to_move(arm: ArmProcess) -> None:
+    until(lambda: len(arm.unread()) > 3)
+    newest = arm.newest()
+    assert newest is not None
+    assert newest.mode is Mode.READING
+    assert newest.sent is None
+    drive_to(arm, 0.3)
+    assert arm.mode is Mode.DRIVING
+    cycles = arm.unread()
+    numbers = [cycle.number for cycle in cycles]
+    assert numbers == list(range(numbers[0], numbers[-1] + 1))
+    assert all(cycle.begun_ns >= cycle.due_ns for cycle in cycles)
+    assert any(cycle.sent is not None for cycle in cycles)
+
+
+def test_a_host_that_stalls_is_held_and_goes_on(arm: ArmProcess) -> None:
+    drive_to(arm, 0.3)
+    until(lambda: arm.mode is Mode.HOLDING)
+    held = arm.newest()
+    time.sleep(0.2)
+    later = arm.newest()
+    assert held is not None and later is not None
+    np.testing.assert_allclose(later.state.positions, held.state.positions, atol=0.05)
+    assert later.state.answered.all()  # the bus is not silent: no watchdog trips
+    drive_to(arm, 0.2)
+
+
+def test_the_emergency_stop_is_the_last_motion(arm: ArmProcess) -> None:
+    drive(arm, 0.5, 0.2)
+    arm.estop.set()
+    pulled = time.monotonic_ns()
+    drive(arm, 0.9, 0.3)  # whoever goes on asking is not heard
+    assert arm.mode is Mode.STOPPED
+    sent = [cycle for cycle in arm.unread() if cycle.sent is not None]
+    assert sent[-1].mode is Mode.STOPPED
+    hold = sent[-1].sent
+    assert hold is not None
+    assert (hold.positions < 0.51).all()
+    assert sent[-1].begun_ns - pulled < 200_000_000  # its time is the bench's business
+    newest = arm.newest()
+    assert newest is not None
+    np.testing.assert_allclose(newest.state.positions, hold.positions, atol=0.05)
+
+
+def test_a_lost_port_is_told_and_found_again_but_not_driven(tmp_path: Path, rig: Rig) -> None:
+    with EmulatorProcess(EmulatorOptions(link=str(tmp_path / "arm"))) as emulator:
+        arm = ArmProcess(str(tmp_path / "arm"), rig, allowance_ms=PATIENT_MS)
+        arm.wait_ready(30.0)
+        drive(arm, 0.2, 0.2)
+        emulator.set_faults("unplug@0-1")
+        until(lambda: arm.mode is Mode.PORT_LOST)
+        assert "gone" in arm.trouble
+        until(lambda: arm.mode is Mode.STOPPED)
+        count = len(arm.unread())
+        drive(arm, 0.9, 0.3)
+        assert all(cycle.sent is None for cycle in arm.unread()[-5:]), count
+        arm.close()
+    assert arm.mode is Mode.ENDED
+
+
+def test_what_cannot_begin_says_why(tmp_path: Path, rig: Rig) -> None:
+    arm = ArmProcess(str(tmp_path / "none"), rig)
+    with pytest.raises(HighFiveError, match="no such port"):
+        arm.wait_ready(30.0)
+    arm.close()
+
+
+HOST = """
+import sys, time
+import numpy as np
+from hil.drivers.arm_process import ArmProcess
+from hil.drivers.rig import load_rig
+from hil.drivers.values import JointCommand
+if __name__ == "__main__":
+    arm = ArmProcess(sys.argv[1], load_rig(), allowance_ms=60.0)
+    arm.wait_ready(30.0)
+    print(arm.pid, flush=True)
+    while True:
+        arm.drive(JointCommand(np.full(6, 0.4), np.full(6, 0.5)))
+        time.sleep(0.005)
+"""
+
+
+@pytest.mark.parametrize("killed", ["host", "arm"])
+def test_whoever_is_killed_the_watchdogs_stop_the_arm(
+    killed: str, emulator: EmulatorProcess, rig: Rig, tmp_path: Path
+) -> None:
+    script = tmp_path / "host.py"
+    script.write_text(HOST)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), *sys.path])}
+    host = subprocess.Popen(
+        [sys.executable, str(script), emulator.port], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert host.stdout is not None
+    arm_pid = int(host.stdout.readline())
+    time.sleep(0.5)
+    os.kill(host.pid if killed == "host" else arm_pid, signal.SIGKILL)
+    time.sleep(0.5)
+    if killed == "arm":
+        host.kill()
+    host.wait()
+    host.stdout.close()
+    time.sleep(0.3)
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENT_MS)
+    assert all(bus.read(servo, "bus_watchdog") in (-1, 255) for servo in (1, 2, 4, 6, 7, 8))
+    assert bus.read(1, "torque_enable") == 1  # stopped, not dropped
+    bus.close()

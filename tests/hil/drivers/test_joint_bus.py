@@ -1,0 +1,140 @@
+"""Joints in SI units over a bus of servos, whole or not."""
+
+import time
+
+import numpy as np
+import pytest
+from test_servo_bus import until
+
+from hil.drivers.emulator_process import EmulatorProcess
+from hil.drivers.joint_bus import JointBus
+from hil.drivers.rig import Rig, count
+from hil.drivers.rig_setup import configure, differences, missing_servos
+from hil.drivers.servo_bus import NoAnswer, ServoBus
+from hil.drivers.values import JointCommand
+from model.errors import HighFiveError
+
+HALF = np.full(6, 0.5)
+
+
+@pytest.fixture
+def joints(bus: ServoBus, rig: Rig) -> JointBus:
+    joints = JointBus(bus, rig)
+    joints.prepare()
+    return joints
+
+
+def run(joints: JointBus, goal: np.ndarray, cycles: int = 150):
+    for _ in range(cycles):
+        state, sent = joints.cycle(JointCommand(goal, HALF))
+        time.sleep(0.004)
+    return state, sent
+
+
+def test_joints_go_where_they_are_told_each_its_own_way(joints: JointBus, bus: ServoBus, rig: Rig) -> None:
+    joints.engage()
+    goal = np.array([0.3, -0.2, 0.1, -0.4, 0.25, 0.5])
+    state, sent = run(joints, goal)
+    assert state.answered.all()
+    np.testing.assert_allclose(state.positions, goal, atol=0.02)
+    assert sent is not None
+    assert np.abs(sent.positions - goal).max() <= np.pi / 4096  # to half a count
+    for joint, position in zip(rig.joints, state.positions, strict=True):
+        for servo in joint.ids:  # a shadow goes with its leader
+            assert abs(bus.read(servo, "present_position") - count(joint, position)) <= 3
+    hot, volts = joints.health()
+    assert (hot > 20.0).all()
+    assert (volts > 11.0).all()
+
+
+def test_what_is_no_goal_is_not_sent(joints: JointBus) -> None:
+    joints.engage()
+    for bad in (np.nan, np.inf, 1e9):
+        with pytest.raises(HighFiveError, match="waist"):
+            joints.write(JointCommand(np.array([bad, 0, 0, 0, 0, 0.0]), HALF))
+    state, sent = joints.cycle(JointCommand(np.zeros(6), np.full(6, 1e3)))
+    assert sent is not None
+    assert sent.currents.max() <= 3.01  # the rig's own limits hold
+    assert np.abs(state.positions).max() < 0.01
+
+
+def test_one_dead_servo_costs_its_own_joint_only(joints: JointBus, emulator: EmulatorProcess) -> None:
+    joints.engage()
+    run(joints, np.zeros(6), 5)
+    emulator.set_faults("dead=4")
+    until(lambda: joints.cycle(JointCommand(np.full(6, 0.1), HALF))[0] is not None and joints.dead == (4,))
+    state, _ = run(joints, np.full(6, 0.1))
+    assert state.answered.tolist() == [True, True, False, True, True, True]
+    np.testing.assert_allclose(np.delete(state.positions, 2), 0.1, atol=0.02)
+    assert joints.fallbacks >= 1
+    with pytest.raises(HighFiveError, match="elbow: no answer; nothing is switched on"):
+        joints.engage()
+
+
+def test_a_single_hiccup_kills_nobody(joints: JointBus, emulator: EmulatorProcess) -> None:
+    joints.engage()
+    emulator.set_faults("half:0.05")
+    for _ in range(100):
+        joints.cycle(JointCommand(np.zeros(6), HALF))
+    emulator.set_faults("")
+    state, _ = run(joints, np.zeros(6), 20)
+    assert joints.dead == ()
+    assert state.answered.all()
+
+
+def test_hardware_errors_come_with_the_cycle(joints: JointBus, emulator: EmulatorProcess) -> None:
+    joints.engage()
+    emulator.set_faults("overload=3")  # the shadow's is the joint's
+    until(lambda: joints.read().errors[1] != 0)
+    assert joints.read().errors.tolist() == [0, 1 << 5, 0, 0, 0, 0]
+
+
+def test_a_silent_host_is_stopped_by_the_watchdogs(joints: JointBus, bus: ServoBus) -> None:
+    joints.engage()
+    joints.cycle(JointCommand(np.full(6, 0.5), HALF))
+    time.sleep(0.3)
+    assert bus.read(1, "bus_watchdog") == 255 or bus.read(1, "bus_watchdog") == -1
+    stopped = joints.read().positions
+    time.sleep(0.1)
+    np.testing.assert_allclose(joints.read().positions, stopped, atol=0.01)
+    joints.arm_watchdog()
+    state, _ = run(joints, np.full(6, 0.2))
+    np.testing.assert_allclose(state.positions, 0.2, atol=0.02)
+
+
+def test_release_lets_go(joints: JointBus, bus: ServoBus, rig: Rig) -> None:
+    joints.engage()
+    assert joints.release() == []
+    assert not any(bus.read(servo, "torque_enable") for servo in rig.models)
+
+
+def test_settings_are_compared_and_written(bus: ServoBus, rig: Rig) -> None:
+    assert differences(bus, rig) == []
+    bus.write(2, "drive_mode", 4)
+    bus.write(8, "return_delay_time", 250)
+    found = differences(bus, rig)
+    assert {(one.servo, one.register) for one in found} == {(2, "drive_mode"), (8, "return_delay_time")}
+    assert "servo 8 (wrist_rotate): return_delay_time is 250, not 0" in map(str, found)
+    configure(bus, rig, found)
+    assert differences(bus, rig) == []
+    bus.write(1, "torque_enable", 1)
+    with pytest.raises(HighFiveError, match="torque is on"):
+        configure(bus, rig, found)
+
+
+def test_missing_double_and_other_servos_are_told(bus: ServoBus, rig: Rig, emulator: EmulatorProcess) -> None:
+    assert missing_servos(bus, rig) == []
+    emulator.set_faults("dead=7,twice=6")
+
+    def gone() -> bool:
+        try:
+            bus.read(7, "id")
+        except NoAnswer:
+            return True
+        return False
+
+    until(gone)
+    troubles = missing_servos(bus, rig)
+    assert len(troubles) == 2
+    assert "servo 6 (forearm_roll)" in troubles[0] and "two servos" in troubles[0]
+    assert "servo 7 (wrist_angle): no answer" in troubles[1]

@@ -1,0 +1,152 @@
+"""The maker's SDK with its traps closed, against servos on a pseudo-terminal."""
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.ports import Port, latency_ms, serial_ports
+from hil.drivers.rig import Rig
+from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus, ServoError
+from hil.drivers.servo_port import PortError, ServoPort
+from model.errors import HighFiveError
+
+POSITION = 132, 4
+ALLOWANCE_MS = 60.0  # these machines are busy
+
+
+def test_registers_go_there_and_back_with_their_signs(bus: ServoBus) -> None:
+    bus.write(4, "homing_offset", -345)
+    assert bus.read(4, "homing_offset") == -345
+    assert bus.read(4, "model_number") == 1120
+    bus.write(8, "goal_current", -7)
+    assert bus.read(8, "goal_current") == -7
+
+
+def test_everyone_is_found_and_told_by_model(emulator: EmulatorProcess, rig: Rig) -> None:
+    bus = ServoBus(emulator.port, rig.baud_rate, allowance_ms=ALLOWANCE_MS)
+    found, damaged = bus.scan(range(10))
+    assert {one.servo: one.model for one in found} == rig.models
+    assert not damaged
+    bus.close()
+
+
+def test_a_refusal_is_the_servos_own_and_not_an_index_error(bus: ServoBus) -> None:
+    bus.write(2, "torque_enable", 1)
+    with pytest.raises(ServoError, match=r"servo 2, operating_mode: .*torque is on") as refused:
+        bus.write(2, "operating_mode", 3)
+    assert refused.value.code == 7
+    with pytest.raises(HighFiveError, match="read-only"):
+        bus.write(2, "present_position", 0)
+    with pytest.raises(HighFiveError, match="no register 'gaol'"):
+        bus.read(2, "gaol")
+
+
+def test_one_dead_servo_silences_the_fast_read_only(bus: ServoBus, emulator: EmulatorProcess) -> None:
+    ids = [1, 2, 4, 6]
+    assert set(bus.fast_sync_read(*POSITION, ids)) == set(ids)
+    emulator.set_faults("dead=4")
+    until(lambda: bus.sync_read(*POSITION, [4]) == {})
+    with pytest.raises(NoAnswer, match="1, 2, 4, 6"):
+        bus.fast_sync_read(*POSITION, ids)
+    assert set(bus.sync_read(*POSITION, ids)) == {1, 2}  # up to the first gap
+    assert set(bus.sync_read(*POSITION, [6])) == {6}
+    with pytest.raises(NoAnswer, match="servo 4"):
+        bus.read(4, "present_position")
+
+
+def test_a_servo_with_an_error_still_answers(bus: ServoBus, emulator: EmulatorProcess) -> None:
+    """Its alert bit is no refusal."""
+    emulator.set_faults("overload=2")
+    until(lambda: bus.read(2, "hardware_error_status") == 1 << 5)
+    assert bus.read(2, "model_number") == 1120
+
+
+def test_damaged_answers_are_told_from_none(bus: ServoBus, emulator: EmulatorProcess) -> None:
+    emulator.set_faults("crc=6,dead=7")
+    until(lambda: bus.sync_read(*POSITION, [7]) == {})
+    with pytest.raises(DamagedAnswer):
+        bus.read(6, "present_position")
+    found, damaged = bus.scan([1, 6, 7])
+    assert [one.servo for one in found] == [1]
+    assert damaged == [6]
+
+
+def test_a_lost_port_is_told_and_opens_again(tmp_path: Path, rig: Rig) -> None:
+    link = tmp_path / "arm"
+    with EmulatorProcess(EmulatorOptions(link=str(link))) as emulator:
+        bus = ServoBus(str(link), rig.baud_rate, rig.models, ALLOWANCE_MS)
+        assert bus.read(1, "id") == 1
+        emulator.set_faults("unplug@0-0.5")
+        with pytest.raises(PortError, match="gone"):
+            for _ in range(1000):
+                bus.sync_read(*POSITION, [1])
+        until(lambda: link.exists() and reopens(bus))
+        assert bus.read(1, "id") == 1
+        bus.close()
+
+
+def reopens(bus: ServoBus) -> bool:
+    try:
+        bus.reopen()
+    except PortError:
+        return False
+    return True
+
+
+def until(condition, seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+
+
+def test_ports_that_cannot_be_used_are_told_in_a_line(tmp_path: Path, emulator: EmulatorProcess) -> None:
+    (tmp_path / "file").write_text("no port")
+    first = ServoPort(emulator.port, 1_000_000)
+    for path, baud, said in (
+        (str(tmp_path / "none"), 1_000_000, "no such port"),
+        (str(tmp_path / "file"), 1_000_000, "not a serial port"),
+        (str(tmp_path), 1_000_000, "not a serial port"),
+        (emulator.port, 1_000_000, "busy"),
+        (emulator.port, 4_500_000, "4,500,000 baud"),
+        (emulator.port, 12_345, "12,345 baud"),
+    ):
+        with pytest.raises(PortError, match=said) as error:
+            ServoPort(path, baud)
+        assert "\n" not in str(error.value)
+    first.close()
+    first.close()
+    with pytest.raises(PortError, match="closed"):
+        first.writePort(b"x")
+
+
+def test_waiting_for_an_answer_sleeps(bus: ServoBus, emulator: EmulatorProcess) -> None:
+    """The SDK's own port takes a whole core while it waits."""
+    emulator.set_faults("dead=1")
+    until(lambda: bus.sync_read(*POSITION, [1]) == {})
+    begun, busy = time.monotonic(), time.process_time()
+    for _ in range(10):
+        assert bus.sync_read(*POSITION, [1]) == {}
+    assert time.monotonic() - begun > 0.5
+    assert time.process_time() - busy < 0.2 * (time.monotonic() - begun)
+
+
+def test_a_silent_device_is_no_bus(rig: Rig) -> None:
+    ours, theirs = os.openpty()
+    bus = ServoBus(os.ttyname(theirs), rig.baud_rate, rig.models)
+    assert bus.scan([1, 2]) == ([], [])
+    bus.close()
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_the_latency_of_an_adapter_is_read_and_advised_on(tmp_path: Path) -> None:
+    (tmp_path / "ttyUSB7").mkdir()
+    (tmp_path / "ttyUSB7" / "latency_timer").write_text("16\n")
+    assert latency_ms("/dev/ttyUSB7", tmp_path) == 16
+    assert latency_ms("/dev/ttyUSB8", tmp_path) is None
+    assert "latency_timer" in Port("/dev/ttyUSB7", "", 16).advice
+    assert not Port("/dev/ttyUSB7", "", 1).advice
+    assert all(port.path for port in serial_ports())

@@ -64,16 +64,16 @@ def position_wanted(limits: Limits, wanted: Array) -> tuple[Array, set[Rule]]:
 def towards(limits: Limits, motion: Motion, wanted: Array, dt: float) -> tuple[Array, set[Rule]]:
     """Velocities (J,), rad/s, that bring the joints to where they are wanted and along with it.
 
-    A joint that is where it was wanted goes on exactly as it is wanted. One that is behind makes up for it no faster
-    than :attr:`hil.safety.limits.Motion.catch_up`, and so that it can brake when it is there.
+    Joints that are where they were wanted go on exactly as they are wanted. Where one is behind, all make up for it in
+    step, none faster than :attr:`hil.safety.limits.Motion.catch_up`, and so that each can brake when it is there.
     """
     before = motion.wanted if motion.wanted is not None else wanted
     pace = np.minimum(np.maximum((wanted - before) / max(dt, 1e-6), -limits.speed), limits.speed)
     behind = wanted - pace * dt - motion.positions
-    closing = braking_speed(np.abs(behind), limits.acceleration, dt)
-    slower = np.minimum(closing, limits.motion.catch_up)
-    acted = {Rule.CATCH_UP} if (slower < closing).any() else set()
-    return pace + np.copysign(slower, behind), acted
+    distance = np.abs(behind) + 1e-300
+    rate = float((braking_speed(distance, limits.acceleration, dt) / distance).min())
+    slower = min(rate, limits.motion.catch_up / float(distance.max()))
+    return pace + slower * behind, {Rule.CATCH_UP} if slower < rate else set()
 
 
 def within_limits(limits: Limits, motion: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:

@@ -28,7 +28,7 @@ def happened(limits: Limits, now: Standing, inputs: Inputs, faulty: bool, age_s:
         event = Event.ESTOP
     elif inputs.acknowledge and now.state in (State.STOPPED, State.ESTOPPED):
         event = Event.ACKNOWLEDGE
-    elif faulty:
+    elif faulty and now.state is not State.STOPPING:  # a fault that lasts does not keep it from standing still
         event = Event.FAULT
     else:
         event = without_fault(limits, now, inputs, age_s)

@@ -6,16 +6,18 @@ sends the command that comes back, and nothing else, and records the report.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.drivers.values import JointCommand
 from hil.safety import faults, motion, people
 from hil.safety.limits import JOINTS, Limits
 from hil.safety.motion import Motion
-from hil.safety.people import Human, Points
+from hil.safety.people import Human, Points, Remembered
 from hil.safety.retract import retracting
 from hil.safety.rules import Rule
 from hil.safety.states import MOVING, Event, State
@@ -51,33 +53,35 @@ def step(
     """
     asked = inputs.wanted
     inputs, reasons = finite(inputs)
-    now, points = looked(limits, kinematics, before, inputs, now_ns)
-    if points is not None and not _finite(points):
-        points, reasons = None, {Rule.NOT_FINITE: "the kinematics of the arm are not finite"}
-    told = None if now.motion is None else now.motion.positions
-    reasons |= faults.faults(limits, now.watch, inputs.arm, told, inputs.health, now_ns)
+    told = None if before.motion is None else before.motion.positions
+    watch = faults.watched(limits, before.watch, inputs.arm, told, now_ns)
+    points = None if told is None else placed(kinematics, told, inputs)
+    if told is not None and points is None:
+        reasons = {Rule.NOT_FINITE: "the kinematics of the arm are not finite"}
+    reasons |= faults.faults(limits, watch, inputs.arm, inputs.health, now_ns)
 
-    age_s = max(NEVER_S if inputs.human is None else 1e-9 * inputs.human.age_ns, 1e-9 * (now_ns - now.wanted_ns))
-    event = happened(limits, now, inputs, bool(reasons), age_s)
-    now = entered(limits, now, event, inputs, reasons, now_ns)
+    wanted_ns = before.wanted_ns if inputs.wanted is None else now_ns
+    age_s = max(NEVER_S if inputs.human is None else 1e-9 * inputs.human.age_ns, 1e-9 * (now_ns - wanted_ns))
+    event = happened(limits, before, inputs, bool(reasons), age_s)
+    now = entered(limits, before, event, inputs, reasons, now_ns)
     acted = set(reasons)
     acted |= {BY_EVENT[event]} if event is not None and event in BY_EVENT else set()
     acted |= {Rule.START_UP} if now.state is State.UNCHECKED else set()
 
-    human = known(limits, inputs.human)
+    human, seen = known(limits, inputs.human), now.seen
     if points is not None and human is not None:
-        now = replace(now, seen=people.remembered(limits.contact, now.seen, human, points, now_ns))
-    share, closing = 1.0, None
-    if now.motion is not None and now.state in MOVING:
-        dt = min(max(now.watch.gap_s, 0.0), LATE_TICK * limits.timing.period_s)
-        now, velocities, wanted, clamped = led(limits, now, now.motion, inputs.wanted, dt)
-        share, closing, slowing = spared(limits, now, human, points, velocities, dt)
+        seen = people.remembered(limits.contact, seen, human, points, now_ns)
+    share, closing, then, way_point = 1.0, None, now.motion, now.way_point
+    if then is not None and now.state in MOVING:
+        dt = min(max(watch.gap_s, 0.0), LATE_TICK * limits.timing.period_s)
+        velocities, wanted, way_point, clamped = led(limits, now, then, inputs.wanted, dt)
+        share, closing, slowing = spared(limits, now.state, seen, human, points, velocities, dt)
         acted |= clamped | slowing
-        if now.motion is not None:
-            now = replace(now, motion=motion.moved(now.motion, share * velocities, wanted, dt))
+        then = motion.moved(then, share * velocities, wanted, dt)
+    now = Standing(now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point)
 
     gap = None if points is None or human is None else people.gap_to_hand(human, points)
-    command, limited = commanded(limits, now.motion, gap)
+    command, limited = commanded(limits, then, gap)
     report = Report(
         time_ns=now_ns,
         state=now.state,
@@ -95,46 +99,46 @@ def step(
 
 def finite(inputs: Inputs) -> tuple[Inputs, dict[Rule, str]]:
     """The inputs without those that hold something that is no number; and what that was."""
-    joints, reasons = (len(JOINTS),), {}
-    wanted, arm, health, human = inputs.wanted, inputs.arm, inputs.health, inputs.human
-    named: dict[str, list[tuple[str, Array, tuple[int, ...]]]] = {"wanted": [], "arm": [], "health": [], "human": []}
-    if wanted is not None:
-        named["wanted"] = [("wanted positions", wanted, joints)]
-    if arm is not None:
-        named["arm"] = [
-            (f"the servos' {name}", getattr(arm, name), joints)
-            for name in ("positions", "velocities", "currents", "errors", "answered")
-        ]
-    if health is not None:
-        named["health"] = [
-            (f"the servos' {name}", getattr(health, name), joints) for name in ("temperatures", "voltages")
-        ]
-    if human is not None:
-        named["human"] = [
-            (f"the person's {name}", array, (3,))
-            for name, array in (("head", human.head), ("palm", human.palm), ("palm velocity", human.palm_velocity))
-            if array is not None
-        ]
-    for name, arrays in named.items():
-        if reason := faults.not_finite(arrays):
-            inputs, reasons = replace(inputs, **{name: None}), {Rule.NOT_FINITE: reason}
+    reasons = {}
+    for field, name, array, shape in numbers(inputs):
+        if reason := faults.not_finite(name, array, shape):
+            inputs, reasons = replace(inputs, **{field: None}), {Rule.NOT_FINITE: reason}
     return inputs, reasons
 
 
-def looked(
-    limits: Limits, kinematics: Kinematics, before: Standing, inputs: Inputs, now_ns: int
-) -> tuple[Standing, Points | None]:
-    """What is carried on after a look at the clock and the arm; and where the arm's points are."""
-    watch = faults.ticked(limits.timing, before.watch, now_ns)
-    told = None if before.motion is None else before.motion.positions
-    if inputs.arm is not None:
-        watch = faults.looked(limits.servo, watch, inputs.arm, told, now_ns)
-    now = replace(before, watch=watch, wanted_ns=before.wanted_ns if inputs.wanted is None else now_ns)
-    if told is None:
-        return now, None
+def numbers(inputs: Inputs) -> Iterator[tuple[str, str, NDArray[Any], tuple[int, ...]]]:
+    """All arrays of the inputs: in which of their fields, what it is, the array, and the shape it has to have."""
+    wanted, arm, health, human = inputs.wanted, inputs.arm, inputs.health, inputs.human
+    joints, vector = (len(JOINTS),), (3,)
+    if wanted is not None:
+        yield "wanted", "wanted positions", wanted, joints
+    if arm is not None:
+        yield "arm", "the servos' positions", arm.positions, joints
+        yield "arm", "the servos' velocities", arm.velocities, joints
+        yield "arm", "the servos' currents", arm.currents, joints
+        yield "arm", "the servos' errors", arm.errors, joints
+        yield "arm", "the servos' answers", arm.answered, joints
+    if health is not None:
+        yield "health", "the servos' temperatures", health.temperatures, joints
+        yield "health", "the servos' voltages", health.voltages, joints
+    if human is not None:
+        yield "human", "the person's head", human.head, vector
+        if human.palm is not None:
+            yield "human", "the person's palm", human.palm, vector
+        if human.palm_velocity is not None:
+            yield "human", "the velocity of the person's palm", human.palm_velocity, vector
+
+
+def placed(kinematics: Kinematics, told: Array, inputs: Inputs) -> Points | None:
+    """Where the arm's points are if the joints are where they were ``told`` (J,), rad, to be, and where they are.
+
+    None where that is no number.
+    """
     places, jacobians = kinematics(told)
     measured = places if inputs.arm is None else kinematics(inputs.arm.positions)[0]
-    return now, Points(places, jacobians, measured)
+    if not (faults.all_finite(places) and faults.all_finite(jacobians) and faults.all_finite(measured)):
+        return None
+    return Points(places, jacobians, measured)
 
 
 def known(limits: Limits, human: Human | None) -> Human | None:
@@ -144,26 +148,31 @@ def known(limits: Limits, human: Human | None) -> Human | None:
 
 def led(
     limits: Limits, now: Standing, told: Motion, wanted: Array | None, dt: float
-) -> tuple[Standing, Array, Array | None, set[Rule]]:
+) -> tuple[Array, Array | None, int, set[Rule]]:
     """What the state asks for: velocities (J,), rad/s, within the limits of the joints.
 
     Returns:
-        what is carried on, the velocities, where the joints are wanted within their limits, and the rules that acted.
+        the velocities, where the joints are wanted within their limits, the way point, and the rules that acted.
     """
-    velocities, within, acted = np.zeros(len(JOINTS)), None, set()
+    velocities, within, way_point, acted = np.zeros(len(JOINTS)), None, now.way_point, set()
     if now.state is State.TRACKING and wanted is not None:
         within, outside = motion.position_wanted(limits, wanted)
         velocities, slower = motion.towards(limits, told, within, dt)
         acted = outside | slower
     elif now.state is State.RETRACTING:
-        velocities, way_point = retracting(limits, told, now.way_point, dt)
-        now = replace(now, way_point=way_point)
+        velocities, way_point = retracting(limits, told, way_point, dt)
     velocities, clamped = motion.within_limits(limits, told, velocities, dt)
-    return now, velocities, within, acted | clamped
+    return velocities, within, way_point, acted | clamped
 
 
 def spared(
-    limits: Limits, now: Standing, human: Human | None, points: Points | None, velocities: Array, dt: float
+    limits: Limits,
+    state: State,
+    seen: Remembered,
+    human: Human | None,
+    points: Points | None,
+    velocities: Array,
+    dt: float,
 ) -> tuple[float, float | None, set[Rule]]:
     """How much of the velocities (J,), rad/s, the person allows; see :func:`hil.safety.people.slowed`.
 
@@ -171,9 +180,9 @@ def spared(
     """
     if points is None:
         return 0.0, None, set()
-    if human is None and now.state is not State.RETRACTING:
+    if human is None and state is not State.RETRACTING:
         return 1.0, None, set()
-    return people.slowed(limits, now.seen, human, points, velocities, dt)
+    return people.slowed(limits, seen, human, points, velocities, dt)
 
 
 def commanded(limits: Limits, told: Motion | None, gap: float | None) -> tuple[JointCommand | None, set[Rule]]:
@@ -193,7 +202,3 @@ def unchecked(now: Standing, inputs: Inputs, reasons: dict[Rule, str]) -> str:
     if check is None or check.time_ns < now.since_ns:
         return "the servos have to be checked"
     return "; ".join((*check.mismatches, *reasons.values()))
-
-
-def _finite(points: Points) -> bool:
-    return all(np.isfinite(array).all() for array in (points.told, points.jacobians, points.measured))

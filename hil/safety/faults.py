@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from hil.drivers.values import JointHealth, JointState
@@ -23,81 +23,84 @@ class Watch:
 
     Attributes:
         time_ns: of the last tick.
-        heard_ns: (J,) when each joint last answered.
-        strayed_ns: (J,) since when each joint has not been where it was told to be; 0 where it is.
+        heard_ns: for each joint, when it last answered.
+        strayed_ns: for each joint, since when it has not been where it was told to be; None where it is.
         late: ticks in a row that came late.
         gap_s: s between the last two ticks; negative where time ran backwards.
     """
 
     time_ns: int
-    heard_ns: NDArray[np.int64]
-    strayed_ns: NDArray[np.int64]
+    heard_ns: tuple[int, ...]
+    strayed_ns: tuple[int | None, ...]
     late: int = 0
     gap_s: float = 0.0
 
 
 def watch_from(now_ns: int) -> Watch:
     """A watch that begins now."""
-    joints = len(JOINTS)
-    return Watch(now_ns, np.full(joints, now_ns, dtype=np.int64), np.zeros(joints, dtype=np.int64))
+    return Watch(now_ns, (now_ns,) * len(JOINTS), (None,) * len(JOINTS))
 
 
-def ticked(timing: Timing, watch: Watch, now_ns: int) -> Watch:
-    """The watch one tick later."""
+def watched(limits: Limits, watch: Watch, arm: JointState | None, told: Array | None, now_ns: int) -> Watch:
+    """The watch one tick later, after a look at the arm, which had been ``told`` (J,), rad, to be somewhere."""
     gap = (now_ns - watch.time_ns) * 1e-9
-    late = watch.late + 1 if gap > 1.5 * timing.period_s else 0
-    return replace(watch, time_ns=now_ns, gap_s=gap, late=late)
-
-
-def looked(servo: Servo, watch: Watch, arm: JointState, told: Array | None, now_ns: int) -> Watch:
-    """The watch after a look at the arm, which had been ``told`` (J,), rad, to be somewhere."""
-    heard = np.where(arm.answered, arm.time_ns, watch.heard_ns)
+    late = watch.late + 1 if gap > 1.5 * limits.timing.period_s else 0
+    heard, strayed = watch.heard_ns, watch.strayed_ns
+    if arm is not None:
+        heard = tuple(
+            arm.time_ns if answered else last
+            for answered, last in zip(arm.answered.tolist(), watch.heard_ns, strict=True)
+        )
     if told is None:
-        return replace(watch, heard_ns=heard, strayed_ns=np.zeros_like(watch.strayed_ns))
-    strays = np.abs(arm.positions - told) > servo.following
-    strayed = np.where(strays, np.where(watch.strayed_ns == 0, now_ns, watch.strayed_ns), 0)
-    return replace(watch, heard_ns=heard, strayed_ns=strayed)
+        strayed = (None,) * len(strayed)
+    elif arm is not None:
+        strayed = tuple(
+            (since or now_ns) if abs(is_at - goal) > limits.servo.following else None
+            for is_at, goal, since in zip(arm.positions.tolist(), told.tolist(), strayed, strict=True)
+        )
+    return Watch(now_ns, heard, strayed, late, gap)
 
 
-def not_finite(named: Iterable[tuple[str, Array, tuple[int, ...]]]) -> str:
-    """Numbers, by name and with the shape they must have, that are none, or not so many."""
-    for name, array, shape in named:
-        if array.shape != shape:
-            return f"{name}: {array.shape} numbers came, {shape} were expected"
-        if not np.isfinite(array).all():
-            return f"{name}: {array.tolist()} are not all numbers"
+def not_finite(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> str:
+    """Numbers that are none, or not so many as their ``shape`` says."""
+    if array.shape != shape:
+        return f"{name}: {array.shape} numbers came, {shape} were expected"
+    if not all_finite(array):
+        return f"{name}: {array.tolist()} are not all numbers"
     return ""
+
+
+def all_finite(array: NDArray[Any]) -> bool:
+    """Every number is one."""
+    return all(map(math.isfinite, array.ravel().tolist()))
 
 
 def servo_error(arm: JointState | None) -> str:
     """Errors that servos report."""
-    if arm is None or not arm.errors.any():
-        return ""
-    joint = int(np.flatnonzero(arm.errors)[0])
-    bits = int(arm.errors[joint])
-    names = [ERROR_BITS.get(bit, f"bit {bit}") for bit in range(8) if bits >> bit & 1]
-    return f"the servo of {JOINTS[joint]} reports {', '.join(names)}"
+    for joint, bits in enumerate([] if arm is None else arm.errors.tolist()):
+        if bits:
+            names = [ERROR_BITS.get(bit, f"bit {bit}") for bit in range(8) if bits >> bit & 1]
+            return f"the servo of {JOINTS[joint]} reports {', '.join(names)}"
+    return ""
 
 
 def silent_servo(servo: Servo, watch: Watch, now_ns: int) -> str:
     """Joints that have not answered for too long."""
-    silent = (now_ns - watch.heard_ns) * 1e-9
-    joint = int(silent.argmax())
-    if silent[joint] <= servo.silent_s:
+    last = min(watch.heard_ns)
+    silent = (now_ns - last) * 1e-9
+    if silent <= servo.silent_s:
         return ""
-    return f"{JOINTS[joint]} has not answered for {1e3 * silent[joint]:.0f} ms"
+    return f"{JOINTS[watch.heard_ns.index(last)]} has not answered for {1e3 * silent:.0f} ms"
 
 
-def following(servo: Servo, watch: Watch, arm: JointState | None, told: Array | None, now_ns: int) -> str:
+def following(servo: Servo, watch: Watch, now_ns: int) -> str:
     """Joints that have not been where they were told to be for too long."""
-    if arm is None or told is None or not watch.strayed_ns.any():
+    since = min((began for began in watch.strayed_ns if began is not None), default=now_ns)
+    strayed = (now_ns - since) * 1e-9
+    if strayed <= servo.following_s:
         return ""
-    strayed = np.where(watch.strayed_ns == 0, 0.0, (now_ns - watch.strayed_ns) * 1e-9)
-    joint = int(strayed.argmax())
-    if strayed[joint] <= servo.following_s:
-        return ""
-    off = abs(float(arm.positions[joint] - told[joint]))
-    return f"{JOINTS[joint]} has been {off:.2f} rad off for {1e3 * strayed[joint]:.0f} ms"
+    joint = JOINTS[watch.strayed_ns.index(since)]
+    return f"{joint} has been more than {servo.following:g} rad off for {1e3 * strayed:.0f} ms"
 
 
 def health(servo: Servo, values: JointHealth | None, now_ns: int) -> str:
@@ -112,17 +115,16 @@ def temperature(servo: Servo, values: JointHealth | None) -> str:
     """Servos that are too hot."""
     if values is None:
         return ""
-    joint = int(values.temperatures.argmax())
-    found = float(values.temperatures[joint])
-    return f"{JOINTS[joint]} has {found:.0f} °C, at most {servo.temperature:.0f}" if found > servo.temperature else ""
+    found = values.temperatures.tolist()
+    hottest = max(found)
+    if hottest <= servo.temperature:
+        return ""
+    return f"{JOINTS[found.index(hottest)]} has {hottest:.0f} °C, at most {servo.temperature:.0f}"
 
 
 def voltage(servo: Servo, values: JointHealth | None) -> str:
     """Servos with too low or too high a voltage."""
-    if values is None:
-        return ""
-    for joint in (int(values.voltages.argmin()), int(values.voltages.argmax())):
-        found = float(values.voltages[joint])
+    for joint, found in enumerate([] if values is None else values.voltages.tolist()):
         if not servo.voltage_low <= found <= servo.voltage_high:
             return f"{JOINTS[joint]} has {found:.1f} V, not {servo.voltage_low:.1f} to {servo.voltage_high:.1f}"
     return ""
@@ -142,18 +144,13 @@ def deadline(timing: Timing, watch: Watch) -> str:
 
 
 def faults(
-    limits: Limits,
-    watch: Watch,
-    arm: JointState | None,
-    told: Array | None,
-    values: JointHealth | None,
-    now_ns: int,
+    limits: Limits, watch: Watch, arm: JointState | None, values: JointHealth | None, now_ns: int
 ) -> dict[Rule, str]:
     """Every reason to stop; all numbers are finite, see :func:`not_finite`."""
     reasons = {
         Rule.SERVO_ERROR: servo_error(arm),
         Rule.SILENT_SERVO: silent_servo(limits.servo, watch, now_ns),
-        Rule.FOLLOWING: following(limits.servo, watch, arm, told, now_ns),
+        Rule.FOLLOWING: following(limits.servo, watch, now_ns),
         Rule.HEALTH: health(limits.servo, values, now_ns),
         Rule.TEMPERATURE: temperature(limits.servo, values),
         Rule.VOLTAGE: voltage(limits.servo, values),

@@ -7,6 +7,7 @@ moves towards. The bounds below keep it so: from a viable joint, v' = v - a dt (
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,9 @@ from model.rotations import Array
 
 SAME = 1e-9
 """rad/s: velocities that differ by less are the same."""
+
+NO_TIME = 1e-6
+"""s: shorter ticks are taken for as long, where something is divided by them."""
 
 
 @dataclass(frozen=True)
@@ -39,61 +43,78 @@ def at_rest(positions: Array) -> Motion:
     return Motion(positions, np.zeros_like(positions))
 
 
-def braking_speed(room: Array, acceleration: Array, dt: float) -> Array:
+def braking_speed(room: float, acceleration: float, dt: float) -> float:
     """Largest speed, rad/s, for this tick with which there is room to brake afterwards.
 
     That is the root of v dt + v² / (2 a) = room. Braking by a dt a tick takes less way than v² / (2 a): the sum of
     falling speeds, each taken at its tick's end, is below their integral.
 
     Args:
-        room: (J,) rad; where it is negative the answer is 0.
-        acceleration: (J,) rad/s².
+        room: rad; where it is not positive the answer is 0.
+        acceleration: rad/s².
         dt: s.
     """
-    room = np.maximum(room, 0.0)
-    # not a (√(dt² + 2 room / a) - dt), which loses its digits where there is little room; the tiny number is for dt = 0
-    return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration) + 1e-300)
+    if room <= 0.0:
+        return 0.0
+    # not a (√(dt² + 2 room / a) - dt), which loses its digits where there is little room
+    return 2.0 * room / (dt + math.sqrt(dt * dt + 2.0 * room / acceleration))
 
 
 def position_wanted(limits: Limits, wanted: Array) -> tuple[Array, set[Rule]]:
     """What is wanted, (J,) rad, brought within the limits of position."""
-    within = np.minimum(np.maximum(wanted, limits.lowest), limits.highest)
-    return within, {Rule.POSITION} if (within != wanted).any() else set()
+    asked = wanted.tolist()
+    within = [clamp(q, joint.lowest, joint.highest) for joint, q in zip(limits.joints, asked, strict=True)]
+    return np.array(within), {Rule.POSITION} if within != asked else set()
 
 
-def towards(limits: Limits, motion: Motion, wanted: Array, dt: float) -> tuple[Array, set[Rule]]:
+def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Array, set[Rule]]:
     """Velocities (J,), rad/s, that bring the joints to where they are wanted and along with it.
 
     Joints that are where they were wanted go on exactly as they are wanted. Where one is behind, all make up for it in
     step, none faster than :attr:`hil.safety.limits.Motion.catch_up`, and so that each can brake when it is there.
     """
-    before = motion.wanted if motion.wanted is not None else wanted
-    pace = np.minimum(np.maximum((wanted - before) / max(dt, 1e-6), -limits.speed), limits.speed)
-    behind = wanted - pace * dt - motion.positions
-    distance = np.abs(behind) + 1e-300
-    rate = float((braking_speed(distance, limits.acceleration, dt) / distance).min())
-    slower = min(rate, limits.motion.catch_up / float(distance.max()))
-    return pace + slower * behind, {Rule.CATCH_UP} if slower < rate else set()
+    before = told.wanted if told.wanted is not None else wanted
+    paces, behind, rate, furthest = [], [], 1.0 / max(dt, NO_TIME), 0.0
+    for joint, goal, last, q in zip(
+        limits.joints, wanted.tolist(), before.tolist(), told.positions.tolist(), strict=True
+    ):
+        pace = clamp((goal - last) / max(dt, NO_TIME), -joint.speed, joint.speed)
+        way = goal - pace * dt - q
+        if way:
+            rate = min(rate, braking_speed(abs(way), joint.acceleration, dt) / abs(way))
+            furthest = max(furthest, abs(way))
+        paces.append(pace)
+        behind.append(way)
+    slower = min(rate, limits.motion.catch_up / furthest) if furthest else rate
+    velocities = [pace + slower * way for pace, way in zip(paces, behind, strict=True)]
+    return np.array(velocities), {Rule.CATCH_UP} if slower < rate else set()
 
 
-def within_limits(limits: Limits, motion: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:
+def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:
     """The velocities (J,), rad/s, nearest to those asked for that acceleration, speed and position allow."""
-    acted = set()
-    step = limits.acceleration * dt
-    result = np.minimum(np.maximum(velocities, motion.velocities - step), motion.velocities + step)
-    if np.abs(result - velocities).max() > SAME:
-        acted.add(Rule.ACCELERATION)
-    slower = np.minimum(np.maximum(result, -limits.speed), limits.speed)
-    if np.abs(result - slower).max() > SAME:
-        acted.add(Rule.SPEED)
-    up = braking_speed(limits.highest - motion.positions, limits.acceleration, dt)
-    down = braking_speed(motion.positions - limits.lowest, limits.acceleration, dt)
-    result = np.minimum(np.maximum(slower, -down), up)
-    if np.abs(result - slower).max() > SAME:
-        acted.add(Rule.POSITION)
-    return result, acted
+    results, acted = [], set()
+    for joint, q, v, asked in zip(
+        limits.joints, told.positions.tolist(), told.velocities.tolist(), velocities.tolist(), strict=True
+    ):
+        step = joint.acceleration * dt
+        reached = clamp(asked, v - step, v + step)
+        slower = clamp(reached, -joint.speed, joint.speed)
+        up = braking_speed(joint.highest - q, joint.acceleration, dt)
+        down = braking_speed(q - joint.lowest, joint.acceleration, dt)
+        result = clamp(slower, -down, up)
+        if result != asked:
+            acted |= {Rule.ACCELERATION} if abs(reached - asked) > SAME else set()
+            acted |= {Rule.SPEED} if abs(slower - reached) > SAME else set()
+            acted |= {Rule.POSITION} if abs(result - slower) > SAME else set()
+        results.append(result)
+    return np.array(results), acted
 
 
-def moved(motion: Motion, velocities: Array, wanted: Array | None, dt: float) -> Motion:
+def moved(told: Motion, velocities: Array, wanted: Array | None, dt: float) -> Motion:
     """The joints after a tick of dt s with these velocities (J,), rad/s."""
-    return Motion(motion.positions + velocities * dt, velocities, wanted)
+    return Motion(told.positions + velocities * dt, velocities, wanted)
+
+
+def clamp(value: float, least: float, most: float) -> float:
+    """The nearest value between two others."""
+    return least if value < least else most if value > most else value

@@ -7,7 +7,7 @@ A share is taken at once, even if that brakes harder than the limit of accelerat
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -73,21 +73,19 @@ class Remembered:
 
 def remembered(limits: Contact, before: Remembered, human: Human, points: Points, now_ns: int) -> Remembered:
     """What is known of the person after one more look."""
+    head, velocity, line = before.head, before.head_velocity, before.line
     seen_ns = now_ns - human.age_ns
-    after = before
-    if before.head is None:
-        after = replace(before, head=human.head, seen_ns=seen_ns)
+    if head is None:
+        head = human.head
     elif seen_ns > before.seen_ns:
         dt = (seen_ns - before.seen_ns) * 1e-9
         share = 1.0 - math.exp(-dt / SMOOTHING_S)
-        velocity = before.head_velocity + share * ((human.head - before.head) / dt - before.head_velocity)
-        after = replace(before, head=human.head, head_velocity=velocity, seen_ns=seen_ns)
+        head, velocity = human.head, velocity + share * ((human.head - head) / dt - velocity)
     if human.palm is not None:
         away = human.palm - points.measured[0]
-        gap = length(away)
-        if gap >= limits.touching:
-            after = replace(after, line=away / gap)
-    return after
+        gap = length(away.tolist())
+        line = away / gap if gap >= limits.touching else line
+    return Remembered(head, velocity, max(seen_ns, before.seen_ns), line)
 
 
 def allowed_speed(limit: float, fleeing: float, way: float, braking: float) -> float:
@@ -110,7 +108,8 @@ def gap_to_hand(human: Human, points: Points) -> float:
     """From the plate, where it is or is told to be, to the palm, m; 0 where the palm is not known."""
     if human.palm is None:
         return 0.0
-    return min(length(human.palm - points.told[0]), length(human.palm - points.measured[0]))
+    palm = human.palm.tolist()
+    return min(math.dist(palm, points.told[0].tolist()), math.dist(palm, points.measured[0].tolist()))
 
 
 def contact_speed_share(
@@ -128,11 +127,11 @@ def contact_speed_share(
     """
     limit = STRAIGHT * limits.speed
     if human.palm is None or human.palm_velocity is None:
-        return _share(limit, length(plate)), None
+        return _share(limit, length(plate.tolist())), None
     if seen.line is None:
         return 0.0, None
-    towards = float(seen.line @ plate)
-    fleeing = float(seen.line @ human.palm_velocity)
+    line = seen.line.tolist()
+    towards, fleeing = _dot(line, plate.tolist()), _dot(line, human.palm_velocity.tolist())
     way = gap_to_hand(human, points) - limits.near - max(0.0, towards - fleeing) * dt
     share = _share(allowed_speed(limit, fleeing, way, limits.braking), towards)
     return share, share * towards - fleeing
@@ -147,14 +146,16 @@ def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: 
     if seen.head is None:
         return 0.0
     share, limit = 1.0, STRAIGHT * limits.speed
-    for number, velocity in enumerate(velocities):
+    head, head_velocity = seen.head.tolist(), seen.head_velocity.tolist()
+    told, measured = points.told.tolist(), points.measured.tolist()
+    for number, velocity in enumerate(velocities.tolist()):
         speed = length(velocity)
-        for place in (points.told[number], points.measured[number]):
-            away = seen.head - place
+        for place in (told[number], measured[number]):
+            away = [h - p for h, p in zip(head, place, strict=True)]
             distance = length(away)
-            if distance - speed * dt > limits.radius and float(away @ velocity) <= 0.0:
+            if distance - speed * dt > limits.radius and _dot(away, velocity) <= 0.0:
                 continue
-            fleeing = min(0.0, float(away @ seen.head_velocity) / max(distance, 1e-9))
+            fleeing = min(0.0, _dot(away, head_velocity) / max(distance, 1e-9))
             way = distance - limits.radius - (speed - fleeing) * dt
             share = min(share, _share(allowed_speed(limit, fleeing, way, limits.braking), speed))
     return share
@@ -162,7 +163,7 @@ def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: 
 
 def unseen_person_share(limits: Face, velocities: Array) -> float:
     """How much of the points' velocities (P, 3), m/s, may be kept while nobody knows where the person is."""
-    return _share(STRAIGHT * limits.speed, max(length(velocity) for velocity in velocities))
+    return _share(STRAIGHT * limits.speed, max(length(velocity) for velocity in velocities.tolist()))
 
 
 def slowed(
@@ -194,14 +195,17 @@ def slowed(
     face = face_zone_share(limits.face, seen, points, moving, dt)
     acted = {rule for rule, share in ((Rule.CONTACT_SPEED, contact), (Rule.FACE_ZONE, face)) if share < 1.0}
     if closing is not None and face < contact and seen.line is not None:
-        closing -= (contact - face) * float(seen.line @ moving[0])
+        closing -= (contact - face) * _dot(seen.line.tolist(), moving[0].tolist())
     return min(contact, face), closing, acted
 
 
-def length(vector: Array) -> float:
-    """Of a vector (3,)."""
-    x, y, z = vector.tolist()
-    return math.sqrt(x * x + y * y + z * z)
+def length(vector: list[float]) -> float:
+    """Of a vector."""
+    return math.sqrt(_dot(vector, vector))
+
+
+def _dot(a: list[float], b: list[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _share(allowed: float, speed: float) -> float:

@@ -19,7 +19,7 @@ def happened(limits: Limits, now: Standing, inputs: Inputs, faulty: bool, age_s:
 
     Args:
         limits: all of them.
-        now: the state, clock and person already looked at.
+        now: what was carried on.
         inputs: of the tick.
         faulty: a rule wants a controlled stop.
         age_s: s, of the person, or of what is wanted, whichever is older.

@@ -51,13 +51,12 @@ def test_a_joint_can_always_brake_before_its_limits(start: np.ndarray, wants: li
 
 @given(st.floats(0.0, 4.0), st.floats(0.5, 40.0), st.floats(1e-4, 0.02))
 def test_the_braking_speed_leaves_just_the_room(room: float, acceleration: float, dt: float) -> None:
-    v = braking_speed(np.array([room]), np.array([acceleration]), dt)[0]
+    v = braking_speed(room, acceleration, dt)
     assert v * dt + v * v / (2 * acceleration) == pytest.approx(room, abs=1e-12)
 
 
 def test_no_room_is_no_speed() -> None:
-    assert not braking_speed(np.array([0.0, -1.0]), np.array([20.0, 20.0]), 0.008).any()
-    assert not braking_speed(np.zeros(2), np.array([20.0, 20.0]), 0.0).any()
+    assert braking_speed(0.0, 20.0, 0.008) == braking_speed(-1.0, 20.0, 0.008) == braking_speed(0.0, 20.0, 0.0) == 0.0
 
 
 def test_what_is_wanted_within_the_limits_is_sent_as_it_is() -> None:

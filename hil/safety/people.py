@@ -30,7 +30,7 @@ class Human:
         head: (3,) m, its centre.
         palm: (3,) m, centre of the palm's surface; None where the hand is not known.
         palm_velocity: (3,) m/s; None where the hand is not known.
-        age_ns: how old this is.
+        age_ns: how old this is at the time of the tick.
     """
 
     head: Array

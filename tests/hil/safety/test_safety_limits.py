@@ -169,7 +169,10 @@ def test_what_is_no_limits_file_is_refused(tmp_path: Path, content: bytes) -> No
     refused(tmp_path)
 
 
-@given(st.dictionaries(st.sampled_from(["joint", "contact", "x", "timing"]), st.recursive(st.none(), st.lists)))
+SCRAPS = st.none() | st.integers() | st.text(max_size=3) | st.dictionaries(st.sampled_from(JOINTS), st.none())
+
+
+@given(st.dictionaries(st.sampled_from(["joint", "x", "retract", *module.SECTIONS]), SCRAPS))
 def test_any_data_are_limits_or_refused(data: dict[str, Any]) -> None:
     with pytest.raises(LimitsError):
         module._parsed(data)

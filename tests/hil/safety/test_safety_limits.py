@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.safety import limits as module
@@ -75,6 +75,7 @@ def test_speeds_follow_from_the_forces() -> None:
 
 
 @given(st.floats(0.0, 3.0), st.floats(0.1, 80.0), st.floats(0.1, 80.0), st.floats(1e3, 1e6))
+@settings(deadline=None)
 def test_all_energy_of_relative_motion_goes_into_the_spring(v: float, a: float, b: float, k: float) -> None:
     force = contact_force(v, a, b, k)
     assert force**2 / (2 * k) == pytest.approx(0.5 * (a * b / (a + b)) * v**2)
@@ -173,12 +174,14 @@ SCRAPS = st.none() | st.integers() | st.text(max_size=3) | st.dictionaries(st.sa
 
 
 @given(st.dictionaries(st.sampled_from(["joint", "x", "retract", *module.SECTIONS]), SCRAPS))
+@settings(deadline=None)
 def test_any_data_are_limits_or_refused(data: dict[str, Any]) -> None:
     with pytest.raises(LimitsError):
         module._parsed(data)
 
 
 @given(st.sampled_from(ENTRIES), st.floats(allow_nan=True, allow_infinity=True))
+@settings(deadline=None)
 def test_the_command_line_only_makes_safer(name: str, value: float) -> None:
     span, now = span_of(name), value_of(name)
     try:

@@ -50,6 +50,7 @@ def test_a_joint_can_always_brake_before_its_limits(start: np.ndarray, wants: li
 
 
 @given(st.floats(0.0, 4.0), st.floats(0.5, 40.0), st.floats(1e-4, 0.02))
+@settings(deadline=None)
 def test_the_braking_speed_leaves_just_the_room(room: float, acceleration: float, dt: float) -> None:
     v = braking_speed(room, acceleration, dt)
     assert v * dt + v * v / (2 * acceleration) == pytest.approx(room, abs=1e-12)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.safety.limits import JOINTS, load_limits
@@ -69,6 +69,7 @@ def test_a_servo_or_a_register_that_was_not_read() -> None:
 
 
 @given(st.dictionaries(st.integers(1, 3), st.dictionaries(st.sampled_from("abc"), st.integers(0, 3)), max_size=3))
+@settings(deadline=None)
 def test_only_what_is_the_same_passes(found: dict[int, dict[str, int]]) -> None:
     wanted = {1: {"a": 0, "b": 1}, 2: {"a": 2}}
     same = all(found.get(servo, {}).get(name) == value for servo, r in wanted.items() for name, value in r.items())

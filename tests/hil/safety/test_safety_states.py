@@ -17,6 +17,7 @@ EVENTS = st.lists(st.sampled_from(Event), max_size=40)
 
 
 @given(st.sampled_from([State.ESTOPPED, State.STOPPED]), EVENTS)
+@settings(deadline=None)
 def test_no_stop_is_left_without_a_person(state: State, events: list[Event]) -> None:
     for event in events:
         if event is Event.ACKNOWLEDGE:
@@ -26,6 +27,7 @@ def test_no_stop_is_left_without_a_person(state: State, events: list[Event]) -> 
 
 
 @given(EVENTS)
+@settings(deadline=None)
 def test_nothing_moves_before_a_check_passed(events: list[Event]) -> None:
     """From the beginning, and again after every stop."""
     state, checked = State.UNCHECKED, False

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from hil.drivers.values import JointCommand
@@ -154,7 +153,7 @@ def led(
     Returns:
         the velocities, where the joints are wanted within their limits, the way point, and the rules that acted.
     """
-    velocities, within, way_point, acted = np.zeros(len(JOINTS)), None, now.way_point, set()
+    velocities, within, way_point, acted = motion.braked(limits, told, dt), None, now.way_point, set()
     if now.state is State.TRACKING and wanted is not None:
         within, outside = motion.position_wanted(limits, wanted)
         velocities, slower = motion.towards(limits, told, within, dt)

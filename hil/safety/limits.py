@@ -69,7 +69,8 @@ class Joint:
     Attributes:
         lowest, highest: rad.
         speed: rad/s; 30 rpm is the velocity limit of every servo.
-        acceleration: rad/s², speeding up and braking.
+        acceleration: rad/s², most by which a joint may speed up or slow down.
+        braking: rad/s², by which it can be relied on to slow down: before its limits, and in a controlled stop.
         current: A a servo, in free motion.
         contact_current: A a servo, whenever the hand is not known to be away: so that the palm yields.
     """
@@ -77,7 +78,8 @@ class Joint:
     lowest: float = _limit("rad", -math.pi, math.pi, 1)
     highest: float = _limit("rad", -math.pi, math.pi, -1)
     speed: float = _limit("rad/s", 0.01, math.pi, -1)
-    acceleration: float = _limit("rad/s²", 0.5, 40.0, -1)
+    acceleration: float = _limit("rad/s²", 0.5, 100.0, -1)
+    braking: float = _limit("rad/s²", 0.5, 50.0, -1)
     current: float = _limit("A", 0.05, 4.4, -1)
     contact_current: float = _limit("A", 0.05, 2.0, -1)
 
@@ -231,6 +233,11 @@ class Limits:
     def acceleration(self) -> Array:
         """(J,) rad/s²."""
         return self._each("acceleration")
+
+    @cached_property
+    def braking(self) -> Array:
+        """(J,) rad/s²."""
+        return self._each("braking")
 
     @cached_property
     def current(self) -> Array:
@@ -390,6 +397,11 @@ def _checked(limits: Limits) -> Limits:
             raise LimitsError(
                 f"joint.{name}.contact_current is {joint.contact_current:g} A, above that of free motion "
                 f"({joint.current:g}); lower it, too"
+            )
+        if joint.braking > joint.acceleration:
+            raise LimitsError(
+                f"joint.{name}.braking is {joint.braking:g} rad/s², above its acceleration ({joint.acceleration:g}); "
+                "lower it, too"
             )
         for pose in limits.path:
             if not joint.lowest <= pose[number] <= joint.highest:

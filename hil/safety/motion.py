@@ -1,8 +1,9 @@
 """What a joint may be told next: towards what is wanted of it, within position, speed and acceleration.
 
 In every tick the joints have a commanded position q and velocity v. The next velocity v' is chosen, and q' = q + v' dt
-is sent. A joint is *viable* if it can still brake inside its limits: v² / (2 a) ≤ room, the distance to the limit it
-moves towards. The bounds below keep it so: from a viable joint, v' = v - a dt (or 0) is within them, whatever dt is.
+is sent. A joint is *viable* if it can still brake inside its limits: v² / (2 b) ≤ room, the distance to the limit it
+moves towards. The bounds below keep it so: from a viable joint, v' = v - b dt (or 0) is within them, whatever dt is,
+since b is no more than the acceleration that bounds the change of v.
 """
 
 from __future__ import annotations
@@ -43,21 +44,21 @@ def at_rest(positions: Array) -> Motion:
     return Motion(positions, np.zeros_like(positions))
 
 
-def braking_speed(room: float, acceleration: float, dt: float) -> float:
+def braking_speed(room: float, braking: float, dt: float) -> float:
     """Largest speed, rad/s, for this tick with which there is room to brake afterwards.
 
-    That is the root of v dt + v² / (2 a) = room. Braking by a dt a tick takes less way than v² / (2 a): the sum of
+    That is the root of v dt + v² / (2 b) = room. Braking by b dt a tick takes less way than v² / (2 b): the sum of
     falling speeds, each taken at its tick's end, is below their integral.
 
     Args:
         room: rad; where it is not positive the answer is 0.
-        acceleration: rad/s².
+        braking: rad/s², b.
         dt: s.
     """
     if room <= 0.0:
         return 0.0
-    # not a (√(dt² + 2 room / a) - dt), which loses its digits where there is little room
-    return 2.0 * room / (dt + math.sqrt(dt * dt + 2.0 * room / acceleration))
+    # not b (√(dt² + 2 room / b) - dt), which loses its digits where there is little room
+    return 2.0 * room / (dt + math.sqrt(dt * dt + 2.0 * room / braking))
 
 
 def position_wanted(limits: Limits, wanted: Array) -> tuple[Array, set[Rule]]:
@@ -81,13 +82,19 @@ def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Arr
         pace = clamp((goal - last) / max(dt, NO_TIME), -joint.speed, joint.speed)
         way = goal - pace * dt - q
         if way:
-            rate = min(rate, braking_speed(abs(way), joint.acceleration, dt) / abs(way))
+            rate = min(rate, braking_speed(abs(way), joint.braking, dt) / abs(way))
             furthest = max(furthest, abs(way))
         paces.append(pace)
         behind.append(way)
     slower = min(rate, limits.motion.catch_up / furthest) if furthest else rate
     velocities = [pace + slower * way for pace, way in zip(paces, behind, strict=True)]
     return np.array(velocities), {Rule.CATCH_UP} if slower < rate else set()
+
+
+def braked(limits: Limits, told: Motion, dt: float) -> Array:
+    """Velocities (J,), rad/s, a tick of dt s nearer to standing still."""
+    change = limits.braking * dt
+    return told.velocities - np.minimum(np.maximum(told.velocities, -change), change)
 
 
 def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:
@@ -99,8 +106,8 @@ def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) ->
         step = joint.acceleration * dt
         reached = clamp(asked, v - step, v + step)
         slower = clamp(reached, -joint.speed, joint.speed)
-        up = braking_speed(joint.highest - q, joint.acceleration, dt)
-        down = braking_speed(q - joint.lowest, joint.acceleration, dt)
+        up = braking_speed(joint.highest - q, joint.braking, dt)
+        down = braking_speed(q - joint.lowest, joint.braking, dt)
         result = clamp(slower, -down, up)
         if result != asked:
             acted |= {Rule.ACCELERATION} if abs(reached - asked) > SAME else set()

@@ -27,7 +27,7 @@ def retracting(limits: Limits, told: Motion, way_point: int, dt: float) -> tuple
         way_point += 1
         way = limits.way_points[way_point] - told.positions
     longest = float(np.abs(way).max())
-    braking = min(braking_speed(longest, joint.acceleration, dt) for joint in limits.joints)
+    braking = min(braking_speed(longest, joint.braking, dt) for joint in limits.joints)
     speed = min(limits.motion.retract, braking)
     return way * (speed / max(longest, 1e-9)), way_point
 

@@ -35,6 +35,7 @@ def wanted_on(loop: Loop) -> Array:
 def stops(loop: Loop, rule: Rule, reason: str, ticks: int = 1, **other: Any) -> None:
     """With ``other`` known, for so many ticks, the arm brakes by that rule, stands, and stays until acknowledged."""
     for _ in range(ticks):
+        began = len(loop.told)
         loop.tick(wanted_on(loop), **other)
         if loop.report.event is Event.FAULT:
             break
@@ -47,8 +48,8 @@ def stops(loop: Loop, rule: Rule, reason: str, ticks: int = 1, **other: Any) -> 
         if loop.state is State.STOPPED:
             break
     assert loop.state is State.STOPPED
-    change = np.abs(np.diff(loop.speeds()[-60:], axis=0))
-    assert (change <= LIMITS.acceleration * TICK_NS * 1e-9 + 1e-6).all()  # braked, not jerked
+    change = np.abs(np.diff(loop.speeds()[began - 2 :], axis=0))
+    assert (change <= LIMITS.braking * TICK_NS * 1e-9 + 1e-6).all()  # braked, not jerked
     assert reason in loop.report.reason
     stays(loop)
 

@@ -141,6 +141,7 @@ def test_an_unknown_name_is_refused(tmp_path: Path, where: str) -> None:
         ("servo.voltage_low", "14.0", "below servo.voltage_high"),
         ("stale.retract_s", "0.1", "below stale.retract_s"),
         ("timing.watchdog_s", "0.07", "steps of 0.02"),
+        ("joint.elbow.acceleration", "10.0", "lower it, too"),
         ("joint.elbow.highest", "1.0", "retract.path goes through elbow"),
     ],
 )

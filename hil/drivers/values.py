@@ -54,3 +54,18 @@ class Plant(Protocol):
     def step(self, torques: Array, seconds: float) -> tuple[Array, Array]:
         """Positions (J,), rad, and velocities (J,), rad/s, ``seconds`` later, with ``torques`` (J,), N·m, on them."""
         ...
+
+
+@dataclass(frozen=True)
+class JointHealth:
+    """What the servos said of themselves; read more rarely than their positions.
+
+    Attributes:
+        time_ns: this process's monotonic clock when the oldest of these numbers had come.
+        temperatures: (J,) °C; of two servos, the hotter one's.
+        voltages: (J,) V at the servo; of two servos, the lower one's.
+    """
+
+    time_ns: int
+    temperatures: Array
+    voltages: Array

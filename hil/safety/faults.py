@@ -1,0 +1,159 @@
+"""What stops the arm: each rule looks at one thing and answers with a reason, or with nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from hil.drivers.values import JointHealth, JointState
+from hil.safety.limits import JOINTS, Limits, Servo, Timing
+from hil.safety.rules import Rule
+from model.rotations import Array
+
+ERROR_BITS = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
+"""Of the servo's register Hardware Error Status (the maker's manual)."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What has to last before it is a fault.
+
+    Attributes:
+        time_ns: of the last tick.
+        heard_ns: for each joint, when it last answered.
+        strayed_ns: for each joint, since when it has not been where it was told to be; None where it is.
+        late: ticks in a row that came late.
+        gap_s: s between the last two ticks; negative where time ran backwards.
+    """
+
+    time_ns: int
+    heard_ns: tuple[int, ...]
+    strayed_ns: tuple[int | None, ...]
+    late: int = 0
+    gap_s: float = 0.0
+
+
+def watch_from(now_ns: int) -> Watch:
+    """A watch that begins now."""
+    return Watch(now_ns, (now_ns,) * len(JOINTS), (None,) * len(JOINTS))
+
+
+def watched(limits: Limits, watch: Watch, arm: JointState | None, told: Array | None, now_ns: int) -> Watch:
+    """The watch one tick later, after a look at the arm, which had been ``told`` (J,), rad, to be somewhere."""
+    gap = (now_ns - watch.time_ns) * 1e-9
+    late = watch.late + 1 if gap > 1.5 * limits.timing.period_s else 0
+    heard, strayed = watch.heard_ns, watch.strayed_ns
+    if arm is not None:
+        heard = tuple(
+            arm.time_ns if answered else last
+            for answered, last in zip(arm.answered.tolist(), watch.heard_ns, strict=True)
+        )
+    if told is None:
+        strayed = (None,) * len(strayed)
+    elif arm is not None:
+        strayed = tuple(
+            (since or now_ns) if abs(is_at - goal) > limits.servo.following else None
+            for is_at, goal, since in zip(arm.positions.tolist(), told.tolist(), strayed, strict=True)
+        )
+    return Watch(now_ns, heard, strayed, late, gap)
+
+
+def not_finite(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> str:
+    """Numbers that are none, or not so many as their ``shape`` says."""
+    if array.shape != shape:
+        return f"{name}: {array.shape} numbers came, {shape} were expected"
+    if not all_finite(array):
+        return f"{name}: {array.tolist()} are not all numbers"
+    return ""
+
+
+def all_finite(array: NDArray[Any]) -> bool:
+    """Every number is one."""
+    return all(map(math.isfinite, array.ravel().tolist()))
+
+
+def servo_error(arm: JointState | None) -> str:
+    """Errors that servos report."""
+    for joint, bits in enumerate([] if arm is None else arm.errors.tolist()):
+        if bits:
+            names = [ERROR_BITS.get(bit, f"bit {bit}") for bit in range(8) if bits >> bit & 1]
+            return f"the servo of {JOINTS[joint]} reports {', '.join(names)}"
+    return ""
+
+
+def silent_servo(servo: Servo, watch: Watch, now_ns: int) -> str:
+    """Joints that have not answered for too long."""
+    last = min(watch.heard_ns)
+    silent = (now_ns - last) * 1e-9
+    if silent <= servo.silent_s:
+        return ""
+    return f"{JOINTS[watch.heard_ns.index(last)]} has not answered for {1e3 * silent:.0f} ms"
+
+
+def following(servo: Servo, watch: Watch, now_ns: int) -> str:
+    """Joints that have not been where they were told to be for too long."""
+    since = min((began for began in watch.strayed_ns if began is not None), default=now_ns)
+    strayed = (now_ns - since) * 1e-9
+    if strayed <= servo.following_s:
+        return ""
+    joint = JOINTS[watch.strayed_ns.index(since)]
+    return f"{joint} has been more than {servo.following:g} rad off for {1e3 * strayed:.0f} ms"
+
+
+def health(servo: Servo, values: JointHealth | None, now_ns: int) -> str:
+    """Temperatures and voltages that nobody has read for too long."""
+    if values is None:
+        return "temperatures and voltages have not been read"
+    age = (now_ns - values.time_ns) * 1e-9
+    return f"temperatures and voltages are {age:.1f} s old" if age > servo.health_s else ""
+
+
+def temperature(servo: Servo, values: JointHealth | None) -> str:
+    """Servos that are too hot."""
+    if values is None:
+        return ""
+    found = values.temperatures.tolist()
+    hottest = max(found)
+    if hottest <= servo.temperature:
+        return ""
+    return f"{JOINTS[found.index(hottest)]} has {hottest:.0f} °C, at most {servo.temperature:.0f}"
+
+
+def voltage(servo: Servo, values: JointHealth | None) -> str:
+    """Servos with too low or too high a voltage."""
+    for joint, found in enumerate([] if values is None else values.voltages.tolist()):
+        if not servo.voltage_low <= found <= servo.voltage_high:
+            return f"{JOINTS[joint]} has {found:.1f} V, not {servo.voltage_low:.1f} to {servo.voltage_high:.1f}"
+    return ""
+
+
+def deadline(timing: Timing, watch: Watch) -> str:
+    """A loop that is late again and again, or that paused for longer than the servos' watchdog waits."""
+    if watch.gap_s < 0.0:
+        return f"time ran {-1e3 * watch.gap_s:.1f} ms backwards"
+    if watch.gap_s >= timing.watchdog_s:
+        return (
+            f"the loop paused for {1e3 * watch.gap_s:.0f} ms, the servos' watchdog waits {1e3 * timing.watchdog_s:.0f}"
+        )
+    if watch.late >= timing.late_run:
+        return f"{watch.late} commands in a row were late"
+    return ""
+
+
+def faults(
+    limits: Limits, watch: Watch, arm: JointState | None, values: JointHealth | None, now_ns: int
+) -> dict[Rule, str]:
+    """Every reason to stop; all numbers are finite, see :func:`not_finite`."""
+    reasons = {
+        Rule.SERVO_ERROR: servo_error(arm),
+        Rule.SILENT_SERVO: silent_servo(limits.servo, watch, now_ns),
+        Rule.FOLLOWING: following(limits.servo, watch, now_ns),
+        Rule.HEALTH: health(limits.servo, values, now_ns),
+        Rule.TEMPERATURE: temperature(limits.servo, values),
+        Rule.VOLTAGE: voltage(limits.servo, values),
+        Rule.DEADLINE: deadline(limits.timing, watch),
+    }
+    return {rule: reason for rule, reason in reasons.items() if reason}

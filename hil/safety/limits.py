@@ -1,0 +1,430 @@
+"""The limits of the arm: one validated file, ceilings that no file can raise, and a command line that can only lower.
+
+What a limit is, in which unit, between which bounds and which way is safer, stands beside it as its :class:`Span`.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from hil.safety.contact_force import contact_speed
+from model.errors import HighFiveError
+from model.rotations import Array
+
+FILE = Path(__file__).with_name("limits.toml")
+"""The limits that come with the project."""
+
+JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate")
+"""Joints in the order of every array."""
+
+MECHANICAL = np.radians(
+    [(-180.0, 180.0), (-106.0, 72.0), (-101.0, 92.0), (-180.0, 180.0), (-107.0, 128.0), (-180, 180)]
+)
+"""(J, 2) rad, lowest and highest position of each joint (the maker's limits of the ViperX 300 S)."""
+
+STALL_CURRENTS = np.array([4.4, 4.4, 4.4, 4.4, 4.4, 2.3])
+"""(J,) A at 12 V, of the joint's servos: XM540-W270, the last one XM430-W350 (the maker's tables)."""
+
+PEER = 1e-9  # relative: two ways to write the same number
+
+Section = TypeVar("Section")
+
+
+class LimitsError(HighFiveError):
+    """A limits file, or a change of a limit, that is refused."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """What a limit may be.
+
+    Attributes:
+        unit: as in the file.
+        least, most: bounds of what any file may say.
+        safer: which way is safer: -1 down, 1 up, 0 it cannot be changed at the command line.
+    """
+
+    unit: str
+    least: float
+    most: float
+    safer: int
+
+
+def _limit(unit: str, least: float, most: float, safer: int) -> Any:
+    return field(metadata={"span": Span(unit, least, most, safer)})
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Limits of one joint.
+
+    Attributes:
+        lowest, highest: rad.
+        speed: rad/s; 30 rpm is the velocity limit of every servo.
+        acceleration: rad/s², most by which a joint may speed up or slow down.
+        braking: rad/s², by which it can be relied on to slow down: before its limits, and in a controlled stop.
+        current: A a servo, in free motion.
+        contact_current: A a servo, whenever the hand is not known to be away: so that the palm yields.
+    """
+
+    lowest: float = _limit("rad", -math.pi, math.pi, 1)
+    highest: float = _limit("rad", -math.pi, math.pi, -1)
+    speed: float = _limit("rad/s", 0.01, math.pi, -1)
+    acceleration: float = _limit("rad/s²", 0.5, 100.0, -1)
+    braking: float = _limit("rad/s²", 0.5, 50.0, -1)
+    current: float = _limit("A", 0.05, 4.4, -1)
+    contact_current: float = _limit("A", 0.05, 2.0, -1)
+
+
+@dataclass(frozen=True)
+class Servo:
+    """When a servo is no longer trusted.
+
+    Attributes:
+        temperature: °C.
+        voltage_low, voltage_high: V at the servo.
+        following: rad between where a joint was told to be and where it is ...
+        following_s: ... for longer than this, s.
+        silent_s: s without a reply.
+        health_s: s, age of the newest temperatures and voltages.
+    """
+
+    temperature: float = _limit("°C", 30.0, 75.0, -1)
+    voltage_low: float = _limit("V", 10.0, 14.0, 1)
+    voltage_high: float = _limit("V", 10.0, 14.8, -1)
+    following: float = _limit("rad", 0.02, 0.5, -1)
+    following_s: float = _limit("s", 0.02, 0.5, -1)
+    silent_s: float = _limit("s", 0.02, 0.1, -1)
+    health_s: float = _limit("s", 0.1, 5.0, -1)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How plate and hand may meet; the model is in :mod:`hil.safety.contact_force`.
+
+    Attributes:
+        force: N, quasi-static limit of hand and fingers.
+        body_mass, robot_mass: kg, effective, of the hand and of the arm.
+        stiffness: N/m, of the hand.
+        speed: m/s, largest relative speed along the line between them, near contact.
+        near: m between plate and palm, from which that speed holds.
+        touching: m, nearer than this the line between them is no longer taken from where they are.
+        braking: m/s², how fast the plate is taken to lose speed on its way there.
+    """
+
+    force: float = _limit("N", 1.0, 140.0, -1)
+    body_mass: float = _limit("kg", 0.6, 0.6, 0)
+    robot_mass: float = _limit("kg", 1.5, 10.0, 0)
+    stiffness: float = _limit("N/m", 75e3, 75e3, 0)
+    speed: float = _limit("m/s", 0.01, 0.78, -1)
+    near: float = _limit("m", 0.05, 0.5, 1)
+    touching: float = _limit("m", 0.01, 0.05, 0)
+    braking: float = _limit("m/s²", 0.5, 10.0, -1)
+
+
+@dataclass(frozen=True)
+class Face:
+    """The zone about the head, which moves with it.
+
+    Attributes:
+        force: N, limit of the face.
+        body_mass, robot_mass: kg, effective, of the head and of the arm.
+        stiffness: N/m, of the face.
+        speed: m/s, largest speed of the plate, relative to the head where that comes nearer.
+        radius: m about the head's centre: head, half of the plate, and what the tracker may err.
+        braking: m/s², how fast the plate is taken to lose speed on its way there.
+    """
+
+    force: float = _limit("N", 1.0, 65.0, -1)
+    body_mass: float = _limit("kg", 4.4, 4.4, 0)
+    robot_mass: float = _limit("kg", 1.5, 10.0, 0)
+    stiffness: float = _limit("N/m", 75e3, 75e3, 0)
+    speed: float = _limit("m/s", 0.01, 0.22, -1)
+    radius: float = _limit("m", 0.25, 1.5, 1)
+    braking: float = _limit("m/s²", 0.5, 10.0, -1)
+
+
+@dataclass(frozen=True)
+class Stale:
+    """When the person, or where the arm is wanted, is no longer known.
+
+    Attributes:
+        hold_s: s, then the arm holds.
+        retract_s: s, then it retracts.
+    """
+
+    hold_s: float = _limit("s", 0.02, 0.1, -1)
+    retract_s: float = _limit("s", 0.1, 0.5, -1)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the arm moves where nobody leads it.
+
+    Attributes:
+        catch_up: rad/s, how much faster than what is wanted of it a joint may go to make up for being behind.
+        retract: rad/s of the fastest joint while the arm retracts.
+    """
+
+    catch_up: float = _limit("rad/s", 0.05, 1.5, -1)
+    retract: float = _limit("rad/s", 0.05, 0.6, -1)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Of the loop and the bus.
+
+    Attributes:
+        period_s: s, between two commands.
+        late_run: commands in a row that came more than half a period late, from which on the arm stops.
+        watchdog_s: s without a command after which a servo stops by itself; in steps of 20 ms.
+        estop_s: s from the pull of the emergency stop to the last motion command.
+    """
+
+    period_s: float = _limit("s", 0.002, 0.02, 0)
+    late_run: float = _limit("commands", 1, 12, -1)
+    watchdog_s: float = _limit("s", 0.06, 0.1, -1)
+    estop_s: float = _limit("s", 0.001, 0.02, -1)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """All limits.
+
+    Attributes:
+        joints: one a joint, in the order of :data:`JOINTS`.
+        servo, contact, face, stale, motion, timing: as said there.
+        path: W poses (J,), rad, along which the arm retracts; in the last one it rests.
+    """
+
+    joints: tuple[Joint, ...]
+    servo: Servo
+    contact: Contact
+    face: Face
+    stale: Stale
+    motion: Motion
+    timing: Timing
+    path: tuple[tuple[float, ...], ...]
+
+    @cached_property
+    def lowest(self) -> Array:
+        """(J,) rad."""
+        return self._each("lowest")
+
+    @cached_property
+    def highest(self) -> Array:
+        """(J,) rad."""
+        return self._each("highest")
+
+    @cached_property
+    def speed(self) -> Array:
+        """(J,) rad/s."""
+        return self._each("speed")
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """(J,) rad/s²."""
+        return self._each("acceleration")
+
+    @cached_property
+    def braking(self) -> Array:
+        """(J,) rad/s²."""
+        return self._each("braking")
+
+    @cached_property
+    def current(self) -> Array:
+        """(J,) A, in free motion."""
+        return self._each("current")
+
+    @cached_property
+    def contact_current(self) -> Array:
+        """(J,) A, near a hand."""
+        return self._each("contact_current")
+
+    @cached_property
+    def way_points(self) -> Array:
+        """(W, J) rad, :attr:`path`."""
+        return _fixed(np.array(self.path))
+
+    def _each(self, name: str) -> Array:
+        return _fixed(np.array([getattr(joint, name) for joint in self.joints]))
+
+
+SECTIONS = {"servo": Servo, "contact": Contact, "face": Face, "stale": Stale, "motion": Motion, "timing": Timing}
+
+
+def load_limits(path: Path = FILE) -> Limits:
+    """Reads a limits file.
+
+    Raises:
+        LimitsError: it cannot be read, lacks or adds an entry, or says what no file may say.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise LimitsError(f"cannot read limits {path}: {error}") from None
+    try:
+        return _checked(_parsed(data))
+    except LimitsError as error:
+        raise LimitsError(f"limits {path}: {error}; nothing moves until the file is put right") from None
+
+
+def lowered(limits: Limits, changes: Mapping[str, float]) -> Limits:
+    """The limits with some of them made safer.
+
+    Args:
+        limits: as loaded.
+        changes: by names such as ``contact.speed``, ``joint.elbow.speed``, or ``joint.speed`` for every joint.
+
+    Raises:
+        LimitsError: there is no such limit, or it would be less safe than it is.
+    """
+    for name, value in changes.items():
+        section, _, rest = name.partition(".")
+        joint, _, entry = rest.rpartition(".")
+        if section == "joint" and (joint in JOINTS or not joint):
+            joints = tuple(
+                _lowered_entry(one, name, entry, value) if joint in ("", which) else one
+                for which, one in zip(JOINTS, limits.joints, strict=True)
+            )
+            limits = replace(limits, joints=joints)
+        elif section in SECTIONS:
+            limits = replace(limits, **{section: _lowered_entry(getattr(limits, section), name, rest, value)})
+        else:
+            raise LimitsError(f"there is no limit {name!r}; they are named as in {FILE.name}, such as contact.speed")
+    return _checked(limits)
+
+
+def parse_changes(texts: Sequence[str]) -> dict[str, float]:
+    """What ``lowered`` takes, from words such as ``contact.speed=0.5``.
+
+    Raises:
+        LimitsError: a word is not a name, an equals sign and a number.
+    """
+    changes = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            changes[name.strip()] = float(value)
+        except ValueError:
+            raise LimitsError(f"{text!r} lowers no limit; write it as contact.speed=0.5") from None
+    return changes
+
+
+def _lowered_entry(section: Section, name: str, entry: str, value: float) -> Section:
+    spans = _spans(type(section))
+    if entry not in spans:
+        raise LimitsError(f"there is no limit {name!r}; its section has {', '.join(spans)}")
+    span, now = spans[entry], getattr(section, entry)
+    _number(value, name, span)
+    if span.safer == 0 and value != now:
+        raise LimitsError(f"{name} is {now:g} {span.unit} and cannot be changed at the command line")
+    if span.safer * (value - now) < 0.0:
+        way = "lowered" if span.safer < 0 else "raised"
+        raise LimitsError(f"{name} is {now:g} {span.unit} and can only be {way} at the command line, not {value:g}")
+    return replace(section, **{entry: float(value)})  # pyright: ignore[reportArgumentType]
+
+
+def _parsed(data: dict[str, Any]) -> Limits:
+    _same_names(data, ("joint", *SECTIONS, "retract"), "the file")
+    joint, retract = _table(data["joint"], "joint"), _table(data["retract"], "retract")
+    _same_names(joint, JOINTS, "[joint]")
+    _same_names(retract, ("path",), "[retract]")
+    path = retract["path"]
+    if not isinstance(path, list) or not path or any(not isinstance(p, list) or len(p) != len(JOINTS) for p in path):
+        raise LimitsError(f"retract.path has to be one or more poses of {len(JOINTS)} angles")
+    anywhere = Span("rad", -math.pi, math.pi, 0)
+    return Limits(
+        joints=tuple(_section(Joint, joint[name], f"joint.{name}") for name in JOINTS),
+        path=tuple(tuple(_number(angle, "retract.path", anywhere) for angle in pose) for pose in path),
+        **{name: _section(kind, data[name], name) for name, kind in SECTIONS.items()},
+    )
+
+
+def _section(kind: type[Section], data: Any, where: str) -> Section:
+    spans = _spans(kind)
+    _same_names(_table(data, where), tuple(spans), f"[{where}]")
+    return kind(**{name: _number(data[name], f"{where}.{name}", span) for name, span in spans.items()})
+
+
+def _spans(kind: type) -> dict[str, Span]:
+    return {f.name: f.metadata["span"] for f in fields(kind)}
+
+
+def _table(data: Any, where: str) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        raise LimitsError(f"{where} has to be a table, got {data!r}")
+    return data
+
+
+def _same_names(data: Mapping[str, Any], names: Sequence[str], where: str) -> None:
+    for name in names:
+        if name not in data:
+            raise LimitsError(f"{where} lacks {name!r}")
+    for name in data:
+        if name not in names:
+            raise LimitsError(f"{where} has {name!r}, which is no limit; it may have {', '.join(names)}")
+
+
+def _number(value: Any, name: str, span: Span) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise LimitsError(f"{name} has to be a number ({span.unit}), got {value!r}")
+    if not span.least <= value <= span.most:
+        raise LimitsError(f"{name} is {value:g} {span.unit}; it may be {span.least:g} to {span.most:g}")
+    return float(value)
+
+
+def _checked(limits: Limits) -> Limits:
+    """The same limits, if they go together."""
+    for number, name in enumerate(JOINTS):
+        joint, (least, most), stall = limits.joints[number], MECHANICAL[number], STALL_CURRENTS[number]
+        if not least - PEER <= joint.lowest < joint.highest <= most + PEER:
+            raise LimitsError(
+                f"joint.{name} goes from {joint.lowest:g} to {joint.highest:g} rad; "
+                f"it has to rise, within {least:.3f} to {most:.3f}"
+            )
+        if joint.current > stall:
+            raise LimitsError(f"joint.{name}.current is {joint.current:g} A; its servo stalls at {stall:g}")
+        if joint.contact_current > joint.current:
+            raise LimitsError(
+                f"joint.{name}.contact_current is {joint.contact_current:g} A, above that of free motion "
+                f"({joint.current:g}); lower it, too"
+            )
+        if joint.braking > joint.acceleration:
+            raise LimitsError(
+                f"joint.{name}.braking is {joint.braking:g} rad/s², above its acceleration ({joint.acceleration:g}); "
+                "lower it, too"
+            )
+        for pose in limits.path:
+            if not joint.lowest <= pose[number] <= joint.highest:
+                raise LimitsError(
+                    f"retract.path goes through {name} = {pose[number]:g} rad, "
+                    f"outside its limits of {joint.lowest:g} to {joint.highest:g}"
+                )
+    for name, zone in (("contact", limits.contact), ("face", limits.face)):
+        fastest = contact_speed(zone.force, zone.body_mass, zone.robot_mass, zone.stiffness)
+        if zone.speed > fastest:
+            raise LimitsError(
+                f"{name}.speed is {zone.speed:g} m/s; {zone.force:g} N allow {fastest:.3f}: lower the speed, too"
+            )
+    if limits.servo.voltage_low >= limits.servo.voltage_high:
+        raise LimitsError("servo.voltage_low has to be below servo.voltage_high")
+    if limits.stale.hold_s >= limits.stale.retract_s:
+        raise LimitsError("stale.hold_s has to be below stale.retract_s")
+    steps = limits.timing.watchdog_s / 0.02
+    if abs(steps - round(steps)) > 1e-6:
+        raise LimitsError(f"timing.watchdog_s is {limits.timing.watchdog_s:g} s; servos count it in steps of 0.02")
+    return limits
+
+
+def _fixed(array: Array) -> Array:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,127 @@
+"""What a joint may be told next: towards what is wanted of it, within position, speed and acceleration.
+
+In every tick the joints have a commanded position q and velocity v. The next velocity v' is chosen, and q' = q + v' dt
+is sent. A joint is *viable* if it can still brake inside its limits: v² / (2 b) ≤ room, the distance to the limit it
+moves towards. The bounds below keep it so: from a viable joint, v' = v - b dt (or 0) is within them, whatever dt is,
+since b is no more than the acceleration that bounds the change of v.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.safety.limits import Limits
+from hil.safety.rules import Rule
+from model.rotations import Array
+
+SAME = 1e-9
+"""rad/s: velocities that differ by less are the same."""
+
+NO_TIME = 1e-6
+"""s: shorter ticks are taken for as long, where something is divided by them."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the joints were last told to be.
+
+    Attributes:
+        positions: (J,) rad, as sent.
+        velocities: (J,) rad/s, with which they came there.
+        wanted: (J,) rad, where they were wanted then; None where nothing was.
+    """
+
+    positions: Array
+    velocities: Array
+    wanted: Array | None = None
+
+
+def at_rest(positions: Array) -> Motion:
+    """Joints that stand where they are."""
+    return Motion(positions, np.zeros_like(positions))
+
+
+def braking_speed(room: float, braking: float, dt: float) -> float:
+    """Largest speed, rad/s, for this tick with which there is room to brake afterwards.
+
+    That is the root of v dt + v² / (2 b) = room. Braking by b dt a tick takes less way than v² / (2 b): the sum of
+    falling speeds, each taken at its tick's end, is below their integral.
+
+    Args:
+        room: rad; where it is not positive the answer is 0.
+        braking: rad/s², b.
+        dt: s.
+    """
+    if room <= 0.0:
+        return 0.0
+    # not b (√(dt² + 2 room / b) - dt), which loses its digits where there is little room
+    return 2.0 * room / (dt + math.sqrt(dt * dt + 2.0 * room / braking))
+
+
+def position_wanted(limits: Limits, wanted: Array) -> tuple[Array, set[Rule]]:
+    """What is wanted, (J,) rad, brought within the limits of position."""
+    asked = wanted.tolist()
+    within = [clamp(q, joint.lowest, joint.highest) for joint, q in zip(limits.joints, asked, strict=True)]
+    return np.array(within), {Rule.POSITION} if within != asked else set()
+
+
+def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Array, set[Rule]]:
+    """Velocities (J,), rad/s, that bring the joints to where they are wanted and along with it.
+
+    Joints that are where they were wanted go on exactly as they are wanted. Where one is behind, all make up for it in
+    step, none faster than :attr:`hil.safety.limits.Motion.catch_up`, and so that each can brake when it is there.
+    """
+    before = told.wanted if told.wanted is not None else wanted
+    paces, behind, rate, furthest = [], [], 1.0 / max(dt, NO_TIME), 0.0
+    for joint, goal, last, q in zip(
+        limits.joints, wanted.tolist(), before.tolist(), told.positions.tolist(), strict=True
+    ):
+        pace = clamp((goal - last) / max(dt, NO_TIME), -joint.speed, joint.speed)
+        way = goal - pace * dt - q
+        if way:
+            rate = min(rate, braking_speed(abs(way), joint.braking, dt) / abs(way))
+            furthest = max(furthest, abs(way))
+        paces.append(pace)
+        behind.append(way)
+    slower = min(rate, limits.motion.catch_up / furthest) if furthest else rate
+    velocities = [pace + slower * way for pace, way in zip(paces, behind, strict=True)]
+    return np.array(velocities), {Rule.CATCH_UP} if slower < rate else set()
+
+
+def braked(limits: Limits, told: Motion, dt: float) -> Array:
+    """Velocities (J,), rad/s, a tick of dt s nearer to standing still."""
+    change = limits.braking * dt
+    return told.velocities - np.minimum(np.maximum(told.velocities, -change), change)
+
+
+def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:
+    """The velocities (J,), rad/s, nearest to those asked for that acceleration, speed and position allow."""
+    results, acted = [], set()
+    for joint, q, v, asked in zip(
+        limits.joints, told.positions.tolist(), told.velocities.tolist(), velocities.tolist(), strict=True
+    ):
+        step = joint.acceleration * dt
+        reached = clamp(asked, v - step, v + step)
+        slower = clamp(reached, -joint.speed, joint.speed)
+        up = braking_speed(joint.highest - q, joint.braking, dt)
+        down = braking_speed(q - joint.lowest, joint.braking, dt)
+        result = clamp(slower, -down, up)
+        if result != asked:
+            acted |= {Rule.ACCELERATION} if abs(reached - asked) > SAME else set()
+            acted |= {Rule.SPEED} if abs(slower - reached) > SAME else set()
+            acted |= {Rule.POSITION} if abs(result - slower) > SAME else set()
+        results.append(result)
+    return np.array(results), acted
+
+
+def moved(told: Motion, velocities: Array, wanted: Array | None, dt: float) -> Motion:
+    """The joints after a tick of dt s with these velocities (J,), rad/s."""
+    return Motion(told.positions + velocities * dt, velocities, wanted)
+
+
+def clamp(value: float, least: float, most: float) -> float:
+    """The nearest value between two others."""
+    return least if value < least else most if value > most else value

@@ -1,0 +1,212 @@
+"""The person: how fast the plate may come near the hand and the head.
+
+Every rule here answers with a share, 0 to 1, of the joints' velocities: the arm keeps its way and becomes slower on it.
+A share is taken at once, even if that brakes harder than the limit of acceleration: the person comes first.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hil.safety.limits import Contact, Face, Limits
+from hil.safety.rules import Rule
+from model.rotations import Array
+
+SMOOTHING_S = 0.05
+"""Time constant of the head's velocity, s: a millimetre of jitter at 120 Hz would be 0.12 m/s without."""
+
+STRAIGHT = 0.98
+"""Share of a limit of the plate that is used: within a tick the plate moves on a bent line."""
+
+
+@dataclass(frozen=True)
+class Human:
+    """The person, in the world frame.
+
+    Attributes:
+        head: (3,) m, its centre.
+        palm: (3,) m, centre of the palm's surface; None where the hand is not known.
+        palm_velocity: (3,) m/s; None where the hand is not known.
+        age_ns: how old this is at the time of the tick.
+    """
+
+    head: Array
+    palm: Array | None
+    palm_velocity: Array | None
+    age_ns: int
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of the arm that may meet the person; the first is the palm plate's centre.
+
+    Attributes:
+        told: (P, 3) m, where they are if the joints are where they were told to be.
+        jacobians: (P, 3, J) m/rad, of ``told``.
+        measured: (P, 3) m, where they are if the joints are where the servos say.
+    """
+
+    told: Array
+    jacobians: Array
+    measured: Array
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """What is carried from tick to tick about the person.
+
+    Attributes:
+        head: (3,) m, where the head was; None before it was seen.
+        head_velocity: (3,) m/s, smoothed.
+        seen_ns: when that was.
+        line: (3,) unit vector from the plate to the palm, when they were last far enough apart; None before.
+    """
+
+    head: Array | None = None
+    head_velocity: Array = field(default_factory=lambda: np.zeros(3))
+    seen_ns: int = 0
+    line: Array | None = None
+
+
+def remembered(limits: Contact, before: Remembered, human: Human, points: Points, now_ns: int) -> Remembered:
+    """What is known of the person after one more look."""
+    head, velocity, line = before.head, before.head_velocity, before.line
+    seen_ns = now_ns - human.age_ns
+    if head is None:
+        head = human.head
+    elif seen_ns > before.seen_ns:
+        dt = (seen_ns - before.seen_ns) * 1e-9
+        share = 1.0 - math.exp(-dt / SMOOTHING_S)
+        head, velocity = human.head, velocity + share * ((human.head - head) / dt - velocity)
+    if human.palm is not None:
+        away = human.palm - points.measured[0]
+        gap = length(away.tolist())
+        line = away / gap if gap >= limits.touching else line
+    return Remembered(head, velocity, max(seen_ns, before.seen_ns), line)
+
+
+def allowed_speed(limit: float, fleeing: float, way: float, braking: float) -> float:
+    """How fast, m/s, the plate may go towards something, so that it can still be slow enough when it gets there.
+
+    There it may have ``limit`` + ``fleeing``, but not less than 0. Until then, ``way`` / (a - ``fleeing``) s away at a
+    speed a, it can lose ``braking`` times as much: the answer is the root of (a - there) (a - fleeing) = braking · way.
+
+    Args:
+        limit: m/s, largest closing speed at the end of the way.
+        fleeing: m/s, how fast the other one moves away; negative where it comes nearer.
+        way: m, left until ``limit`` holds.
+        braking: m/s².
+    """
+    there = max(0.0, limit + fleeing)
+    return 0.5 * (there + fleeing + math.sqrt((there - fleeing) ** 2 + 4.0 * braking * max(way, 0.0)))
+
+
+def gap_to_hand(human: Human, points: Points) -> float:
+    """From the plate, where it is or is told to be, to the palm, m; 0 where the palm is not known."""
+    if human.palm is None:
+        return 0.0
+    palm = human.palm.tolist()
+    return min(math.dist(palm, points.told[0].tolist()), math.dist(palm, points.measured[0].tolist()))
+
+
+def contact_speed_share(
+    limits: Contact, seen: Remembered, human: Human, points: Points, plate: Array, dt: float
+) -> tuple[float, float | None]:
+    """How much of the plate's velocity (3,), m/s, may be kept so that plate and hand do not meet too fast.
+
+    Along the line between them, from far away: the hand may keep its velocity, the plate has to be able to brake. A
+    plate that moves away is left alone; so is one whose hand flees. Where the hand is not known, it may be anywhere:
+    the plate is no faster than the limit. Where it was close from the first look on, the line is not known: the plate
+    stands.
+
+    Returns:
+        the share, and how fast plate and hand would then close in, m/s (None where that is not known).
+    """
+    limit = STRAIGHT * limits.speed
+    if human.palm is None or human.palm_velocity is None:
+        return _share(limit, length(plate.tolist())), None
+    if seen.line is None:
+        return 0.0, None
+    line = seen.line.tolist()
+    towards, fleeing = _dot(line, plate.tolist()), _dot(line, human.palm_velocity.tolist())
+    way = gap_to_hand(human, points) - limits.near - max(0.0, towards - fleeing) * dt
+    share = _share(allowed_speed(limit, fleeing, way, limits.braking), towards)
+    return share, share * towards - fleeing
+
+
+def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: Array, dt: float) -> float:
+    """How much of the points' velocities (P, 3), m/s, may be kept so that they are slow near the head.
+
+    Inside the zone a point is no faster than the limit, whatever its direction, less what the head itself comes nearer;
+    outside it can still brake before the zone. A point outside that moves away is left alone.
+    """
+    if seen.head is None:
+        return 0.0
+    share, limit = 1.0, STRAIGHT * limits.speed
+    head, head_velocity = seen.head.tolist(), seen.head_velocity.tolist()
+    told, measured = points.told.tolist(), points.measured.tolist()
+    for number, velocity in enumerate(velocities.tolist()):
+        speed = length(velocity)
+        for place in (told[number], measured[number]):
+            away = [h - p for h, p in zip(head, place, strict=True)]
+            distance = length(away)
+            if distance - speed * dt > limits.radius and _dot(away, velocity) <= 0.0:
+                continue
+            fleeing = min(0.0, _dot(away, head_velocity) / max(distance, 1e-9))
+            way = distance - limits.radius - (speed - fleeing) * dt
+            share = min(share, _share(allowed_speed(limit, fleeing, way, limits.braking), speed))
+    return share
+
+
+def unseen_person_share(limits: Face, velocities: Array) -> float:
+    """How much of the points' velocities (P, 3), m/s, may be kept while nobody knows where the person is."""
+    return _share(STRAIGHT * limits.speed, max(length(velocity) for velocity in velocities.tolist()))
+
+
+def slowed(
+    limits: Limits,
+    seen: Remembered,
+    human: Human | None,
+    points: Points,
+    velocities: Array,
+    dt: float,
+) -> tuple[float, float | None, set[Rule]]:
+    """How much of the joints' velocities (J,), rad/s, the person allows.
+
+    Args:
+        limits: all of them.
+        seen: what is known of the person.
+        human: the person; None where nobody knows where they are.
+        points: of the arm.
+        velocities: (J,) rad/s, of the joints.
+        dt: s, of the tick.
+
+    Returns:
+        the share, the closing speed of plate and hand that remains, m/s, or None, and the rules that acted.
+    """
+    moving = points.jacobians @ velocities
+    if human is None:
+        share = unseen_person_share(limits.face, moving)
+        return share, None, {Rule.UNSEEN_PERSON} if share < 1.0 else set()
+    contact, closing = contact_speed_share(limits.contact, seen, human, points, moving[0], dt)
+    face = face_zone_share(limits.face, seen, points, moving, dt)
+    acted = {rule for rule, share in ((Rule.CONTACT_SPEED, contact), (Rule.FACE_ZONE, face)) if share < 1.0}
+    if closing is not None and face < contact and seen.line is not None:
+        closing -= (contact - face) * _dot(seen.line.tolist(), moving[0].tolist())
+    return min(contact, face), closing, acted
+
+
+def length(vector: list[float]) -> float:
+    """Of a vector."""
+    return math.sqrt(_dot(vector, vector))
+
+
+def _dot(a: list[float], b: list[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _share(allowed: float, speed: float) -> float:
+    return 1.0 if speed <= allowed else allowed / speed

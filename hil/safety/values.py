@@ -1,0 +1,115 @@
+"""What goes into the safety envelope in a tick, what it carries on, and what it reports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hil.drivers.values import JointCommand, JointHealth, JointState
+from hil.safety.faults import Watch, watch_from
+from hil.safety.motion import Motion
+from hil.safety.people import Human, Remembered
+from hil.safety.rules import Rule
+from hil.safety.startup import Check
+from hil.safety.states import Event, State
+from model.rotations import Array
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What is known in a tick. Where something is missing, nothing moves or the arm stops.
+
+    Attributes:
+        wanted: (J,) rad, where retargeting wants the joints; None where it has no answer.
+        arm: what the servos said last.
+        health: what they said of themselves.
+        human: the person, with the age of what is known; None where nobody was ever seen.
+        run: the session runs: the arm shall follow.
+        check: what the start-up check found; None where it was not made.
+        estop_ns: when the emergency stop was pulled; None while it is not.
+        acknowledge: in this tick a person said that it may go on.
+    """
+
+    wanted: Array | None = None
+    arm: JointState | None = None
+    health: JointHealth | None = None
+    human: Human | None = None
+    run: bool = False
+    check: Check | None = None
+    estop_ns: int | None = None
+    acknowledge: bool = False
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What the envelope carries from tick to tick.
+
+    Attributes:
+        state: what the arm is doing.
+        since_ns: when that began.
+        reason: why it stopped; empty while it did not.
+        motion: where it was last told to be; None before anything was sent.
+        watch: what has to last before it is a fault.
+        seen: what is known of the person.
+        wanted_ns: when something was last wanted.
+        way_point: where it retracts to next.
+    """
+
+    state: State
+    since_ns: int
+    reason: str
+    motion: Motion | None
+    watch: Watch
+    seen: Remembered
+    wanted_ns: int
+    way_point: int = 0
+
+
+@dataclass(frozen=True)
+class Report:
+    """What happened in a tick, to be recorded.
+
+    Attributes:
+        time_ns: of the tick.
+        state: after it.
+        event: what led there; None where nothing happened.
+        reason: why the arm stopped, or does not start; empty where it moves.
+        asked: (J,) rad, what was wanted; None where nothing was.
+        sent: what may be sent; None where nothing may be.
+        acted: the rules that changed the command or the state.
+        share: how much of their speed the person left to the joints, 0 to 1.
+        closing_speed: m/s, of plate and hand along the line between them, as commanded; None where it is not known.
+        gap: m, from the plate to the palm; None where it is not known.
+    """
+
+    time_ns: int
+    state: State
+    event: Event | None
+    reason: str
+    asked: Array | None
+    sent: JointCommand | None
+    acted: frozenset[Rule]
+    share: float
+    closing_speed: float | None
+    gap: float | None
+
+    def record(self) -> dict[str, Any]:
+        """Numbers, words and lists only."""
+        return {
+            "time_ns": self.time_ns,
+            "state": self.state.value,
+            "event": None if self.event is None else self.event.value,
+            "reason": self.reason,
+            "asked": None if self.asked is None else self.asked.tolist(),
+            "positions": None if self.sent is None else self.sent.positions.tolist(),
+            "currents": None if self.sent is None else self.sent.currents.tolist(),
+            "acted": sorted(rule.value for rule in self.acted),
+            "share": self.share,
+            "closing_speed": self.closing_speed,
+            "gap": self.gap,
+        }
+
+
+def standing(now_ns: int) -> Standing:
+    """Where the envelope begins: nothing is checked, nothing is known, nothing is sent."""
+    return Standing(State.UNCHECKED, now_ns, "", None, watch_from(now_ns), Remembered(), now_ns)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hil.cli_options import Json, Seed
-from hil.console import STDERR, print_result
+from hil.console import STDERR, print_result, progress_bars
 
 app = typer.Typer(help="The servo arm, and the stand-in that behaves like it.", no_args_is_help=True)
 
@@ -49,6 +49,67 @@ def emulate(
     )
     result = emulate(options, seconds, _say_aside if json else _say)
     print_result(result, json, print_emulated)
+
+
+RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
+Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
+
+
+@app.command()
+def scan(
+    ports: Annotated[list[str] | None, typer.Argument(metavar="PORT…", help="Ports (default: all there are).")] = None,
+    all_ids: Annotated[bool, typer.Option("--all", help="Ask for all 253 IDs, not 1 to 20.")] = False,
+    json: Json = False,
+) -> None:
+    """List serial ports and the servos that answer there. Nothing moves."""
+    from hil.drivers.rig import LAST_ID  # noqa: PLC0415
+    from hil.rig_service import PROBED_IDS, ScanOptions, print_scan, scan  # noqa: PLC0415
+
+    options = ScanOptions(tuple(ports or ()), ids=range(LAST_ID + 1) if all_ids else PROBED_IDS)
+    with progress_bars() as bar:
+        result = scan(options, bar)
+    print_result(result, json, print_scan)
+
+
+@app.command()
+def check(port: Port, file: RigFile = None, json: Json = False) -> None:
+    """Read everything back from the servos and compare it with the rig. Nothing moves; exit code 1 on any mismatch."""
+    from hil.rig_service import check, print_check  # noqa: PLC0415
+
+    result = check(port, file)
+    print_result(result, json, print_check)
+    if not result["ready"]:
+        raise typer.Exit(1)
+
+
+@app.command()
+def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = False) -> None:
+    """Show in what the servos differ from the rig, ask, and set them. Nothing moves; torque has to be off."""
+    from hil.rig_service import configure_rig, print_configured  # noqa: PLC0415
+
+    def agreed(lines: list[str]) -> bool:
+        for line in lines:
+            _say_aside(f"  {line}")
+        return yes or typer.confirm("Write these?", default=False, err=True)
+
+    result = configure_rig(port, file, agreed)
+    print_result(result, json, print_configured)
+    if result["differences"] and not result["written"]:
+        raise typer.Exit(1)
+
+
+@app.command()
+def release(port: Port, file: RigFile = None, yes: Yes = False, json: Json = False) -> None:
+    """Switch torque off. THE ARM FALLS: it has no brakes. Hold it, and keep hands from between its links."""
+    from hil.rig_service import print_released, release  # noqa: PLC0415
+
+    if not yes:
+        typer.confirm("The arm will fall. Is somebody holding it?", default=False, abort=True, err=True)
+    result = release(port, file)
+    print_result(result, json, print_released)
+    if result["failed"]:
+        raise typer.Exit(1)
 
 
 def _say(line: str) -> None:

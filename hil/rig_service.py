@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hil.console import counted
 from hil.drivers.control_table import to_si
 from hil.drivers.joint_bus import JointBus
 from hil.drivers.ports import Port, latency_ms, serial_ports
@@ -22,6 +23,9 @@ from model.errors import HighFiveError
 
 PROBED_IDS = range(1, 21)
 """IDs that a scan asks for unless it is to ask for all: labs count from 1."""
+
+PATIENCE_MS = 50.0
+"""How long an answer may be late: nothing here is in a hurry, and an adapter may keep it back for 16 ms."""
 
 _HARDWARE = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
@@ -51,6 +55,8 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
     if options.ports:
         paths = {port.path: port for port in known}
         known = [paths.get(path) or Port(path, "", latency_ms(path)) for path in options.ports]
+        for path in options.ports:  # what was asked for by name has to be there
+            ServoBus(path, options.bauds[0]).close()
     advance = bar("asking", len(known) * len(options.bauds))
     rows = []
     for port in known:
@@ -76,7 +82,7 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
 
 
 def _asked(path: str, baud: int, ids: Sequence[int]) -> tuple[list[Found], list[int]]:
-    bus = ServoBus(path, baud)
+    bus = ServoBus(path, baud, allowance_ms=PATIENCE_MS)
     try:
         return bus.scan(ids)
     finally:
@@ -94,7 +100,7 @@ def opened(port: str, rig: Rig) -> Iterator[ServoBus]:
     Raises:
         HighFiveError: the port cannot be opened.
     """
-    bus = ServoBus(port, rig.baud_rate, rig.models)
+    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
     try:
         yield bus
     finally:
@@ -143,7 +149,7 @@ def _health(bus: ServoBus, rig: Rig, servo: int) -> dict[str, Any]:
     }
 
 
-def configure_rig(port: str, rig_file: Path | None, agreed: Callable[[list[Difference]], bool]) -> dict[str, Any]:
+def configure_rig(port: str, rig_file: Path | None, agreed: Callable[[list[str]], bool]) -> dict[str, Any]:
     """Sets the servos as the rig wants them, if ``agreed`` says yes to the differences.
 
     Raises:
@@ -154,7 +160,7 @@ def configure_rig(port: str, rig_file: Path | None, agreed: Callable[[list[Diffe
         if troubles := missing_servos(bus, rig):
             raise HighFiveError(troubles[0] + (f" ({len(troubles) - 1} more)" if len(troubles) > 1 else ""))
         wrong = differences(bus, rig)
-        if wrong and (written := agreed(wrong)):
+        if wrong and (written := agreed([str(one) for one in wrong])):
             configure(bus, rig, wrong)
         else:
             written = False
@@ -170,3 +176,53 @@ def release(port: str, rig_file: Path | None) -> dict[str, Any]:
     rig = load_rig(rig_file)
     with opened(port, rig) as bus:
         return {"port": port, "rig": rig.name, "failed": JointBus(bus, rig).release()}
+
+
+def print_scan(result: dict[str, Any]) -> None:
+    """The ports and servos, for people."""
+    if not result["ports"]:
+        print("no serial port; plug the adapter in, or try it with: highfive rig emulate")
+    for row in result["ports"]:
+        print(f"{row['port']}  {row['description']}".rstrip())
+        if row["trouble"] or row["advice"]:
+            print(f"  {row['trouble'] or row['advice']}")
+        if row["baud"] is None and not row["trouble"]:
+            print("  nobody answers")
+        for servo in row["servos"]:
+            model = servo["model"] or f"model number {servo['model_number']}"
+            print(f"  ID {servo['id']:<4}{model:<12} firmware {servo['firmware']}, {row['baud']:,} baud")
+        for identity in row["double_or_damaged"]:
+            print(f"  ID {identity:<4}only damaged answers: two servos may share it")
+
+
+def print_check(result: dict[str, Any]) -> None:
+    """What was read back, for people."""
+    print(f"{result['rig']} on {result['port']}: {'ready' if result['ready'] else 'NOT ready'}")
+    for line in result["troubles"]:
+        print(f"  {line}")
+    for of in result["differences"]:
+        print(f"  {Difference(**of)}")
+    if result["differences"]:
+        print("  highfive rig configure sets them")
+    for row in result["servos"]:
+        torque = "on" if row["torque"] else "off"
+        print(
+            f"  ID {row['id']:<3}{row['joint']:<14}{row['model']}  {row['temperature_C']:.0f} °C  "
+            f"{row['voltage_V']:.1f} V  torque {torque}"
+        )
+
+
+def print_configured(result: dict[str, Any]) -> None:
+    """What was set, for people."""
+    count = len(result["differences"])
+    if not count:
+        print(f"{result['rig']} on {result['port']}: everything is as it should be; nothing was written")
+    else:
+        done = "written and read back" if result["written"] else "left as they were"
+        print(f"{result['rig']} on {result['port']}: {counted(count, 'register')} {done}")
+
+
+def print_released(result: dict[str, Any]) -> None:
+    """Who let go, for people."""
+    failed = ", ".join(map(str, result["failed"]))
+    print(f"torque is off on {result['port']}" + (f", but servos {failed} did not confirm it" if failed else ""))

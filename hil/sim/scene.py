@@ -167,7 +167,7 @@ def build_scene(skeleton: Skeleton | None = None, *, visible: bool = False) -> S
         HighFiveError: the room's file is missing or MuJoCo refuses it.
     """
     skeleton = skeleton or avatar_skeleton()
-    spec = _room()
+    spec = room()
     spec.option.timestep = TIMESTEP
     add_avatar(spec, skeleton)
     person.add_person(spec, skeleton)
@@ -178,7 +178,8 @@ def build_scene(skeleton: Skeleton | None = None, *, visible: bool = False) -> S
     return _scene(spec, spec.compile(), skeleton)
 
 
-def _room() -> mujoco.MjSpec:
+def room() -> mujoco.MjSpec:
+    """The empty room."""
     path = Path(scenes.__file__).parent / "room.xml"
     try:
         return mujoco.MjSpec.from_file(str(path))
@@ -186,7 +187,7 @@ def _room() -> mujoco.MjSpec:
         raise HighFiveError(f"{path} is not a scene that MuJoCo reads: {str(error).splitlines()[0]}") from None
 
 
-def _hand_shapes(skeleton: Skeleton, owner: str) -> list[str]:
+def hand_shapes(skeleton: Skeleton, owner: str) -> list[str]:
     """Contact shapes of the right hand of the ``'right'`` (avatar) or ``'person'``, the palm first."""
     fingers = [n for n in skeleton.names if n.startswith("right") and is_finger(n)]
     return [f"{owner}_palm"] + [n.replace("right", owner) for n in fingers]
@@ -194,8 +195,8 @@ def _hand_shapes(skeleton: Skeleton, owner: str) -> list[str]:
 
 def contact_pairs(skeleton: Skeleton) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Pairs of contact shapes: those that a high five is made of, and those that are findings."""
-    hand = _hand_shapes(skeleton, "right")
-    expected = [(a, b) for a in hand for b in _hand_shapes(skeleton, "person")]
+    hand = hand_shapes(skeleton, "right")
+    expected = [(a, b) for a in hand for b in hand_shapes(skeleton, "person")]
     unwanted = [(a, "person_head") for a in [*hand, "right_elbow", "left_palm", "left_elbow"]]
     unwanted += [(a, shape_name(b)) for a in [*hand, "right_elbow"] for b in _OWN_BODY]
     return expected, unwanted
@@ -253,6 +254,6 @@ def _scene(spec: mujoco.MjSpec, model: mujoco.MjModel, skeleton: Skeleton) -> Sc
         palm_site=model.site("right_palm").id,
         left_palm_site=model.site("left_palm").id,
         person_palm_site=model.site(person.PALM_BODY).id,
-        hand_geoms=np.array([model.geom(n).id for n in _hand_shapes(skeleton, "right")]),
-        person_hand_geoms=np.array([model.geom(n).id for n in _hand_shapes(skeleton, "person")]),
+        hand_geoms=np.array([model.geom(n).id for n in hand_shapes(skeleton, "right")]),
+        person_hand_geoms=np.array([model.geom(n).id for n in hand_shapes(skeleton, "person")]),
     )

@@ -1,0 +1,74 @@
+"""The body that servos move: the arm's dynamics, with stops and whoever pushes against its palm."""
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled bindings ship no type stubs.)
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from hil.servo_arm import Mount
+from hil.sim.arm_twin import arm_alone
+from mocap_bridge.frames import PalmPose
+from model.errors import HighFiveError
+from model.rotations import Array
+
+
+class ArmPlant:
+    """The mounted arm in MuJoCo; a :class:`hil.drivers.values.Plant`.
+
+    Friction, gear inertia, gravity and the joint stops are in it; what a servo makes of its supply is the servo's.
+    """
+
+    def __init__(self, mount: Mount, joints: Array) -> None:
+        """Starts at rest.
+
+        Args:
+            mount: where the arm stands.
+            joints: (J,) rad.
+        """
+        self._twin = arm_alone(mount)
+        self._data = mujoco.MjData(self._twin.model)
+        self._left = 0.0
+        self.force = np.zeros(3)
+        """(3,) N in the world, that pushes at the middle of the plate; set it at any time."""
+        self.reset(joints)
+
+    def reset(self, joints: Array) -> None:
+        """Puts the arm there at rest."""
+        mujoco.mj_resetData(self._twin.model, self._data)
+        self._data.qpos[self._twin.qpos] = joints
+        self._left = 0.0
+        mujoco.mj_forward(self._twin.model, self._data)
+
+    def step(self, torques: Array, seconds: float) -> tuple[Array, Array]:
+        """Positions (J,), rad, and velocities (J,), rad/s, ``seconds`` later; what is left of a physics step waits.
+
+        Raises:
+            HighFiveError: torques that are no numbers, or time that runs backwards.
+        """
+        torques = np.asarray(torques, float)
+        if not (np.all(np.isfinite(torques)) and torques.shape == self._twin.dofs.shape and seconds >= 0.0):
+            raise HighFiveError(f"got torques {torques} for {seconds} s; six finite numbers and a time are expected")
+        model, data = self._twin.model, self._data
+        self._left += seconds
+        steps = int(self._left / model.opt.timestep + 1e-9)
+        self._left -= steps * model.opt.timestep
+        data.ctrl[self._twin.actuators] = torques
+        for _ in range(steps):
+            if np.any(self.force):
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                data.qfrc_applied[self._twin.dofs] = self._twin.jacobian(data).T @ self.force
+            else:
+                data.qfrc_applied[:] = 0.0
+            mujoco.mj_step(model, data)
+        return data.qpos[self._twin.qpos].copy(), data.qvel[self._twin.dofs].copy()
+
+    def plate(self) -> PalmPose:
+        """The plate as it is now."""
+        mujoco.mj_kinematics(self._twin.model, self._data)
+        mujoco.mj_comPos(self._twin.model, self._data)
+        mujoco.mj_comVel(self._twin.model, self._data)
+        return self._twin.plate(self._data)

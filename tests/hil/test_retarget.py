@@ -1,0 +1,209 @@
+"""The retargeting meets what can be met, breaks no limit whatever it is asked, and says what it gave up."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil import arm_motion
+from hil.retarget import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
+from hil.rig_reach import cell_point, facing
+from hil.servo_arm import READY, ServoArm, default_arm, solve
+from hil.sim.actors import CELLS
+from mocap_bridge.frames import PalmPose
+from model.rotations import Array
+
+TICK = 1.0 / 120.0
+UP = np.array([0.0, 0.0, 1.0])
+EXACT = 1e-6 * np.eye(3)
+
+
+@pytest.fixture(scope="module")
+def arm() -> ServoArm:
+    return default_arm()
+
+
+@pytest.fixture(scope="module")
+def retarget(arm: ServoArm) -> Retarget:
+    return Retarget(arm, READY, RetargetSettings(lag=0.0))
+
+
+def palm(position: Array, normal: Array, velocity: Array | None = None) -> PalmPose:
+    return PalmPose(position, normal, UP, np.zeros(3) if velocity is None else velocity)
+
+
+def approach(point: Array, seconds: float, speed: float = 0.5, hand: Array | None = None) -> list[PalmGoal]:
+    """A high five at ``point``: an avatar's palm that comes straight, a hand that moves with velocity ``hand``."""
+    normal, hand = facing(), np.zeros(3) if hand is None else hand
+    goals = []
+    for tick in range(round(seconds / TICK) + 8):
+        left = max(seconds - tick * TICK, 0.0)
+        ours = palm(point - speed * left * normal, normal, speed * normal * (left > 0.0))
+        theirs = palm(point - left * hand, -normal, hand)
+        goals.append(PalmGoal(ours, theirs, None, ExpectedContact(point, EXACT, normal, left)))
+    return goals
+
+
+def played(retarget: Retarget, goals: list[PalmGoal], state: RetargetState | None = None) -> list[RetargetState]:
+    states, state = [], state or retarget.start()
+    for goal in goals:
+        state, _ = retarget.step(state, goal)
+        states.append(state)
+    return states
+
+
+def plates(arm: ServoArm, states: list[RetargetState]) -> Array:
+    return np.array([arm.plate_at(state.joints).position for state in states])
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_every_cell_is_met_in_time_and_place(cell: str, arm: ServoArm, retarget: Retarget) -> None:
+    point, seconds = cell_point(cell), 1.0
+    states = played(retarget, approach(point, seconds))
+    due = round(seconds / TICK) - 1
+    plate = arm.plate_at(states[due].joints)
+    # a still hand: the plate presses on, by what it closes in 30 ms
+    assert np.linalg.norm(plate.position - point) < 0.012
+    assert plate.normal @ facing() > math.cos(math.radians(20.0))
+    assert states[-1].sacrifice.delay < 0.06
+
+
+def test_the_plate_comes_along_the_avatars_way(arm: ServoArm, retarget: Retarget) -> None:
+    point, normal = cell_point("B2"), facing()
+    places = plates(arm, played(retarget, approach(point, 1.0)))
+    late = places[round(0.8 / TICK)] - places[round(0.99 / TICK)]
+    assert late @ -normal / np.linalg.norm(late) > 0.9
+
+
+def test_a_contact_too_soon_is_late_and_says_so(arm: ServoArm, retarget: Retarget) -> None:
+    point = cell_point("C3")
+    goals = approach(point, 0.2)
+    goals += [goals[-1]] * 60
+    states = played(retarget, goals)
+    given_up = states[-1].sacrifice
+    assert np.linalg.norm(plates(arm, states)[round(0.2 / TICK) - 1] - point) > 0.03
+    assert given_up.delay > 0.03 and given_up.time_scale > 1.1 and given_up.miss > 0.03
+    assert set(given_up.limit_names) & {"speed", "torque", "acceleration"}
+    assert np.linalg.norm(plates(arm, states)[-1] - point) < 0.03
+
+
+def test_the_lag_is_made_up_for(arm: ServoArm) -> None:
+    lag, hand = 0.06, np.array([-0.25, 0.0, 0.0])
+    point = cell_point("B2")
+    late = Retarget(arm, READY, RetargetSettings(lag=lag, press=0.0))
+    states = played(late, approach(point, 1.0, hand=hand))
+    due = round(1.0 / TICK) - 1 - round(lag / TICK)
+    assert np.linalg.norm(plates(arm, states)[due] - point) < 0.006
+
+
+@pytest.mark.parametrize("speed", [-0.7, -0.3, 0.0])
+def test_the_hand_is_met_no_faster_than_allowed(speed: float, arm: ServoArm, retarget: Retarget) -> None:
+    hand = speed * facing()
+    states = played(retarget, approach(cell_point("B2"), 1.0, speed=2.0, hand=hand))
+    for state in states[round(1.0 / TICK) - 2 : round(1.0 / TICK) + 1]:
+        plate = arm.plate_at(state.joints)
+        assert np.linalg.norm(plate.jacobian @ state.speeds - hand) < max(0.78, abs(speed)) + 0.01
+
+
+def test_near_a_face_the_hand_is_met_gently(arm: ServoArm, retarget: Retarget) -> None:
+    point = cell_point("C2")
+    goals = [
+        PalmGoal(goal.palm, goal.person, point + np.array([0.22, 0.0, 0.08]), goal.contact)
+        for goal in approach(point, 1.5, speed=2.0)
+    ]
+    for state in played(retarget, goals)[round(1.5 / TICK) - 2 : round(1.5 / TICK) + 1]:
+        plate = arm.plate_at(state.joints)
+        assert np.linalg.norm(plate.jacobian @ state.speeds) < 0.22
+
+
+def test_a_head_is_gone_round(arm: ServoArm, retarget: Retarget) -> None:
+    point = cell_point("B3")
+    ready = arm.plate_at(READY).position
+    head = 0.5 * (ready + point) + [0.0, 0.0, 0.06]
+    goals = [PalmGoal(g.palm, g.person, head, g.contact) for g in approach(point, 1.2)]
+    radius = retarget.settings.head_radius
+    start = arm.clearance(READY, head, radius)
+    for state in played(retarget, goals):
+        assert arm.clearance(state.joints, head, radius) > min(start, arm_motion.HARD_GAP) - 1e-3
+
+
+def test_between_high_fives_it_goes_back_to_rest(retarget: Retarget) -> None:
+    away = approach(cell_point("A1"), 0.6)
+    states = played(retarget, [*away, *[PalmGoal(away[-1].palm)] * 300])
+    assert states[-1].joints == pytest.approx(READY, abs=0.12)
+    assert np.abs(states[-1].speeds).max() < 0.05
+
+
+def test_the_same_in_gives_the_same_out(retarget: Retarget) -> None:
+    one, other = (played(retarget, approach(cell_point("A3"), 0.6)) for _ in range(2))
+    for a, b in zip(one, other, strict=True):
+        assert np.array_equal(a.joints, b.joints) and np.array_equal(a.pushes, b.pushes)
+
+
+number = st.floats(-3.0, 3.0)
+wild = st.tuples(number, number, number).map(np.array)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.tuples(wild, wild, wild, st.floats(0.0, 2.0), st.booleans()), min_size=3, max_size=8),
+    st.integers(0, 99),
+)
+def test_no_limit_is_broken_whatever_is_asked(arm: ServoArm, retarget: Retarget, asked: list, seed: int) -> None:
+    packed = arm.packed
+    rng = np.random.default_rng(seed)
+    state = retarget.start(rng.uniform(packed.low, packed.high) * 0.6)
+    clear = arm.clearance(state.joints)
+    for point, velocity, head, time, known in asked:
+        normal = facing() if np.linalg.norm(head) < 0.1 else head / np.linalg.norm(head)
+        contact = ExpectedContact(point, EXACT, normal, time) if known else None
+        goal = PalmGoal(palm(point, normal, velocity), palm(point, -normal, velocity), head, contact)
+        for _ in range(12):
+            before = state
+            state, step = retarget.step(state, goal)
+            assert np.all(np.isfinite(step.positions)) and np.all(np.isfinite(step.torques))
+            assert np.all(state.joints >= packed.low - 1e-9) and np.all(state.joints <= packed.high + 1e-9)
+            assert np.all(np.abs(state.speeds) <= packed.speeds + 1e-9)
+            assert np.all(np.abs(state.speeds - before.speeds) <= packed.accelerations * TICK + 1e-9)
+            clear, was = arm.clearance(state.joints), clear
+            assert clear > min(was - 1e-9, 0.0)
+
+
+def test_numbers_that_are_none_bring_the_arm_to_rest(retarget: Retarget) -> None:
+    states = played(retarget, approach(cell_point("B1"), 0.6)[:30])
+    bad = np.full(3, np.nan)
+    goal = PalmGoal(
+        palm(bad, bad, bad), palm(bad, bad, bad), bad, ExpectedContact(bad, np.full((3, 3), np.nan), bad, 0.1)
+    )
+    state = states[-1]
+    for _ in range(240):
+        state, step = retarget.step(state, goal)
+        assert np.all(np.isfinite(step.positions))
+    assert np.abs(state.speeds).max() < 0.05
+
+
+def test_torques_stay_inside_the_torque_speed_line(arm: ServoArm, retarget: Retarget) -> None:
+    packed, state = arm.packed, retarget.start()
+    for goal in approach(cell_point("C1"), 0.4):
+        before = state
+        state, step = retarget.step(state, goal)
+        push = (state.speeds - before.speeds) / TICK
+        mass, bias = arm_motion.dynamics(packed, before.joints, before.speeds)
+        rub = packed.damping * before.speeds + packed.friction * np.tanh(before.speeds / 0.05)
+        torque = mass @ push + bias + rub
+        assert step.torques == pytest.approx(torque, abs=1e-6)
+        line = packed.stall * np.minimum(1.0, 1.0 - np.sign(torque) * before.speeds / packed.no_load)
+        # a joint that even braking asks too much of brakes
+        over = np.abs(torque) > line + 1e-6
+        assert np.all(np.abs(state.speeds[over]) <= np.abs(before.speeds[over]) + 1e-9)
+
+
+def test_a_posture_found_is_where_it_was_asked(arm: ServoArm) -> None:
+    for cell in CELLS:
+        joints, miss = solve(arm, cell_point(cell), facing(), READY)
+        plate = arm.plate_at(joints)
+        assert miss < 1e-4
+        assert plate.position == pytest.approx(cell_point(cell), abs=1e-4)
+        assert plate.normal == pytest.approx(facing(), abs=1e-3)

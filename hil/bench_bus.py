@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import serial
 
+from hil.bench_arm import driver_figures
 from hil.drivers.control_table import load_table
 from hil.drivers.emulated_bus import TURNAROUND_NS
 from hil.drivers.emulator_process import EmulatorProcess
@@ -30,10 +31,12 @@ _WARM_UP = 50  # cycles
 
 @dataclass(frozen=True)
 class BusBenchOptions:
-    """What is measured: ``seconds`` of each client, ``servos`` of the rig's bus, at its baud rate."""
+    """What is measured: ``seconds`` of each client, ``servos`` of the rig's bus, at its baud rate; ``trials`` of each way
+    to stop the arm."""
 
     seconds: float = 10.0
     servos: int = 7
+    trials: int = 5
 
 
 def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
@@ -42,7 +45,7 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
     Returns:
         ``cycle_hz`` of a client that does nothing but write and read bytes, and its ``cycle_ms`` (``p50``, ``p99``,
         ``max``) and ``failed`` cycles; ``sdk_hz`` of the maker's SDK and its ``sdk_failed``; ``limit_hz``, which the
-        line allows; ``servos``, ``baud_rate``, ``seconds``.
+        line allows; ``servos``, ``baud_rate``, ``seconds``; and what :func:`hil.bench_arm.driver_figures` gives.
 
     Raises:
         HighFiveError: the emulator does not start, or nothing comes back.
@@ -68,6 +71,7 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
         "servos": len(servos),
         "baud_rate": rig.baud_rate,
         "seconds": options.seconds,
+        **driver_figures(rig, options.seconds, options.trials, bar),
     }
 
 
@@ -88,6 +92,12 @@ def print_bus_bench(result: dict[str, Any]) -> None:
     cycle = result["cycle_ms"]
     print(f"  one cycle      median {cycle['p50']:.2f} ms, p99 {cycle['p99']:.2f} ms, {result['failed']} failed")
     print(f"  maker's SDK    {result['sdk_hz']:.0f} Hz, {result['sdk_failed']} failed")
+    longest = result["dead_servo_longest_ms"]
+    print(
+        f"  driver, one servo dead: {result['dead_servo_hz']:.0f} Hz from its death on, longest cycle {longest:.1f} ms"
+    )
+    print(f"  emergency stop to the last goal: {result['estop_ms']:.1f} ms at worst")
+    print(f"  process killed to servos stopped by their watchdogs: {result['watchdog_ms']:.0f} ms")
 
 
 def _address(name: str) -> int:

@@ -11,7 +11,10 @@ def test_the_limit_is_what_was_calculated() -> None:
 
 
 def test_no_cycle_is_faster_than_the_line() -> None:
-    result = bench_bus(BusBenchOptions(seconds=1.0), lambda label, total: lambda note="", done=None: None)
+    result = bench_bus(BusBenchOptions(seconds=1.0, trials=1), lambda label, total: lambda note="", done=None: None)
     assert 20.0 < result["cycle_hz"] <= result["limit_hz"] * 1.01
     assert result["cycle_ms"]["p50"] >= 1e3 / result["limit_hz"] * 0.99
     assert result["failed"] == 0
+    assert 0.0 < result["dead_servo_hz"] < result["limit_hz"]
+    assert result["estop_ms"] > 0.0
+    assert result["watchdog_ms"] >= 60.0

@@ -31,8 +31,7 @@ _WARM_UP = 50  # cycles
 
 @dataclass(frozen=True)
 class BusBenchOptions:
-    """What is measured: ``seconds`` of each client, ``servos`` of the rig's bus, at its baud rate; ``trials`` of each way
-    to stop the arm."""
+    """What is measured: ``seconds`` of each client, ``servos`` of the rig's bus, ``trials`` of each way to stop it."""
 
     seconds: float = 10.0
     servos: int = 7

@@ -96,10 +96,11 @@ def reopens(bus: ServoBus) -> bool:
     return True
 
 
-def until(condition, seconds: float = 10.0) -> None:
+def until(condition, seconds: float = 20.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.003)  # the emulated servos need the processor too
 
 
 def test_ports_that_cannot_be_used_are_told_in_a_line(tmp_path: Path, emulator: EmulatorProcess) -> None:

@@ -25,6 +25,8 @@ ALERT = 0x80
 
 _TRIES = 3  # of what is not done in a cycle: now and then an answer is late, or the line noisy
 
+_PATIENCE_MS = 60.0
+
 _FIRMWARE = 6  # address, the same in all models
 
 Result = TypeVar("Result")
@@ -126,7 +128,7 @@ class ServoBus:
             NoAnswer: nothing, or nothing whole, came.
             PortError: the port is gone.
         """
-        return _tried(lambda: self._ping(servo))
+        return self._tried(lambda: self._ping(servo))
 
     def _ping(self, servo: int) -> Found:
         with self._used():
@@ -162,7 +164,7 @@ class ServoBus:
             PortError: the port is gone.
         """
         register = self.table(servo)[name]
-        return decode(register, _tried(lambda: self._read_bytes(servo, register.address, register.size)))
+        return decode(register, self._tried(lambda: self._read_bytes(servo, register.address, register.size)))
 
     def _read_bytes(self, servo: int, address: int, size: int) -> bytes:
         with self._used():
@@ -188,7 +190,7 @@ class ServoBus:
                 result, error = self._sdk.writeTxRx(self._port, servo, register.address, register.size, list(data))
             self._check(servo, result, error, name)
 
-        _tried(once)
+        self._tried(once)
 
     def reboot(self, servo: int) -> None:
         """Starts a servo anew; its hardware errors are cleared, its torque is off.
@@ -252,6 +254,17 @@ class ServoBus:
         result = self._sdk.syncReadTx(self._port, address, size, list(servos), len(servos), fast)
         self._check(BROADCAST_ID, result, 0)
 
+    def _tried(self, call: Callable[[], Result]) -> Result:
+        """What ``call`` gives, at the first of some tries that finds an answer; the last one waits long."""
+        for _ in range(_TRIES - 1):
+            with contextlib.suppress(NoAnswer):
+                return call()
+        allowance, self._port.allowance_ms = self._port.allowance_ms, max(self._port.allowance_ms, _PATIENCE_MS)
+        try:
+            return call()
+        finally:
+            self._port.allowance_ms = allowance
+
     @contextlib.contextmanager
     def _used(self) -> Iterator[None]:
         """Whatever happens in a transfer, the next one finds the port free: after an error the SDK leaves it taken."""
@@ -270,14 +283,6 @@ class ServoBus:
             raise DamagedAnswer(f"{where}: {self._sdk.getTxRxResult(result).split('] ')[-1]}")
         if code := error & ~ALERT:
             raise ServoError(f"{where}: {_ERRORS.get(code, f'error {code}')}", code)
-
-
-def _tried(call: Callable[[], Result]) -> Result:
-    """What ``call`` gives, at the first of some tries that finds an answer."""
-    for _ in range(_TRIES - 1):
-        with contextlib.suppress(NoAnswer):
-            return call()
-    return call()
 
 
 def _listed(servos: Sequence[int]) -> str:

@@ -44,7 +44,7 @@ class ServoPort(PortHandler):
             PortError: there is no such port, it is busy or no serial port, or the rate is none.
         """
         super().__init__(path)
-        self.path, self._allowance_ms = path, allowance_ms
+        self.path, self.allowance_ms = path, allowance_ms
         if self.getCFlagBaud(baud) <= 0:
             known = ", ".join(f"{rate:,}" for rate in BAUD_RATES if self.getCFlagBaud(rate) > 0)
             raise PortError(f"{path}: {baud:,} baud cannot be had through the SDK; servos and SDK share {known}")
@@ -112,7 +112,7 @@ class ServoPort(PortHandler):
 
     def setPacketTimeout(self, packet_length: int) -> None:
         """Starts the time in which an answer of so many bytes must have come."""
-        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + self._allowance_ms)
+        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + self.allowance_ms)
 
     def getCurrentTime(self) -> float:
         """The monotonic clock, ms."""

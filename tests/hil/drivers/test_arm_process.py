@@ -19,6 +19,8 @@ from hil.drivers.servo_bus import ServoBus
 from hil.drivers.values import JointCommand
 from model.errors import HighFiveError
 
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
+
 HALF = np.full(6, 0.5)
 PATIENT_MS = 60.0
 

@@ -50,7 +50,7 @@ def drive(arm: ArmProcess, angle: float, seconds: float) -> None:
 
 
 def test_it_reads_until_it_is_told_to_move(arm: ArmProcess) -> None:
-    until(lambda: len(arm.unread()) > 3)
+    until(lambda: (newest := arm.newest()) is not None and newest.number > 3)
     newest = arm.newest()
     assert newest is not None
     assert newest.mode is Mode.READING

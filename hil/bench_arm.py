@@ -22,7 +22,7 @@ SOONEST_MS, STEP_MS = 60.0, 10.0
 """After a kill the servos are looked at so late, and so much later in the next trial until all have stopped, ms."""
 
 LATEST_MS = 300.0
-_TRIPPED = (-1, 255)
+_TRIPPED = -1
 _PATIENCE_MS = 50.0
 
 
@@ -59,7 +59,7 @@ def emergency_stop(rig: Rig, trials: int, advance: Callable[[], object]) -> list
     for _ in range(trials):
         with EmulatorProcess() as emulator:
             arm = _driven(emulator.port, rig)
-            arm.estop.set()
+            arm.estop.pull()
             pulled = time.monotonic_ns()
             _drive(arm, 0.1)
             sent = [cycle for cycle in arm.unread() if cycle.sent is not None]
@@ -94,7 +94,7 @@ def killed_host(rig: Rig, trials: int, advance: Callable[[], object]) -> float:
 def _stopped(port: str, rig: Rig) -> bool:
     bus = ServoBus(port, rig.baud_rate, rig.models, _PATIENCE_MS)
     try:
-        return all(bus.read(servo, "bus_watchdog") in _TRIPPED for servo in rig.models)
+        return all(bus.read(servo, "bus_watchdog") == _TRIPPED for servo in rig.servos)
     except NoAnswer:
         return False
     finally:
@@ -105,6 +105,7 @@ def _driven(port: str, rig: Rig) -> ArmProcess:
     """An arm on its way."""
     arm = ArmProcess(port, rig)
     arm.wait_ready(30.0)
+    arm.engage()
     _drive(arm, 0.5)
     return arm
 

@@ -12,10 +12,9 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from calibration.personal_set import personal_set
-from calibration.subject import Subject, fit_subject
-from hil.avatar import avatar_skeleton
+from calibration.subject import Subject
 from hil.console import STDOUT, counted
-from hil.track_input import OnePerson, read_person
+from hil.track_input import OnePerson, fitted_subject, read_person
 from mocap_bridge.marker_set_file import write_marker_set
 from mocap_bridge.marker_sets import MarkerSet
 from model.errors import HighFiveError
@@ -63,8 +62,7 @@ def calibrate_subject(options: CalibrateOptions) -> dict[str, Any]:
         raise HighFiveError(f"{options.out} is there already; give another --out, or --overwrite")
     person = read_person(options.file, options.person, options.marker_set)
     base = person.marker_set
-    points, seen = base.arrange(person.recording.names, person.recording.points, person.recording.valid)
-    subject = fit_subject(avatar_skeleton(), base, points, seen)
+    subject = fitted_subject(person)
     own = personal_set(subject, f"{base.name}, {_name(person)}", f"{base.description}, fitted to {_name(person)}")
     residuals = {name: round(MM * float(r), 2) for name, r in zip(own.names, subject.rms, strict=True) if r > 0.0}
     entries = {

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hil.cli_options import AnySet, Json, Person, Seed
-from hil.console import STDERR, print_json, print_result, progress_bars
+from hil.console import print_json, print_result, progress_bars, say, say_aside
 
 app = typer.Typer()
 calibrate = typer.Typer(help="Fit what the project knows of a person or a place to a recording.", no_args_is_help=True)
@@ -47,7 +47,7 @@ def serve(
         seconds,
         seed,
     )
-    result = serve_recording(options, _say_aside if json else _say)
+    result = serve_recording(options, say_aside if json else say)
     if json:
         print_json(result)
 
@@ -66,11 +66,11 @@ def stream(
     """Show a live motion capture system: rate, latency, gaps, each marker, the right arm; Ctrl-C ends it."""
     from hil.stream import StreamOptions, stream  # noqa: PLC0415
 
-    result = stream(StreamOptions(address, person, seconds, record, marker_set, quiet=json), _say_aside)
+    result = stream(StreamOptions(address, person, seconds, record, marker_set, quiet=json), say_aside)
     if json:
         print_json(result)
     if not result["frames"]:
-        _say_aside(f"no frame came from {result['source']}: {result['trouble'] or 'nothing was sent'}")
+        say_aside(f"no frame came from {result['source']}: {result['trouble'] or 'nothing was sent'}")
         raise typer.Exit(1)
 
 
@@ -110,11 +110,3 @@ def calibrate_subject(
 
     result = calibrate_subject(CalibrateOptions(file, person, marker_set, out, overwrite))
     print_result(result, json, print_subject)
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
-
-
-def _say_aside(line: str) -> None:
-    STDERR.print(line, soft_wrap=True, markup=False)

@@ -8,7 +8,11 @@ from typing import Annotated
 import typer
 
 from hil.cli_options import Json, Seed
-from hil.console import STDERR, print_result, progress_bars
+from hil.console import print_result, progress_bars, say, say_aside
+
+RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
+Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 
 app = typer.Typer(help="The servo arm, and the stand-in that behaves like it.", no_args_is_help=True)
 
@@ -20,7 +24,7 @@ def rig() -> None:
 
 @app.command()
 def emulate(
-    file: Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")] = None,
+    file: RigFile = None,
     port_link: Annotated[
         Path | None, typer.Option(help="Make this a link to the port, which else has no name.")
     ] = None,
@@ -47,13 +51,8 @@ def emulate(
         baud_rate=baud,
         seed=seed,
     )
-    result = emulate(options, seconds, _say_aside if json else _say)
+    result = emulate(options, seconds, say_aside if json else say)
     print_result(result, json, print_emulated)
-
-
-RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
-Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 
 
 @app.command()
@@ -90,7 +89,7 @@ def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = F
 
     def agreed(lines: list[str]) -> bool:
         for line in lines:
-            _say_aside(f"  {line}")
+            say_aside(f"  {line}")
         return yes or typer.confirm("Write these?", default=False, err=True)
 
     result = configure_rig(port, file, agreed)
@@ -110,11 +109,3 @@ def release(port: Port, file: RigFile = None, yes: Yes = False, json: Json = Fal
     print_result(result, json, print_released)
     if result["failed"]:
         raise typer.Exit(1)
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
-
-
-def _say_aside(line: str) -> None:
-    STDERR.print(line, soft_wrap=True, markup=False)

@@ -68,6 +68,16 @@ def progress_bars() -> Iterator[Bar]:
             progress.stop()
 
 
+def say(line: str) -> None:
+    """A line of output, at once."""
+    print(line, flush=True)
+
+
+def say_aside(line: str) -> None:
+    """A line on standard error, where standard output is for machines."""
+    STDERR.print(line, soft_wrap=True, markup=False)
+
+
 def training_bars(bar: Bar, label: str = "") -> ProgressCallback:
     """Shows each stage of a training as a bar, with the objective; a resumed stage begins where it was."""
     bars: dict[str, Advance] = {}

@@ -1,8 +1,4 @@
-"""The emergency stop: what pulls it (a key, a pipe, a signal, any code) and the latch that they all end in.
-
-The latch lies in memory that processes share, and says when it was pulled. A loop asks ``pulled_ns`` every cycle; who
-sleeps waits for ``fileno()`` to become readable. It stays pulled until a person lets it go.
-"""
+"""What pulls the emergency stop: a key, a pipe, a signal (and any code, through the latch itself)."""
 
 from __future__ import annotations
 
@@ -12,15 +8,12 @@ import signal
 import stat
 import termios
 import threading
-import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from enum import IntEnum
-from multiprocessing import Pipe
-from multiprocessing.sharedctypes import RawArray
 from pathlib import Path
 
+from hil.drivers.latch import Cause, Latch
 from model.errors import HighFiveError
 
 KEYS = b" \x1b"
@@ -28,64 +21,6 @@ KEYS = b" \x1b"
 
 SIGNALS = (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT)
 """Signals that pull."""
-
-
-class Cause(IntEnum):
-    """What pulled."""
-
-    NOTHING = 0
-    KEY = 1
-    PIPE = 2
-    SIGNAL = 3
-    VIEWER = 4
-    PROGRAM = 5
-
-
-class Latch:
-    """One emergency stop, for every thread and every process that it is passed to (as an argument of ``Process``).
-
-    Pulling takes no lock, so that a signal handler may pull while the interrupted code looks.
-    """
-
-    def __init__(self) -> None:
-        """Not pulled."""
-        self._words = RawArray("q", 2)  # when (monotonic, ns; 0: not pulled), why
-        self._told, self._tell = Pipe(duplex=False)
-
-    def pull(self, cause: Cause = Cause.PROGRAM) -> None:
-        """Pulls it; the first pull counts."""
-        if self._words[0]:
-            return
-        self._words[1] = cause
-        self._words[0] = time.monotonic_ns()
-        os.write(self._tell.fileno(), b"!")  # one byte a pull: never more than a pipe takes
-
-    @property
-    def pulled_ns(self) -> int | None:
-        """When it was pulled, ns of the monotonic clock (one for all processes); None while it is not."""
-        return self._words[0] or None
-
-    @property
-    def cause(self) -> Cause:
-        """What pulled it."""
-        return Cause(self._words[1]) if self._words[0] else Cause.NOTHING
-
-    def fileno(self) -> int:
-        """Readable while it is pulled: for ``select`` and ``multiprocessing.connection.wait``. Read nothing from it."""
-        return self._told.fileno()
-
-    def wait(self, seconds: float | None = None) -> bool:
-        """Waits until it is pulled, at most so long (None: for ever). Is it?"""
-        select.select([self], [], [], seconds)
-        return self.pulled_ns is not None
-
-    def let_go(self) -> None:
-        """A person says that it may go on. Only one process does this, and no listener of its own accord."""
-        self._words[0] = 0
-        while select.select([self], [], [], 0.0)[0]:
-            os.read(self.fileno(), 1)
-        if self._words[0]:  # pulled again meanwhile, and that byte may be gone
-            os.write(self._tell.fileno(), b"!")
 
 
 @contextmanager

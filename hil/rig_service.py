@@ -120,7 +120,7 @@ def check(port: str, rig_file: Path | None) -> dict[str, Any]:
         servos: list[dict[str, Any]] = []
         if not troubles:
             wrong = differences(bus, rig)
-            servos = [_health(bus, rig, servo) for servo in rig.models]
+            servos = [_health(bus, rig, servo) for servo in rig.servos]
         troubles += [
             f"servo {row['id']} ({row['joint']}): {', '.join(row['errors'])}" for row in servos if row["errors"]
         ]
@@ -135,7 +135,7 @@ def check(port: str, rig_file: Path | None) -> dict[str, Any]:
 
 
 def _health(bus: ServoBus, rig: Rig, servo: int) -> dict[str, Any]:
-    table, joint = bus.table(servo), next(joint for joint in rig.joints if servo in joint.ids)
+    table, joint = bus.table(servo), rig.servos[servo]
     bits = bus.read(servo, "hardware_error_status")
     return {
         "id": servo,

@@ -13,12 +13,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from calibration.personal_set import personal_set
-from calibration.subject import fit_subject
-from hil.avatar import avatar_skeleton
 from hil.console import STDOUT
 from hil.folders import next_folder
 from hil.page import write_file
-from hil.track_input import OnePerson, read_person
+from hil.track_input import OnePerson, fitted_subject, read_person
 from hil.track_report import write_track_report
 from hil.track_summary import angle_rows, summarise_track
 from hil.tracked_recording import TrackedRecording, passes, track_recording
@@ -90,9 +88,8 @@ def _fitted(person: OnePerson, bar: ProgressBar) -> MarkerSet | None:
     Where somebody's arms are an eighth shorter than the set's, angles by the set as it is are ten degrees off and more.
     """
     advance, base = bar("fitting the body", 1), person.marker_set
-    points, seen = base.arrange(person.recording.names, person.recording.points, person.recording.valid)
     try:
-        subject = fit_subject(avatar_skeleton(), base, points, seen)
+        subject = fitted_subject(person)
     except HighFiveError:
         return None
     finally:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.subject import Subject, fit_subject
+from hil.avatar import avatar_skeleton
 from mocap_bridge.c3d import read_c3d
-from mocap_bridge.live import SPAN
+from mocap_bridge.live import of_another_unit, spans
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording
 from model.errors import HighFiveError
@@ -80,17 +81,19 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     one_frame = np.zeros((len(one.names), 3)), np.zeros(len(one.names), dtype=bool)
     marker_set.arrange(one.names, *one_frame, required=marker_set.arm.markers)
     prefix = "".join(whole.prefixes) if person is None else person.removesuffix(":")
-    strange = _of_another_unit(one)
+    strange = of_another_unit(spans(one.points, one.valid))  # a live system that changed its unit was recorded so
     return OnePerson(path, prefix, replace(one, valid=one.valid & ~strange[:, None]), marker_set, int(strange.sum()))
 
 
-def _of_another_unit(one: Recording) -> NDArray[np.bool_]:
-    """Frames (T,) whose markers span what no person does: a live system that changed its unit was recorded so."""
-    points = np.where(one.valid[..., None], one.points, np.nan)
-    enough = one.valid.sum(axis=1) > 2
-    span = np.zeros(len(one))
-    span[enough] = (np.nanmax(points[enough], axis=1) - np.nanmin(points[enough], axis=1)).max(axis=1)
-    return enough & ~((span >= SPAN[0]) & (span <= SPAN[1]))
+def fitted_subject(person: OnePerson) -> Subject:
+    """The marker set on this person's own body.
+
+    Raises:
+        HighFiveError: the recording shows too little of it.
+    """
+    base = person.marker_set
+    points, seen = base.arrange(person.recording.names, person.recording.points, person.recording.valid)
+    return fit_subject(avatar_skeleton(), base, points, seen)
 
 
 def shows_right_arm(one: Recording, asked: MarkerSet | None) -> bool:

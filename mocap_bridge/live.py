@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.recording import columns_of_person
@@ -36,6 +37,18 @@ REORDERED = 10
 
 SPAN = (0.01, 50.0)
 """Between these, m, lies the span of a person's markers, whatever the room; outside the unit is wrong."""
+
+
+def spans(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Largest extent along an axis, m, of each frame's (…, M, 3) valid markers; NaN where fewer than three are."""
+    low = np.where(valid[..., None], points, np.inf).min(axis=-2)
+    high = np.where(valid[..., None], points, -np.inf).max(axis=-2)
+    return np.where(valid.sum(axis=-1) > 2, (high - low).max(axis=-1), np.nan)
+
+
+def of_another_unit(span: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Spans, m, that no person's markers have: the numbers were of another unit."""
+    return (span < SPAN[0]) | (span > SPAN[1])
 
 
 class LinkError(HighFiveError):
@@ -212,14 +225,11 @@ class LiveSource:
         if not math.isfinite(points.sum()):
             finite = np.asarray(np.isfinite(points).all(axis=1))
             points, valid = np.where(finite[:, None], points, 0.0), valid & finite
-        seen = points[valid]
-        if len(seen) > 2:
-            span = float((seen.max(axis=0) - seen.min(axis=0)).max())
-            if not SPAN[0] <= span <= SPAN[1]:
-                raise HighFiveError(
-                    f"the markers span {span:.3g} m, a person spans about 2 m: "
-                    f"{self._title} sends another unit than its protocol says; set it right there"
-                )
+        if of_another_unit(span := spans(points, valid)):
+            raise HighFiveError(
+                f"the markers span {span:.3g} m, a person spans about 2 m: "
+                f"{self._title} sends another unit than its protocol says; set it right there"
+            )
         loose = frame.unlabelled
         if len(loose) and not math.isfinite(loose.sum()):
             loose = loose[np.isfinite(loose).all(axis=1)]

@@ -15,16 +15,18 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from multiprocessing.synchronize import Event
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 
 from hil.drivers.joint_bus import JointBus
+from hil.drivers.latch import Latch
 from hil.drivers.rig import Rig
-from hil.drivers.servo_bus import NoAnswer, ServoBus, ServoError
+from hil.drivers.rig_setup import read_back
+from hil.drivers.servo_bus import ServoBus
 from hil.drivers.servo_port import ALLOWANCE_MS, PortError
-from hil.drivers.values import Array, JointCommand, JointState
+from hil.drivers.values import JointCommand, JointHealth, JointState
 from model.errors import HighFiveError
 
 HOST_SILENT_NS = 50_000_000
@@ -62,7 +64,7 @@ class Cycle:
         took_ns: until all answers were there.
         sent: the goals that went out; None if none did.
         state: what the arm said.
-        temperatures, voltages: (J,) °C and V.
+        health: what its servos said of themselves.
     """
 
     number: int
@@ -72,8 +74,7 @@ class Cycle:
     took_ns: int
     sent: JointCommand | None
     state: JointState
-    temperatures: Array
-    voltages: Array
+    health: JointHealth
 
 
 def _row_type(joints: int) -> np.dtype[Any]:
@@ -82,17 +83,18 @@ def _row_type(joints: int) -> np.dtype[Any]:
         ("number", np.int64), ("mode", np.int64), ("due_ns", np.int64), ("begun_ns", np.int64), ("took_ns", np.int64),
         ("is_sent", np.int64), ("sent_positions", *each), ("sent_currents", *each), ("time_ns", np.int64),
         ("positions", *each), ("velocities", *each), ("currents", *each), ("errors", np.int64, (joints,)),
-        ("answered", np.int64, (joints,)), ("temperatures", *each), ("voltages", *each),
+        ("answered", np.int64, (joints,)), ("tripped", np.int64, (joints,)), ("health_ns", np.int64),
+        ("temperatures", *each), ("voltages", *each),
     ])  # fmt: skip
 
 
 def _head_type(joints: int) -> np.dtype[Any]:
     """What there is once: a number that is odd while a command is being written, the command, when it was given, how
-    many rows are complete, whether to end, what is wrong."""
+    many rows are complete, whether to switch torque on and to end, what is wrong."""
     each = (np.float64, (joints,))
     return np.dtype([
         ("written", np.int64), ("given_ns", np.int64), ("positions", *each), ("currents", *each), ("drive", np.int64),
-        ("rows", np.int64), ("mode", np.int64), ("end", np.int64), ("trouble", f"S{_TEXT}"),
+        ("rows", np.int64), ("mode", np.int64), ("engage", np.int64), ("end", np.int64), ("trouble", f"S{_TEXT}"),
     ])  # fmt: skip
 
 
@@ -117,7 +119,7 @@ class ArmProcess:
         port: str,
         rig: Rig,
         rate_hz: float = 120.0,
-        estop: Event | None = None,
+        estop: Latch | None = None,
         allowance_ms: float = ALLOWANCE_MS,
     ):
         """Starts the process; it opens the port, tells the servos what to show, and reads.
@@ -126,18 +128,20 @@ class ArmProcess:
             port: path of the serial port.
             rig: the arm on it; its servos must be configured.
             rate_hz: cycles a second.
-            estop: when it is set the arm is told to stay where it is, and no goal is sent any more.
+            estop: once it is pulled the arm is told to stay where it is, and no goal is sent any more.
             allowance_ms: how long an answer of a servo may be late.
         """
         context = multiprocessing.get_context("spawn")
         self._joints = len(rig.joints)
         self._raw = context.RawArray("b", _size(self._joints))
         self._shared = _Shared(self._raw, self._joints)
-        self.estop = context.Event() if estop is None else estop
+        self.estop = Latch() if estop is None else estop
         self._read = 0
-        arguments = (self._raw, port, rig, rate_hz, self.estop, os.getpid(), allowance_ms)
+        self._held, theirs = context.Pipe(duplex=False)
+        arguments = (self._raw, theirs, port, rig, rate_hz, self.estop, os.getpid(), allowance_ms)
         self._process = context.Process(target=_run, args=arguments, name=f"arm {port}", daemon=True)
         self._process.start()
+        theirs.close()
 
     @property
     def pid(self) -> int:
@@ -172,9 +176,30 @@ class ArmProcess:
             time.sleep(0.002)
         raise HighFiveError(f"the arm did not answer within {timeout_s:g} s")
 
+    def engage(self, timeout_s: float = 10.0) -> dict[int, dict[str, int]]:
+        """Switches torque on, where each joint stands, and arms the watchdogs; from then on the arm can be driven.
+
+        Returns:
+            what every servo's settings are then, read back one by one: by ID, then by the register's name, raw.
+
+        Raises:
+            HighFiveError: a servo is missing or refuses, or it took longer.
+        """
+        self._shared.head["engage"][0] = 1
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            if self._held.poll(0.01):
+                try:
+                    return self._held.recv()
+                except EOFError:
+                    break
+            if self.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
+                raise HighFiveError(self.trouble or "the arm was stopped before it was switched on")
+        raise HighFiveError(self.trouble or f"the arm's servos were not switched on within {timeout_s:g} s")
+
     def drive(self, command: JointCommand) -> None:
-        """Gives a command; the first one switches torque on. It holds until the next one, and has to be followed by one
-        within :data:`HOST_SILENT_NS`."""
+        """Gives a command to an arm that is engaged. It holds until the next one, and has to be followed by one within
+        :data:`HOST_SILENT_NS`."""
         head = self._shared.head
         head["written"] += 1
         head["positions"][0], head["currents"][0] = command.positions, command.currents
@@ -213,22 +238,25 @@ class ArmProcess:
         sent = JointCommand(row["sent_positions"], row["sent_currents"]) if row["is_sent"] else None
         state = JointState(
             int(row["time_ns"]), row["positions"], row["velocities"], row["currents"], row["errors"],
-            row["answered"].astype(bool),
+            row["answered"].astype(bool), row["tripped"].astype(bool),
         )  # fmt: skip
+        health = JointHealth(int(row["health_ns"]), row["temperatures"], row["voltages"])
         return Cycle(
             int(row["number"]), Mode(int(row["mode"])), int(row["due_ns"]), int(row["begun_ns"]), int(row["took_ns"]),
-            sent, state, row["temperatures"], row["voltages"],
+            sent, state, health,
         )  # fmt: skip
 
 
-def _run(raw: Any, port: str, rig: Rig, rate_hz: float, estop: Event, parent: int, allowance_ms: float) -> None:
+def _run(
+    raw: Any, held: Connection, port: str, rig: Rig, rate_hz: float, estop: Latch, parent: int, allowance_ms: float
+) -> None:
     """The other side, until it is told to end or the host is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the host's to handle: the arm must not drop
     shared = _Shared(raw, len(rig.joints))
     try:
         bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms)
         try:
-            _Loop(bus, rig, shared, estop, parent, rate_hz).run()
+            _Loop(bus, rig, shared, held, estop, parent, rate_hz).run()
         finally:
             bus.close()
     except HighFiveError as error:
@@ -243,11 +271,14 @@ def _say(shared: _Shared, text: str) -> None:
 class _Loop:
     """The process's state and its cycle."""
 
-    def __init__(self, bus: ServoBus, rig: Rig, shared: _Shared, estop: Event, parent: int, rate_hz: float):
-        self._bus, self._rig, self._shared, self._estop, self._parent = bus, rig, shared, estop, parent
+    def __init__(
+        self, bus: ServoBus, rig: Rig, shared: _Shared, held: Connection, estop: Latch, parent: int, rate_hz: float
+    ):
+        self._bus, self._rig, self._shared, self._held = bus, rig, shared, held
+        self._estop, self._parent = estop, parent
         self._period_ns = round(1e9 / rate_hz)
         self._joints = JointBus(bus, rig)
-        self._engaged = self._held = False
+        self._engaged = False
         self._mode = Mode.STARTING
 
     def run(self) -> None:
@@ -278,37 +309,49 @@ class _Loop:
     def _cycle(self, due: int) -> None:
         begun = time.monotonic_ns()
         try:
-            sent = self._send()
+            try:
+                sent = self._send()
+            except PortError:
+                raise
+            except HighFiveError as error:
+                self._stopped(str(error))
+                sent = None
             state = self._joints.read()
         except PortError as error:
             self._lost(error)
             return
-        except (NoAnswer, ServoError, HighFiveError) as error:
-            _say(self._shared, str(error))
-            self._mode = Mode.STOPPED
-            sent, state = None, self._joints.read()
+        if self._mode != Mode.STOPPED and state.tripped.any():
+            names = [joint.name for joint, trip in zip(self._rig.joints, state.tripped, strict=True) if trip]
+            self._stopped(f"{', '.join(names)}: the watchdog stopped it, the bus was silent for too long")
         self._note(due, begun, sent, state)
 
+    def _stopped(self, why: str) -> None:
+        _say(self._shared, why)
+        self._mode = Mode.STOPPED
+
     def _send(self) -> JointCommand | None:
-        """What is sent in this cycle, if anything; torque comes on with the first command."""
-        if self._estop.is_set() or self._mode == Mode.STOPPED:
+        """What is sent in this cycle, if anything."""
+        if self._estop.pulled_ns is not None or self._mode == Mode.STOPPED:
             sent = self._hold() if self._mode != Mode.STOPPED else None
             self._mode = Mode.STOPPED
             return sent
+        if not self._engaged:
+            if self._shared.head["engage"][0]:
+                self._engage()
+            return None
         wanted, given = self._wanted()
-        if wanted is None:
-            sent = self._hold() if self._mode == Mode.DRIVING else None
-            self._mode = Mode.HOLDING if self._engaged else Mode.READING
-            return sent
-        if time.monotonic_ns() - given > HOST_SILENT_NS:
+        if wanted is None or time.monotonic_ns() - given > HOST_SILENT_NS:
             sent = self._hold() if self._mode == Mode.DRIVING else None
             self._mode = Mode.HOLDING
             return sent
-        if not self._engaged:
-            self._joints.engage()
-            self._engaged = True
         self._mode = Mode.DRIVING
         return self._joints.write(wanted)
+
+    def _engage(self) -> None:
+        """Torque on, watchdogs armed, everything read back: that many instructions keep the watchdogs quiet."""
+        self._joints.engage()
+        self._engaged, self._mode = True, Mode.HOLDING
+        self._held.send(read_back(self._bus, self._rig))
 
     def _wanted(self) -> tuple[JointCommand | None, int]:
         """The newest command, whole, and when it was given; None if there is none."""
@@ -347,12 +390,13 @@ class _Loop:
         head = self._shared.head
         number = int(head["rows"][0])
         row = self._shared.rows[number % ROWS : number % ROWS + 1]
-        hot, volts = self._joints.health()
+        health = self._joints.health()
         nothing = np.full(len(self._rig.joints), np.nan)
         values: Sequence[Any] = (
             number, self._mode, due, begun, state.time_ns - begun, sent is not None,
             nothing if sent is None else sent.positions, nothing if sent is None else sent.currents, state.time_ns,
-            state.positions, state.velocities, state.currents, state.errors, state.answered, hot, volts,
+            state.positions, state.velocities, state.currents, state.errors, state.answered, state.tripped,
+            health.time_ns, health.temperatures, health.voltages,
         )  # fmt: skip
         for name, value in zip(row.dtype.names or (), values, strict=True):
             row[name][0] = value

@@ -367,9 +367,9 @@ def build_servos(
     servos, joints = [], []
     rig = rig if baud_rate is None else replace(rig, baud_rate=baud_rate)
     for servo, wanted in wanted_registers(rig).items():
-        number, joint = next((n, joint) for n, joint in enumerate(rig.joints) if servo in joint.ids)
+        joint = rig.servos[servo]
         kept = wanted if configured else {name: wanted[name] for name in ("id", "baud_rate", "drive_mode", "shadow_id")}
         sign = -1 if wanted["drive_mode"] & REVERSE else 1
         servos.append(EmulatedServo(load_table(joint.model), kept, sign=sign, zero=joint.zero))
-        joints.append(number)
+        joints.append(rig.joints.index(joint))
     return servos, joints

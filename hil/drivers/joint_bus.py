@@ -16,7 +16,7 @@ import numpy as np
 from hil.drivers.control_table import Table, decode, encode, to_raw, to_si
 from hil.drivers.rig import Rig, angle, count
 from hil.drivers.servo_bus import NoAnswer, ServoBus, ServoError
-from hil.drivers.values import Array, JointCommand, JointState
+from hil.drivers.values import Array, JointCommand, JointHealth, JointState
 from model.errors import HighFiveError
 
 GOALS = ("goal_current", "goal_position")
@@ -29,8 +29,12 @@ ANSWERS = (
     "hardware_error_status",
     "present_temperature",
     "present_input_voltage",
+    "bus_watchdog",
 )
 """What is read in every cycle."""
+
+TRIPPED = -1
+"""What a servo's watchdog shows once it has stopped the servo: goals are refused until it is written 0."""
 
 DEAD_AFTER = 3
 """Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
@@ -38,9 +42,11 @@ DEAD_AFTER = 3
 
 @dataclass
 class _Servo:
-    """What is known of one servo: its last values, raw, whether they are of this cycle, and how often it was silent."""
+    """What is known of one servo: its last values, raw, when they came, whether in this cycle, and how often it was
+    silent."""
 
     values: dict[str, int] = field(default_factory=lambda: dict.fromkeys(ANSWERS, 0))
+    heard_ns: int = 0
     answered: bool = False
     silent: int = 0
 
@@ -51,7 +57,7 @@ class JointBus:
     def __init__(self, bus: ServoBus, rig: Rig, clock: Callable[[], int] = time.monotonic_ns):
         """Args: ``clock`` is this process's monotonic clock, ns."""
         self._bus, self._rig, self._clock = bus, rig, clock
-        self._servos = {servo: _Servo() for joint in rig.joints for servo in joint.ids}
+        self._servos = {servo: _Servo() for servo in rig.servos}
         tables = {servo: bus.table(servo) for servo in self._servos}
         self._goal_registers = {joint.id: [tables[joint.id][name] for name in GOALS] for joint in rig.joints}
         self._answer_registers = {servo: [table[name] for name in ANSWERS] for servo, table in tables.items()}
@@ -95,7 +101,7 @@ class JointBus:
         if not state.answered.all():
             silent = [j.name for j, there in zip(self._rig.joints, state.answered, strict=True) if not there]
             raise HighFiveError(f"{', '.join(silent)}: no answer; nothing is switched on")
-        self.write(JointCommand(state.positions, np.array([joint.current_limit for joint in self._rig.joints])))
+        self._stay(state)
         for servo in self._servos:
             self._bus.write(servo, "torque_enable", 1)
         self.arm_watchdog()
@@ -124,8 +130,11 @@ class JointBus:
         Raises:
             PortError: the port is gone.
         """
-        state = self._state(self._clock())
-        return self.write(JointCommand(state.positions, np.array([joint.current_limit for joint in self._rig.joints])))
+        return self._stay(self._state(self._clock()))
+
+    def _stay(self, state: JointState) -> JointCommand:
+        """Sends as goals where the joints are."""
+        return self.write(JointCommand(state.positions, self._rig.current_limits))
 
     def release(self) -> list[int]:
         """Switches torque off: the arm falls. The servos that did not confirm it."""
@@ -177,11 +186,12 @@ class JointBus:
         """
         asked = [servo for servo, state in self._servos.items() if state.silent < DEAD_AFTER]
         found = self._answers(asked) if asked else {}
+        now_ns = self._clock()
         for servo, state in self._servos.items():
             state.answered = servo in found
             if state.answered:
-                state.values = self._values(servo, found[servo])
-        return self._state(self._clock())
+                state.values, state.heard_ns = self._values(servo, found[servo]), now_ns
+        return self._state(now_ns)
 
     def _answers(self, asked: list[int]) -> dict[int, bytes]:
         """One answer for all while everyone is there; after a gap each for itself, until nobody is silent or the silent
@@ -221,6 +231,7 @@ class JointBus:
             currents=self._mean("present_current", of),
             errors=np.array([_bits(own) for own in of], dtype=np.int64),
             answered=np.array([all(servo.answered for servo in own) for own in of]),
+            tripped=np.array([any(servo.values["bus_watchdog"] == TRIPPED for servo in own) for own in of]),
         )
 
     def _mean(self, name: str, of: list[list[_Servo]]) -> Array:
@@ -232,14 +243,15 @@ class JointBus:
             ]
         )
 
-    def health(self) -> tuple[Array, Array]:
-        """Temperatures, °C, and supply voltages, V, (J,) each, as read last: of two servos the hotter and the lower."""
+    def health(self) -> JointHealth:
+        """What the servos said of themselves last."""
         hot, low = [], []
         for joint in self._rig.joints:
             table, own = self._bus.table(joint.id), [self._servos[servo].values for servo in joint.ids]
             hot.append(max(to_si(table["present_temperature"], v["present_temperature"]) for v in own))
             low.append(min(to_si(table["present_input_voltage"], v["present_input_voltage"]) for v in own))
-        return np.array(hot), np.array(low)
+        heard_ns = min(servo.heard_ns for servo in self._servos.values())
+        return JointHealth(heard_ns, np.array(hot), np.array(low))
 
 
 def _bits(own: list[_Servo]) -> int:

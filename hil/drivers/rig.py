@@ -12,7 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hil.drivers.control_table import baud_index, load_table, models, to_raw
+from hil.drivers.values import Array
 from model.errors import HighFiveError
 
 DEFAULT_RIG = Path(__file__).parent / "rig.toml"
@@ -92,9 +95,19 @@ class Rig:
     joints: tuple[RigJoint, ...]
 
     @property
+    def servos(self) -> dict[int, RigJoint]:
+        """Every servo's joint, by ID, in the order of the joints."""
+        return {servo: joint for joint in self.joints for servo in joint.ids}
+
+    @property
     def models(self) -> dict[int, str]:
         """Every servo's model, by ID, in the order of the joints."""
-        return {servo: joint.model for joint in self.joints for servo in joint.ids}
+        return {servo: joint.model for servo, joint in self.servos.items()}
+
+    @property
+    def current_limits(self) -> Array:
+        """(J,) A, of each servo of a joint."""
+        return np.array([joint.current_limit for joint in self.joints])
 
 
 def angle(joint: RigJoint, count: float) -> float:
@@ -113,7 +126,7 @@ def wanted_registers(rig: Rig) -> dict[int, dict[str, int]]:
     Those above 64 (status return level, bus watchdog) a servo forgets when it starts again. The watchdog counts only
     while torque is on.
     """
-    return {servo: _wanted(rig, joint, servo) for joint in rig.joints for servo in joint.ids}
+    return {servo: _wanted(rig, joint, servo) for servo, joint in rig.servos.items()}
 
 
 def load_rig(path: str | Path | None = None) -> Rig:

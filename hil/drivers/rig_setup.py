@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hil.drivers.control_table import load_table
-from hil.drivers.rig import Rig, RigJoint, wanted_registers
+from hil.drivers.rig import Rig, wanted_registers
 from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus
 from model.errors import HighFiveError
 
@@ -43,7 +43,7 @@ def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
         PortError: the port is gone.
     """
     troubles = []
-    for joint, servo in _servos(rig):
+    for servo, joint in rig.servos.items():
         where = f"servo {servo} ({joint.name})"
         try:
             found = bus.ping(servo)
@@ -64,6 +64,18 @@ def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
     return troubles
 
 
+def read_back(bus: ServoBus, rig: Rig) -> dict[int, dict[str, int]]:
+    """What the registers that a rig cares for hold, and whether torque is on: by ID, then by name, raw.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    return {
+        servo: {name: bus.read(servo, name) for name in (*wanted, "torque_enable")}
+        for servo, wanted in wanted_registers(rig).items()
+    }
+
+
 def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
     """The registers of all servos that do not hold what the rig wants; read back one by one.
 
@@ -72,7 +84,7 @@ def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
     """
     wanted = wanted_registers(rig)
     found = []
-    for joint, servo in _servos(rig):
+    for servo, joint in rig.servos.items():
         for name, value in wanted[servo].items():
             if name not in (*_ARMED_LATER, *_BY_WHICH_IT_IS_FOUND) and (holds := bus.read(servo, name)) != value:
                 found.append(Difference(servo, joint.name, name, holds, value))
@@ -86,14 +98,10 @@ def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
         HighFiveError: torque is on (the servos then refuse), or a servo does not keep what was written.
         NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
     """
-    for _, servo in _servos(rig):
+    for servo in rig.servos:
         if bus.read(servo, "torque_enable"):
             raise HighFiveError(f"servo {servo}: torque is on, and its settings are locked; highfive rig release first")
     for one in wanted:
         bus.write(one.servo, one.register, one.wanted)
     if kept := differences(bus, rig):
         raise HighFiveError(f"{kept[0]}, although that was written")
-
-
-def _servos(rig: Rig) -> list[tuple[RigJoint, int]]:
-    return [(joint, servo) for joint in rig.joints for servo in joint.ids]

@@ -38,6 +38,7 @@ class JointState:
         currents: (J,) A, positive where the joint pushes towards larger angles.
         errors: (J,) int, hardware error status, bits as in the servo's register; of two servos, all their bits.
         answered: (J,) bool, every servo of the joint answered in this cycle; where not, the numbers are its last ones.
+        tripped: (J,) bool, the watchdog of one of its servos has stopped it, and it takes no goals.
     """
 
     time_ns: int
@@ -46,6 +47,7 @@ class JointState:
     currents: Array
     errors: NDArray[np.int64]
     answered: NDArray[np.bool_]
+    tripped: NDArray[np.bool_]
 
 
 class Plant(Protocol):
@@ -58,7 +60,7 @@ class Plant(Protocol):
 
 @dataclass(frozen=True)
 class JointHealth:
-    """What the servos said of themselves; read more rarely than their positions.
+    """What the servos said of themselves.
 
     Attributes:
         time_ns: this process's monotonic clock when the oldest of these numbers had come.

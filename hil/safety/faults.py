@@ -76,11 +76,14 @@ def all_finite(array: NDArray[Any]) -> bool:
 
 
 def servo_error(arm: JointState | None) -> str:
-    """Errors that servos report."""
+    """Errors that servos report, and watchdogs that have tripped."""
     for joint, bits in enumerate([] if arm is None else arm.errors.tolist()):
         if bits:
             names = [ERROR_BITS.get(bit, f"bit {bit}") for bit in range(8) if bits >> bit & 1]
             return f"the servo of {JOINTS[joint]} reports {', '.join(names)}"
+    for joint, tripped in enumerate([] if arm is None else arm.tripped.tolist()):
+        if tripped:
+            return f"the servo of {JOINTS[joint]} stopped by itself: its watchdog heard nothing for too long"
     return ""
 
 

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.estop import SIGNALS, Cause, Latch, listening
+from hil.drivers.latch import Cause, Latch
+from hil.estop import SIGNALS, listening
 from model.errors import HighFiveError
 
 SOON = 10.0  # s; far more than it takes, but for a machine that is busy
@@ -217,7 +218,8 @@ def test_what_is_no_pipe_and_no_terminal_is_refused(tmp_path: Path) -> None:
 
 CHILD = """
 import signal, sys, time
-from hil.estop import Latch, listening
+from hil.drivers.latch import Latch
+from hil.estop import listening
 def earlier(number, frame):
     print("earlier", number, flush=True)
 signal.signal(signal.SIGTERM, earlier)

@@ -14,7 +14,7 @@ from test_servo_bus import until
 
 from hil.drivers.arm_process import ArmProcess, Mode
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.rig import Rig
+from hil.drivers.rig import Rig, wanted_registers
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.values import JointCommand
 from model.errors import HighFiveError
@@ -29,6 +29,7 @@ PATIENT_MS = 60.0
 def arm(emulator: EmulatorProcess, rig: Rig) -> Iterator[ArmProcess]:
     arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
     arm.wait_ready(30.0)
+    arm.engage()
     yield arm
     arm.close()
 
@@ -49,12 +50,57 @@ def drive(arm: ArmProcess, angle: float, seconds: float) -> None:
         time.sleep(0.005)
 
 
-def test_it_reads_until_it_is_told_to_move(arm: ArmProcess) -> None:
+def test_it_reads_and_nothing_is_switched_on_until_it_is_engaged(emulator: EmulatorProcess, rig: Rig) -> None:
+    arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
+    arm.wait_ready(30.0)
+    drive(arm, 0.3, 0.2)
     until(lambda: (newest := arm.newest()) is not None and newest.number > 3)
     newest = arm.newest()
     assert newest is not None
     assert newest.mode is Mode.READING
     assert newest.sent is None
+    arm.close()
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENT_MS)
+    assert not any(bus.read(servo, "torque_enable") for servo in rig.servos)
+    bus.close()
+
+
+def test_what_every_servo_is_set_to_is_read_back_when_it_is_engaged(emulator: EmulatorProcess, rig: Rig) -> None:
+    arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
+    arm.wait_ready(30.0)
+    held = arm.engage()
+    assert held == {servo: {**wanted, "torque_enable": 1} for servo, wanted in wanted_registers(rig).items()}
+    until(lambda: arm.mode is Mode.HOLDING)
+    time.sleep(0.3)
+    assert arm.mode is Mode.HOLDING  # it is read in every cycle, so no watchdog trips
+    arm.close()
+
+
+def test_a_servo_that_is_missing_is_told_and_nothing_is_switched_on(rig: Rig) -> None:
+    with EmulatorProcess(EmulatorOptions()) as emulator:
+        arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
+        arm.wait_ready(30.0)
+        emulator.set_faults(f"dead={rig.joints[1].id}")
+        until(lambda: (newest := arm.newest()) is not None and not newest.state.answered[1])
+        with pytest.raises(HighFiveError, match=f"{rig.joints[1].name}: no answer; nothing is switched on"):
+            arm.engage()
+        arm.close()
+
+
+def test_a_bus_that_was_silent_stops_the_arm_and_says_so(arm: ArmProcess) -> None:
+    """Servos whose watchdogs have stopped them refuse goals; the driver does not go on as if they took them."""
+    drive_to(arm, 0.3)
+    os.kill(arm.pid, signal.SIGSTOP)
+    time.sleep(0.4)
+    os.kill(arm.pid, signal.SIGCONT)
+    until(lambda: arm.mode is Mode.STOPPED)
+    assert "watchdog" in arm.trouble
+    newest = arm.newest()
+    assert newest is not None
+    assert newest.state.tripped.all()
+
+
+def test_it_goes_where_it_is_told(arm: ArmProcess) -> None:
     drive_to(arm, 0.3)
     assert arm.mode is Mode.DRIVING
     cycles = arm.unread()
@@ -78,7 +124,7 @@ def test_a_host_that_stalls_is_held_and_goes_on(arm: ArmProcess) -> None:
 
 def test_the_emergency_stop_is_the_last_motion(arm: ArmProcess) -> None:
     drive(arm, 0.5, 0.2)
-    arm.estop.set()
+    arm.estop.pull()
     pulled = time.monotonic_ns()
     drive(arm, 0.9, 0.3)  # whoever goes on asking is not heard
     assert arm.mode is Mode.STOPPED
@@ -97,6 +143,7 @@ def test_a_lost_port_is_told_and_found_again_but_not_driven(tmp_path: Path, rig:
     with EmulatorProcess(EmulatorOptions(link=str(tmp_path / "arm"))) as emulator:
         arm = ArmProcess(str(tmp_path / "arm"), rig, allowance_ms=PATIENT_MS)
         arm.wait_ready(30.0)
+        arm.engage()
         drive(arm, 0.2, 0.2)
         emulator.set_faults("unplug@0-1")
         until(lambda: arm.mode is Mode.PORT_LOST)
@@ -125,6 +172,7 @@ from hil.drivers.values import JointCommand
 if __name__ == "__main__":
     arm = ArmProcess(sys.argv[1], load_rig(), allowance_ms=60.0)
     arm.wait_ready(30.0)
+    arm.engage()
     print(arm.pid, flush=True)
     while True:
         arm.drive(JointCommand(np.full(6, 0.4), np.full(6, 0.5)))
@@ -153,6 +201,6 @@ def test_whoever_is_killed_the_watchdogs_stop_the_arm(
     host.stdout.close()
     time.sleep(0.3)
     bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENT_MS)
-    assert all(bus.read(servo, "bus_watchdog") in (-1, 255) for servo in (1, 2, 4, 6, 7, 8))
+    assert all(bus.read(servo, "bus_watchdog") == -1 for servo in rig.servos)
     assert bus.read(1, "torque_enable") == 1  # stopped, not dropped
     bus.close()

@@ -9,6 +9,7 @@ import pytest
 from envelope_cases import FAR, LIMITS, READY_POSE, REST, TICK_NS, Loop, kinematics, said, well
 
 from hil.safety.envelope import step
+from hil.safety.limits import JOINTS
 from hil.safety.people import Human
 from hil.safety.rules import Rule
 from hil.safety.startup import Check
@@ -132,6 +133,15 @@ def test_an_error_of_a_servo(bits: int, name: str) -> None:
     errors[2] = bits
     arm = replace(said(loop.measured, loop.now_ns + TICK_NS), errors=errors)
     stops(loop, Rule.SERVO_ERROR, f"the servo of elbow reports {name}", arm=arm)
+
+
+def test_a_servo_that_stopped_by_itself() -> None:
+    """Goals are refused by a servo whose watchdog has tripped."""
+    loop = moving()
+    tripped = np.zeros(6, dtype=bool)
+    tripped[3] = True
+    arm = replace(said(loop.measured, loop.now_ns + TICK_NS), tripped=tripped)
+    stops(loop, Rule.SERVO_ERROR, f"the servo of {JOINTS[3]} stopped by itself", arm=arm)
 
 
 def test_one_servo_that_does_not_answer() -> None:

@@ -10,6 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+SHORTEST = 1e-3
+"""s, the unit in which time-based profiles count."""
+
 STEP, RECTANGLE, TRIANGLE, TRAPEZOID = 0, 1, 2, 3
 """Kinds, as the register "moving status" names them in its bits 4 and 5."""
 
@@ -88,7 +91,7 @@ def to_position(
 
 def _timed(start: float, velocity: float, goal: float, whole: float, speeding: float) -> Profile:
     """Accelerating, cruising and braking so that all three take ``whole`` s, the first and the last ``speeding`` s."""
-    if speeding <= 0.0:
+    if speeding < 0.5 * SHORTEST:
         return Profile(RECTANGLE, start, (goal - start) / whole, ((whole, 0.0),), goal)
     peak = (goal - start - velocity * speeding / 2.0) / (whole - speeding)
     cruise = whole - 2.0 * speeding

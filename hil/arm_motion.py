@@ -137,6 +137,20 @@ def joint_centres(arm: Arm, joints: Array) -> Array:
     return _frames(arm, joints)[0]
 
 
+@compiled_entry
+def points_of_interest(arm: Arm, joints: Array) -> tuple[Array, Array]:
+    """Plate, wrist, elbow and the outermost point of the tool's shaft: places (4, 3), m, and Jacobians (4, 3, J)."""
+    centres, frames = _frames(arm, joints)
+    places, moves = np.empty((4, 3)), np.empty((4, 3, 6))
+    places[0] = _plate(arm, centres, frames)[0]
+    places[1], places[2], places[3] = centres[4], centres[2], centres[5]
+    _moves(arm, centres, frames, 5, places[0], moves[0])
+    _moves(arm, centres, frames, 3, places[1], moves[1])
+    _moves(arm, centres, frames, 1, places[2], moves[2])
+    _moves(arm, centres, frames, 4, places[3], moves[3])
+    return places, moves
+
+
 @compiled
 def _dynamics(arm: Arm, centres: Array, frames: Array, speeds: Array) -> tuple[Array, Array]:  # noqa: PLR0912 (a kernel)
     """Mass matrix (J, J) with the gears' inertia, and Coriolis, centrifugal and gravity torques (J,).

@@ -203,6 +203,11 @@ class Retarget:
         where = self.ready if joints is None else np.clip(joints, self.arm.packed.low, self.arm.packed.high)
         return RetargetState(np.array(where, float), np.zeros(JOINTS))
 
+    def moved(self, state: RetargetState, joints: Array, speeds: Array) -> RetargetState:
+        """The state of an arm that was led elsewhere: joints (J,), rad, and speeds (J,), rad/s."""
+        packed = self.arm.packed
+        return replace(state, joints=np.clip(joints, packed.low, packed.high), speeds=speeds)
+
     def step(self, state: RetargetState, goal: PalmGoal) -> tuple[RetargetState, ArmStep]:
         """One tick. Whatever the goal says, the command is finite and inside every limit."""
         s = self.settings

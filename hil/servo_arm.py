@@ -16,7 +16,7 @@ from scenes import servo_arm as measures
 JOINTS = len(measures.JOINTS)
 SPEED_SHARE = 0.97
 """Of the speed limit, that is asked for: at the limit itself a servo has no torque left."""
-TORQUE_SHARE = 0.85
+TORQUE_SHARE = 0.7
 """Of the servos' torque, that is asked for: a warm servo or a low supply has less than the table."""
 ACCELERATIONS = (40.0, 35.0, 45.0, 80.0, 80.0, 80.0)
 """rad/s², most that is asked of each joint."""
@@ -104,6 +104,10 @@ class ServoArm:
     def plate_at(self, joints: Array) -> PlatePose:
         """Forward kinematics of joints (J,), rad."""
         return PlatePose(*arm_motion.plate_pose(self.packed, np.asarray(joints, float)))
+
+    def points(self, joints: Array) -> tuple[Array, Array]:
+        """What may meet a person, the plate's middle first: places (P, 3), m, and Jacobians (P, 3, J), m/rad."""
+        return arm_motion.points_of_interest(self.packed, np.asarray(joints, float))
 
     def gravity(self, joints: Array) -> Array:
         """Torques (J,), N·m, that hold the arm still."""

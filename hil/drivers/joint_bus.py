@@ -77,7 +77,7 @@ class JointBus:
         return self._fallbacks
 
     def prepare(self) -> None:
-        """Tells every servo which registers to show together. Torque must be off.
+        """Tells every servo which registers to show together, and how stiff to be. Torque must be off.
 
         Raises:
             NoAnswer, ServoError, PortError: a servo did not take it.
@@ -88,6 +88,7 @@ class JointBus:
             shown = [table[name].address + byte for name in names for byte in range(table[name].size)]
             for number, address in enumerate(shown, 1):
                 self._bus.write(servo, f"indirect_address_{number}", address)
+            self._bus.write(servo, "position_p_gain", self._rig.servos[servo].position_p_gain)
             state.silent = 0
 
     def engage(self) -> JointState:

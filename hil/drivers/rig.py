@@ -44,6 +44,7 @@ class RigJoint:
         zero: count at angle 0.
         lower, upper: rad, how far the joint may go.
         current_limit: A, of each of its servos.
+        position_p_gain: raw; the stiffer, the less the joint lags and sags.
     """
 
     name: str
@@ -55,6 +56,7 @@ class RigJoint:
     lower: float
     upper: float
     current_limit: float
+    position_p_gain: int
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -123,8 +125,8 @@ def count(joint: RigJoint, angle: float) -> int:
 def wanted_registers(rig: Rig) -> dict[int, dict[str, int]]:
     """What the registers of every servo shall hold: by ID, then by the register's name, raw.
 
-    Those above 64 (status return level, bus watchdog) a servo forgets when it starts again. The watchdog counts only
-    while torque is on.
+    Those above 64 (status return level, gain, bus watchdog) a servo forgets when it starts again. The watchdog counts
+    only while torque is on.
     """
     return {servo: _wanted(rig, joint, servo) for servo, joint in rig.servos.items()}
 
@@ -166,6 +168,7 @@ def _wanted(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
         "velocity_limit": settings.velocity_limit,
         "max_position_limit": min(count(joint, joint.upper), COUNTS - 1),
         "min_position_limit": count(joint, joint.lower),
+        "position_p_gain": joint.position_p_gain,
         "status_return_level": settings.status_return_level,
         "bus_watchdog": to_raw(table["bus_watchdog"], settings.watchdog),
     }
@@ -216,7 +219,7 @@ def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
     _keys(
         entry,
         where,
-        {"name", "model", "id", "reversed", "zero", "limits_deg", "current_limit_A"},
+        {"name", "model", "id", "reversed", "zero", "limits_deg", "current_limit_A", "position_p_gain"},
         optional={"shadow_id"},
     )
     name = _typed(entry, where, "name", str)
@@ -240,6 +243,7 @@ def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
         lower=lower,
         upper=upper,
         current_limit=_number(entry, where, "current_limit_A", float, 0.0, highest),
+        position_p_gain=_number(entry, where, "position_p_gain", int, 1, 16_383),
     )
 
 

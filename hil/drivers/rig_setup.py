@@ -10,7 +10,8 @@ from hil.drivers.rig import Rig, wanted_registers
 from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus
 from model.errors import HighFiveError
 
-_ARMED_LATER = ("bus_watchdog",)  # it only counts, and can only be armed, while torque is on
+# The watchdog only counts, and can only be armed, while torque is on; the gain is forgotten at every start.
+_SET_LATER = ("bus_watchdog", "position_p_gain")
 _BY_WHICH_IT_IS_FOUND = ("id", "baud_rate")
 
 
@@ -86,7 +87,7 @@ def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
     found = []
     for servo, joint in rig.servos.items():
         for name, value in wanted[servo].items():
-            if name not in (*_ARMED_LATER, *_BY_WHICH_IT_IS_FOUND) and (holds := bus.read(servo, name)) != value:
+            if name not in (*_SET_LATER, *_BY_WHICH_IT_IS_FOUND) and (holds := bus.read(servo, name)) != value:
                 found.append(Difference(servo, joint.name, name, holds, value))
     return found
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from hil.servo_arm import Mount
+from hil.safety.limits import load_limits
+from hil.servo_arm import DEFAULT_MOUNT, Mount
 from hil.sim.arm_twin import arm_alone
 from mocap_bridge.frames import PalmPose
 from model.errors import HighFiveError
@@ -72,3 +73,8 @@ class ArmPlant:
         mujoco.mj_comPos(self._twin.model, self._data)
         mujoco.mj_comVel(self._twin.model, self._data)
         return self._twin.plate(self._data)
+
+
+def mounted_arm() -> ArmPlant:
+    """The arm on its default mount, where it rests."""
+    return ArmPlant(DEFAULT_MOUNT, load_limits().way_points[-1])

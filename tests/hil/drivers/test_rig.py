@@ -48,7 +48,7 @@ def test_the_servos_take_what_they_shall_hold() -> None:
         assert to_si(table["current_limit"], registers["current_limit"]) <= table.motor.stall_current
 
 
-JOINT = RigJoint("a", "XM540-W270", 1, None, False, 2048, -1.0, 1.0, 1.0)
+JOINT = RigJoint("a", "XM540-W270", 1, None, False, 2048, -1.0, 1.0, 1.0, 800)
 
 
 @given(st.floats(-10, 10))
@@ -65,7 +65,7 @@ def test_a_count_is_the_nearest(wanted: float) -> None:
         ("1_000_000", "1_000_001", "1000001 baud"),
         ("baud_rate = 1_000_000\n", "", "baud_rate missing"),
         ("zero = 2048", "zero = nan", "a whole number"),
-        ("current_limit_A = 2.0", "current_limit_A = nan", "0 to 4.4"),
+        ("current_limit_A = 3.0", "current_limit_A = nan", "0 to 4.4"),
         ("current_limit_A = 1.2", "current_limit_A = 3", "0 to 2.3"),
         ("[-106.0, 72.0]", "[72.0, -106.0]", "upper is -106"),
         ("[-106.0, 72.0]", "[-106.0]", "two numbers"),

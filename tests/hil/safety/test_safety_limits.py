@@ -142,7 +142,7 @@ def test_an_unknown_name_is_refused(tmp_path: Path, where: str) -> None:
         ("stale.retract_s", "0.1", "below stale.retract_s"),
         ("timing.watchdog_s", "0.07", "steps of 0.02"),
         ("joint.elbow.acceleration", "10.0", "lower it, too"),
-        ("joint.elbow.highest", "1.0", "retract.path goes through elbow"),
+        ("joint.elbow.highest", "0.9", "retract.path goes through elbow"),
     ],
 )
 def test_limits_have_to_go_together(tmp_path: Path, name: str, text: str, says: str) -> None:

@@ -46,7 +46,7 @@ def test_a_real_port_has_to_be_armed() -> None:
         ({"operating_mode": 3}, "operating mode is 3"),
         ({"torque": False}, "torque is off"),
         ({"speed": 2 * math.pi}, "velocity limit is 6.28"),
-        ({"current": 0.5}, "less than the 3.00 it may be sent"),
+        ({"current": 0.5}, "less than the 3.50 it may be sent"),
         ({"temperature": 60.0}, "switches itself off at 60"),
         ({"joint": "hip"}, "no joint of this arm"),
     ],

@@ -1,0 +1,179 @@
+"""The servo arm in a session, tick by tick: through retargeting and the safety envelope to the driver, and what the servos
+say comes back. Nothing here waits.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from hil.drivers.arm_process import Cycle, Mode
+from hil.drivers.latch import Latch
+from hil.drivers.values import JointCommand
+from hil.retarget import PalmGoal, Retarget, RetargetState, Sacrifice
+from hil.safety import envelope
+from hil.safety.limits import Limits
+from hil.safety.people import Human
+from hil.safety.startup import Check
+from hil.safety.states import State
+from hil.safety.values import Inputs, Report, standing
+from mocap_bridge.frames import MarkerFrame
+from model.rotations import Array
+
+OFF_COURSE = 0.03
+"""rad: where the envelope holds a joint back by more than this, the plan goes on from where it was told to be."""
+
+
+@dataclass(frozen=True)
+class ArmTick:
+    """One tick of the arm.
+
+    Attributes:
+        frame_ns: monotonic clock when the tick's frame was there, ns.
+        goal: what was asked.
+        wanted: (J,) rad, where retargeting wanted the joints a lag later.
+        report: of the envelope; ``report.sent`` is what went to the driver.
+        step_ms: what retargeting and envelope took, ms.
+    """
+
+    frame_ns: int
+    goal: PalmGoal
+    wanted: Array
+    report: Report
+    step_ms: float
+
+
+class Driver(Protocol):
+    """What takes commands and says what the arm does: :class:`hil.drivers.arm_process.ArmProcess`, or the twin."""
+
+    @property
+    def mode(self) -> Mode:
+        """What it is doing."""
+        ...
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong, in one line; '' for nothing."""
+        ...
+
+    def drive(self, command: JointCommand) -> None:
+        """Gives a command."""
+        ...
+
+    def newest(self) -> Cycle | None:
+        """The last cycle."""
+        ...
+
+    def unread(self) -> list[Cycle]:
+        """The cycles since the last call."""
+        ...
+
+
+class ArmLoop:
+    """Retargeting, envelope and driver in a row. One owner, one thread."""
+
+    def __init__(
+        self,
+        arm: Driver,
+        retarget: Retarget,
+        limits: Limits,
+        check: Check,
+        estop: Latch,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Begins where the arm stands.
+
+        Args:
+            arm: the driver, engaged.
+            retarget: for the arm on its mount.
+            limits: of the envelope.
+            check: what the start-up check found.
+            estop: the emergency stop.
+            clock: monotonic, ns.
+        """
+        self._arm, self._retarget, self._limits = arm, retarget, limits
+        self._check, self._estop, self._clock = check, estop, clock
+        self._standing = standing(min(clock(), check.time_ns))
+        self._state: RetargetState | None = None
+        self._told: Array | None = None
+        self._human: Human | None = None
+        self._seen_ns = self._frame_ns = clock()
+        retarget.arm.points(retarget.ready)  # compiled before it is needed
+
+    @property
+    def state(self) -> State:
+        """What the arm is doing."""
+        return self._standing.state
+
+    @property
+    def trouble(self) -> str:
+        """Why the arm is not to be driven any more, in one line; '' while it is."""
+        if self._standing.state in (State.STOPPING, State.STOPPED, State.ESTOPPED):
+            return self._standing.reason
+        if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
+            return self._arm.trouble or "the arm was stopped"
+        return ""
+
+    @property
+    def sacrifice(self) -> Sacrifice:
+        """What the high five that is on, or was last, had to give up."""
+        return Sacrifice() if self._state is None else self._state.sacrifice
+
+    def timed(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+        """The frames, each with a note of when it came."""
+        for frame in frames:
+            self._frame_ns = self._clock()
+            yield frame
+
+    def cycles(self) -> list[Cycle]:
+        """What the bus did since the last call."""
+        return self._arm.unread()
+
+    def tick(self, goal: PalmGoal, *, run: bool = True) -> ArmTick:
+        """One tick: plans, lets through what is safe, and gives it to the driver.
+
+        Args:
+            goal: of this tick.
+            run: the arm shall follow; otherwise it goes back to where it rests.
+        """
+        begun = self._clock()
+        newest = self._arm.newest()
+        arm, health = (None, None) if newest is None else (newest.state, newest.health)
+        if self._state is None and arm is not None:
+            self._state = self._retarget.start(arm.positions)
+        state = self._state or self._retarget.start()
+        state, step = self._retarget.step(state, goal)
+        inputs = Inputs(step.positions, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns)
+        self._standing, command, report = envelope.step(
+            self._limits, self._retarget.arm.points, self._standing, inputs, begun
+        )
+        if command is not None:
+            self._arm.drive(command)
+        self._state = self._followed(state, step.positions, report)
+        return ArmTick(self._frame_ns, goal, step.joints, report, 1e-6 * (self._clock() - begun))
+
+    def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
+        """The person as known last, and how long ago."""
+        if goal.head is not None:
+            palm = goal.person
+            at, velocity = (None, None) if palm is None else (palm.position, palm.velocity)
+            self._human, self._seen_ns = Human(goal.head, at, velocity, 0), self._frame_ns
+        if self._human is None:
+            return None
+        return replace(self._human, age_ns=max(0, now_ns - self._seen_ns))
+
+    def _followed(self, state: RetargetState, asked: Array, report: Report) -> RetargetState:
+        """The plan's state, from where the joints were really told to go."""
+        told = None if report.sent is None else report.sent.positions
+        before, self._told = self._told, told
+        if told is None or np.abs(told - asked).max() < OFF_COURSE:
+            return state
+        # The command goes beyond where the joints shall be by what they give way.
+        beyond = asked - state.joints
+        speeds = np.zeros_like(told) if before is None else (told - before) / self._retarget.settings.tick
+        most = self._retarget.arm.packed.speeds
+        return self._retarget.moved(state, told - beyond, np.clip(speeds, -most, most))

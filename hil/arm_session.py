@@ -1,0 +1,198 @@
+"""A servo arm made ready for a session, real or emulated, and laid to rest afterwards."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hil.arm_loop import ArmLoop
+from hil.drivers.arm_process import ArmProcess
+from hil.drivers.control_table import load_table, to_si
+from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.latch import Latch
+from hil.drivers.rig import COUNTS, Rig, load_rig, wanted_registers
+from hil.drivers.rig_setup import differences, missing_servos
+from hil.drivers.servo_bus import ServoBus
+from hil.drivers.servo_port import ALLOWANCE_MS
+from hil.estop import SIGNALS, listening
+from hil.retarget import PalmGoal, Retarget, RetargetSettings
+from hil.safety.limits import FILE, JOINTS, load_limits, lowered, parse_changes
+from hil.safety.startup import Registers, ServoLimits, start_up_check
+from hil.safety.states import State
+from hil.servo_arm import READY, default_arm
+from hil.session import RATE_HZ
+from mocap_bridge.frames import MarkerFrame, PalmPose
+from model.errors import HighFiveError
+from model.rotations import Array
+from scenes import servo_arm as measures
+
+EMULATED = "emulated"
+"""In place of a port: an emulated arm, started for the session."""
+
+PLANT = "hil.sim.arm_plant:mounted_arm"
+"""The body that emulated servos move."""
+
+PATIENCE_MS = 50.0
+"""How long an answer may be late before anything moves."""
+
+START_S = 30.0
+"""So long the driver's process may take to begin, s."""
+
+TICK_NS = round(1e9 / RATE_HZ)
+REST_S = 15.0
+"""At most so long the arm takes to come to rest, s."""
+
+ON_THE_WAY = 0.008
+"""s from a command to the servos having it: planning, and half a cycle of the bus."""
+
+FULL_GAIN = 885.0 * 128.0
+"""Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """Which arm.
+
+    Attributes:
+        port: path of a serial port, or :data:`EMULATED`.
+        rig: file of the rig; None for the one that comes with the project.
+        limits: file of the limits; None for the one that comes with the project.
+        lower: limits that are made safer, such as ``contact.speed=0.5``.
+        armed: a person said that a real arm may move.
+        estop: path of a named pipe that pulls the emergency stop, besides key and signals.
+        faults: what goes wrong on an emulated bus.
+    """
+
+    port: str = EMULATED
+    rig: Path | None = None
+    limits: Path | None = None
+    lower: tuple[str, ...] = ()
+    armed: bool = False
+    estop: Path | None = None
+    faults: tuple[str, ...] = ()
+
+    @property
+    def emulated(self) -> bool:
+        """No real arm moves."""
+        return self.port == EMULATED
+
+
+@contextmanager
+def ready_arm(options: ArmOptions) -> Iterator[ArmLoop]:
+    """An arm that was checked, holds where it stands, and follows; it is brought to rest in the end.
+
+    The emergency stop is armed meanwhile: space or Esc where there is a terminal, SIGTERM, SIGUSR1 and Ctrl-C, and the
+    named pipe.
+
+    Raises:
+        HighFiveError: port, rig or limits cannot be used, a servo is not as it has to be, or a real port is not armed.
+            Nothing has moved then.
+    """
+    limits = lowered(load_limits(options.limits or FILE), parse_changes(options.lower))
+    rig = load_rig(options.rig)
+    if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
+        raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
+    if not options.emulated and not options.armed:
+        raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
+    retarget = Retarget(default_arm(), READY, retarget_settings(rig))
+    estop = Latch()
+    with ExitStack() as stack:
+        port = options.port
+        if options.emulated:
+            told = EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
+            emulator = stack.enter_context(EmulatorProcess(told))
+            emulator.set_faults(options.faults)
+            port = emulator.port
+        _refuse_unless_ready(port, rig)
+        terminal = 0 if sys.stdin.isatty() else None
+        stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
+        allowance = PATIENCE_MS if options.emulated else ALLOWANCE_MS
+        arm = ArmProcess(port, rig, RATE_HZ, estop, allowance)
+        stack.callback(arm.close)
+        arm.wait_ready(START_S)
+        held = arm.engage(START_S)
+        wanted = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
+        now = time.monotonic_ns()
+        check = start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now)
+        if check.mismatches:
+            raise HighFiveError(_first(check.mismatches))
+        loop = ArmLoop(arm, retarget, limits, check, estop)
+        try:
+            yield loop
+        finally:
+            _lay_to_rest(loop, retarget)
+
+
+def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
+    """What every servo holds itself to, in SI units, from the registers as read back."""
+    found = []
+    for servo, joint in rig.servos.items():
+        table, own = load_table(joint.model), held[servo]
+        speed, current, heat, watchdog = (
+            to_si(table[name], own[name])
+            for name in ("velocity_limit", "current_limit", "temperature_limit", "bus_watchdog")
+        )
+        torque = bool(own["torque_enable"])
+        found.append(ServoLimits(joint.name, own["operating_mode"], speed, current, heat, watchdog, torque))
+    return found
+
+
+def full_errors(rig: Rig) -> Array:
+    """(J,) rad, errors at which the position controllers give the full voltage."""
+    return np.array([FULL_GAIN / joint.position_p_gain * math.tau / COUNTS for joint in rig.joints])
+
+
+def retarget_settings(rig: Rig) -> RetargetSettings:
+    """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
+    have a torque–speed line.
+
+    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage.
+    """
+    full = full_errors(rig)
+    no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
+    stall = np.array([count * servo.stall for servo, count in measures.SERVOS])
+    return RetargetSettings(lag=float(np.median(full / no_load)) + ON_THE_WAY, sag=tuple((full / stall).tolist()))
+
+
+def at_their_time(frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+    """The frames of a recording as they would come from a live system: each at its time, from now on."""
+    start = time.monotonic_ns()
+    for frame in frames:
+        if (left := start + frame.source_time_ns - time.monotonic_ns()) > 0:
+            time.sleep(1e-9 * left)
+        yield frame
+
+
+def _refuse_unless_ready(port: str, rig: Rig) -> None:
+    """Looks at every servo before anything is switched on."""
+    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
+    try:
+        troubles = missing_servos(bus, rig) or [str(one) for one in differences(bus, rig)]
+    finally:
+        bus.close()
+    if troubles:
+        raise HighFiveError(f"{_first(troubles)}; nothing moves (highfive rig check {port} shows all)")
+
+
+def _first(lines: Sequence[str]) -> str:
+    return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "")
+
+
+def _lay_to_rest(loop: ArmLoop, retarget: Retarget) -> None:
+    """Goes back along the known path, slowly; not where the arm was stopped."""
+    plate = retarget.arm.plate_at(retarget.ready)
+    goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
+    due, end = time.monotonic_ns(), time.monotonic_ns() + round(REST_S * 1e9)
+    while not loop.trouble and due < end:
+        loop.tick(goal, run=False)
+        if loop.state in (State.READY, State.UNCHECKED):
+            return
+        due += TICK_NS
+        time.sleep(max(0.0, 1e-9 * (due - time.monotonic_ns())))

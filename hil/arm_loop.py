@@ -1,5 +1,6 @@
-"""The servo arm in a session, tick by tick: through retargeting and the safety envelope to the driver, and what the servos
-say comes back. Nothing here waits.
+"""The servo arm in a session, tick by tick: through retargeting and the safety envelope to the driver, and back.
+
+Nothing here waits, but for :meth:`ArmLoop.rest`.
 """
 
 from __future__ import annotations
@@ -21,11 +22,16 @@ from hil.safety.people import Human
 from hil.safety.startup import Check
 from hil.safety.states import State
 from hil.safety.values import Inputs, Report, standing
-from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.frames import MarkerFrame, PalmPose
+from model.errors import HighFiveError
 from model.rotations import Array
 
 OFF_COURSE = 0.03
 """rad: where the envelope holds a joint back by more than this, the plan goes on from where it was told to be."""
+
+
+REST_S = 15.0
+"""At most so long the arm takes to come to rest, s."""
 
 
 @dataclass(frozen=True)
@@ -81,28 +87,47 @@ class ArmLoop:
         arm: Driver,
         retarget: Retarget,
         limits: Limits,
-        check: Check,
+        checked: Callable[[], Check],
         estop: Latch,
         clock: Callable[[], int] = time.monotonic_ns,
+        pause: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Begins where the arm stands.
+        """Nothing moves before :meth:`begin`.
 
         Args:
             arm: the driver, engaged.
             retarget: for the arm on its mount.
             limits: of the envelope.
-            check: what the start-up check found.
+            checked: makes the start-up check.
             estop: the emergency stop.
             clock: monotonic, ns.
+            pause: lets so many seconds pass.
         """
-        self._arm, self._retarget, self._limits = arm, retarget, limits
-        self._check, self._estop, self._clock = check, estop, clock
-        self._standing = standing(min(clock(), check.time_ns))
-        self._state: RetargetState | None = None
-        self._told: Array | None = None
+        self._arm, self.retarget, self._limits = arm, retarget, limits
+        self._checked, self._estop, self._clock, self._pause = checked, estop, clock, pause
         self._human: Human | None = None
         self._seen_ns = self._frame_ns = clock()
+        self._check: Check | None = None
+        self._standing = standing(clock())
+        self._state: RetargetState | None = None
+        self._told: Array | None = None
         retarget.arm.points(retarget.ready)  # compiled before it is needed
+
+    def begin(self) -> None:
+        """Has everything checked; then the arm follows, from where it stands.
+
+        Raises:
+            HighFiveError: the check found something, or the arm was stopped. It does not move.
+        """
+        if self.trouble:
+            raise HighFiveError(self.trouble)
+        self._check = self._checked()
+        if self._check.mismatches:
+            others = len(self._check.mismatches) - 1
+            raise HighFiveError(self._check.mismatches[0] + (f" (and {others} more)" if others else ""))
+        self._standing = standing(self._check.time_ns)
+        self._state = self._told = None
+        self._arm.unread()
 
     @property
     def state(self) -> State:
@@ -144,17 +169,27 @@ class ArmLoop:
         newest = self._arm.newest()
         arm, health = (None, None) if newest is None else (newest.state, newest.health)
         if self._state is None and arm is not None:
-            self._state = self._retarget.start(arm.positions)
-        state = self._state or self._retarget.start()
-        state, step = self._retarget.step(state, goal)
+            self._state = self.retarget.start(arm.positions)
+        state = self._state or self.retarget.start()
+        state, step = self.retarget.step(state, goal)
         inputs = Inputs(step.positions, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns)
         self._standing, command, report = envelope.step(
-            self._limits, self._retarget.arm.points, self._standing, inputs, begun
+            self._limits, self.retarget.arm.points, self._standing, inputs, begun
         )
         if command is not None:
             self._arm.drive(command)
         self._state = self._followed(state, step.positions, report)
         return ArmTick(self._frame_ns, goal, step.joints, report, 1e-6 * (self._clock() - begun))
+
+    def rest(self, longest_s: float = REST_S) -> None:
+        """Goes back along the known path, slowly, and waits until the arm stands; not where it was stopped."""
+        plate = self.retarget.arm.plate_at(self.retarget.ready)
+        goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
+        due, end = self._clock(), self._clock() + round(longest_s * 1e9)
+        while not self.trouble and due < end and self.state not in (State.READY, State.UNCHECKED):
+            self.tick(goal, run=False)
+            due += round(1e9 * self._limits.timing.period_s)
+            self._pause(max(0.0, 1e-9 * (due - self._clock())))
 
     def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
         """The person as known last, and how long ago."""
@@ -174,6 +209,6 @@ class ArmLoop:
             return state
         # The command goes beyond where the joints shall be by what they give way.
         beyond = asked - state.joints
-        speeds = np.zeros_like(told) if before is None else (told - before) / self._retarget.settings.tick
-        most = self._retarget.arm.packed.speeds
-        return self._retarget.moved(state, told - beyond, np.clip(speeds, -most, most))
+        speeds = np.zeros_like(told) if before is None else (told - before) / self.retarget.settings.tick
+        most = self.retarget.arm.packed.speeds
+        return self.retarget.moved(state, told - beyond, np.clip(speeds, -most, most))

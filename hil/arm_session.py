@@ -22,13 +22,12 @@ from hil.drivers.rig_setup import differences, missing_servos
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.servo_port import ALLOWANCE_MS
 from hil.estop import SIGNALS, listening
-from hil.retarget import PalmGoal, Retarget, RetargetSettings
-from hil.safety.limits import FILE, JOINTS, load_limits, lowered, parse_changes
-from hil.safety.startup import Registers, ServoLimits, start_up_check
-from hil.safety.states import State
+from hil.retarget import Retarget, RetargetSettings
+from hil.safety.limits import FILE, JOINTS, Limits, load_limits, lowered, parse_changes
+from hil.safety.startup import Check, Registers, ServoLimits, start_up_check
 from hil.servo_arm import READY, default_arm
 from hil.session import RATE_HZ
-from mocap_bridge.frames import MarkerFrame, PalmPose
+from mocap_bridge.frames import MarkerFrame
 from model.errors import HighFiveError
 from model.rotations import Array
 from scenes import servo_arm as measures
@@ -44,10 +43,6 @@ PATIENCE_MS = 50.0
 
 START_S = 30.0
 """So long the driver's process may take to begin, s."""
-
-TICK_NS = round(1e9 / RATE_HZ)
-REST_S = 15.0
-"""At most so long the arm takes to come to rest, s."""
 
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
@@ -117,17 +112,19 @@ def ready_arm(options: ArmOptions) -> Iterator[ArmLoop]:
         arm = ArmProcess(port, rig, RATE_HZ, estop, allowance)
         stack.callback(arm.close)
         arm.wait_ready(START_S)
-        held = arm.engage(START_S)
-        wanted = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
-        now = time.monotonic_ns()
-        check = start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now)
-        if check.mismatches:
-            raise HighFiveError(_first(check.mismatches))
-        loop = ArmLoop(arm, retarget, limits, check, estop)
+        loop = ArmLoop(arm, retarget, limits, lambda: checked(arm, rig, limits, options), estop)
         try:
             yield loop
         finally:
-            _lay_to_rest(loop, retarget)
+            loop.rest()
+
+
+def checked(arm: ArmProcess, rig: Rig, limits: Limits, options: ArmOptions) -> Check:
+    """Switches the servos on, if they are not, reads everything back, and compares it with rig and limits."""
+    held = arm.engage(START_S)
+    wanted = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
+    now = time.monotonic_ns()
+    return start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now)
 
 
 def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
@@ -183,16 +180,3 @@ def _refuse_unless_ready(port: str, rig: Rig) -> None:
 
 def _first(lines: Sequence[str]) -> str:
     return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "")
-
-
-def _lay_to_rest(loop: ArmLoop, retarget: Retarget) -> None:
-    """Goes back along the known path, slowly; not where the arm was stopped."""
-    plate = retarget.arm.plate_at(retarget.ready)
-    goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
-    due, end = time.monotonic_ns(), time.monotonic_ns() + round(REST_S * 1e9)
-    while not loop.trouble and due < end:
-        loop.tick(goal, run=False)
-        if loop.state in (State.READY, State.UNCHECKED):
-            return
-        due += TICK_NS
-        time.sleep(max(0.0, 1e-9 * (due - time.monotonic_ns())))

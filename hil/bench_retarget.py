@@ -186,7 +186,7 @@ def _asked(session: Session, partner: Partner) -> Asked:
 
 def avatar_met(asked: Asked) -> Met:
     """The avatar itself, judged as the arm is."""
-    return _judged(asked, asked.avatar, asked.avatar_normals, True, Sacrifice())
+    return judged(asked, asked.avatar, asked.avatar_normals, True, Sacrifice())
 
 
 def arm_met(asked: Asked, retarget: Retarget, follower: Follower, times: list[float] | None = None) -> Met:
@@ -202,7 +202,7 @@ def arm_met(asked: Asked, retarget: Retarget, follower: Follower, times: list[fl
         plate = retarget.arm.plate_at(follower.command(step.positions))
         places.append(plate.position)
         normals.append(plate.normal)
-    return _judged(asked, np.array(places), np.array(normals), possible(asked, retarget), state.sacrifice)
+    return judged(asked, np.array(places), np.array(normals), possible(asked, retarget), state.sacrifice)
 
 
 def possible(asked: Asked, retarget: Retarget) -> bool:
@@ -219,7 +219,8 @@ def possible(asked: Asked, retarget: Retarget) -> bool:
     return miss < 0.01 and float(arm_motion.quickest(retarget.arm.packed, retarget.ready, joints)) < given
 
 
-def _judged(asked: Asked, places: Array, normals: Array, reachable: bool, sacrifice: Sacrifice) -> Met:
+def judged(asked: Asked, places: Array, normals: Array, reachable: bool, sacrifice: Sacrifice) -> Met:
+    """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand."""
     apart = asked.person - places
     gap, distance = np.einsum("ti,ti->t", apart, normals), np.linalg.norm(apart, axis=1)
     first = max(asked.due - round(EARLIEST * RATE_HZ), 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -14,6 +14,9 @@ from hil import cli_bench, cli_mocap, cli_model, cli_rig
 from hil.cli_options import Interrupted, Json, Seed
 from hil.console import STDERR, counted, print_json, progress_bars
 from model.errors import HighFiveError
+
+if TYPE_CHECKING:
+    from hil.arm_session import ArmOptions
 
 app = typer.Typer(
     help="Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose.",
@@ -52,6 +55,15 @@ def simulate(
     no_correction: Annotated[
         bool, typer.Option("--no-correction", help="Play the motion as the model gives it.")
     ] = False,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help="A servo arm takes part: emulated, or the serial port of a real one, which MOVES (with --arm)."
+        ),
+    ] = None,
+    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    lower: Annotated[list[str] | None, typer.Option(help="A lower limit, such as contact.speed=0.5.")] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
     json: Json = False,
 ) -> None:
@@ -72,6 +84,7 @@ def simulate(
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
+        arm=None if rig is None else _arm(rig, arm, rig_file, lower),
     )
     folder = out or next_folder("session")
     with progress_bars() as bar:
@@ -82,6 +95,12 @@ def simulate(
         _tell(summary, folder)
     if summary["interrupted"] or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
         raise typer.Exit(1)
+
+
+def _arm(port: str, armed: bool, rig: Path | None, lower: list[str] | None) -> ArmOptions:
+    from hil.arm_session import ArmOptions  # noqa: PLC0415
+
+    return ArmOptions(port, rig, None, tuple(lower or ()), armed)
 
 
 def _style(text: str) -> dict[str, float]:
@@ -113,9 +132,24 @@ def _tell(summary: dict[str, Any], folder: Path) -> None:
     ):
         if summary[key]:
             print(f"  {label + ':':<26}{summary[key]}")
+    if summary["arm"]:
+        _tell_arm(summary["arm"])
     if summary["interrupted"]:
         print("  interrupted; the report covers the trials until then")
     print(f"Open {folder / 'report.html'}")
+
+
+def _tell_arm(arm: dict[str, Any]) -> None:
+    """What the servo arm did, for people."""
+    error, late = arm["error_mm"], arm["time_error_ms"]
+    if error["median"] is not None:
+        print(f"  servo arm's plate to palm  median {error['median']:.1f} mm, worst {error['max']:.1f} mm")
+    if late["median"] is not None:
+        print(f"    off in time             median {late['median']:.0f} ms, worst {late['max']:.0f} ms")
+    print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
+    for label, key in (("no contact", "missed"), ("unreachable", "unreachable"), ("stopped", "stopped")):
+        if arm[key]:
+            print(f"    {label + ':':<24}{arm[key] if isinstance(arm[key], int | str) else ', '.join(arm[key])}")
 
 
 def main() -> None:

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from hil.arm_loop import ArmTick
 from hil.avatar import Pose, avatar_skeleton
+from hil.drivers.arm_process import Cycle
 from hil.trial import TrialResult
 from mocap_bridge.frames import HumanArm
 from model.rotations import Array
@@ -22,6 +24,8 @@ _LIST: dict[str, Any] = {"type": "array", "items": _NUMBER}
 _ROWS: dict[str, Any] = {"type": "array", "items": _LIST}
 _NAMES: dict[str, Any] = {"type": "array", "items": _TEXT}
 _UNKNOWN: dict[str, Any] = {"type": ["number", "null"]}
+_MAYBE: dict[str, Any] = {"type": ["array", "null"], "items": _NUMBER}
+_ANSWERS: dict[str, Any] = {"type": "array", "items": _YES}
 _POSE = {"root": _LIST, "quaternions": _ROWS}
 CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "/session": ("high_five.Session", {"settings": {"type": "object"}, "joints": _NAMES, "units": _TEXT}),
@@ -45,6 +49,18 @@ CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
         "high_five.Contact",
         {"trial": _NUMBER, "met": _YES, "distance": _NUMBER, "gap": _NUMBER, "lateral": _NUMBER, "palm_angle": _NUMBER,
          "approach_speed": _NUMBER, "peak_force": _NUMBER, "where": _LIST, "out_of_reach": _YES},
+    ),
+    "/arm": (
+        "high_five.ArmCycle",
+        {"number": _NUMBER, "mode": _TEXT, "due_ns": _NUMBER, "begun_ns": _NUMBER, "took_ns": _NUMBER, "sent": _MAYBE,
+         "sent_currents": _MAYBE, "positions": _LIST, "velocities": _LIST, "currents": _LIST, "errors": _LIST,
+         "answered": _ANSWERS, "tripped": _ANSWERS, "temperatures": _LIST, "voltages": _LIST},
+    ),
+    "/safety": (
+        "high_five.Safety",
+        {"state": _TEXT, "event": {"type": ["string", "null"]}, "reason": _TEXT, "wanted": _LIST, "asked": _MAYBE,
+         "positions": _MAYBE, "currents": _MAYBE, "acted": _NAMES, "share": _NUMBER, "closing_speed": _UNKNOWN,
+         "gap": _UNKNOWN, "step_ms": _NUMBER},
     ),
     "/skeleton": ("foxglove.SceneUpdate", {"deletions": {"type": "array"}, "entities": {"type": "array"}}),
 }  # fmt: skip
@@ -107,6 +123,33 @@ def contact(result: TrialResult) -> dict[str, Any]:
         "uncorrected_error": known(result.uncorrected_error),
         "unwanted": [{"first": u.first, "second": u.second, "deepest": known(u.deepest)} for u in found.unwanted],
     }
+
+
+def arm_cycle(cycle: Cycle) -> dict[str, Any]:
+    """For ``/arm``; times are of the host's monotonic clock."""
+    state, health, sent = cycle.state, cycle.health, cycle.sent
+    return {
+        "number": cycle.number,
+        "mode": cycle.mode.name.lower(),
+        "due_ns": cycle.due_ns,
+        "begun_ns": cycle.begun_ns,
+        "took_ns": cycle.took_ns,
+        "sent": None if sent is None else rounded(sent.positions),
+        "sent_currents": None if sent is None else rounded(sent.currents, 3),
+        "positions": rounded(state.positions),
+        "velocities": rounded(state.velocities),
+        "currents": rounded(state.currents, 3),
+        "errors": state.errors.tolist(),
+        "answered": state.answered.tolist(),
+        "tripped": state.tripped.tolist(),
+        "temperatures": rounded(health.temperatures, 1),
+        "voltages": rounded(health.voltages, 2),
+    }
+
+
+def safety(tick: ArmTick) -> dict[str, Any]:
+    """For ``/safety``."""
+    return {**tick.report.record(), "wanted": rounded(tick.wanted), "step_ms": known(tick.step_ms)}
 
 
 def joints_of(poses: Sequence[Pose]) -> Array:

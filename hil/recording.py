@@ -25,6 +25,7 @@ from mcap.writer import Writer
 from zstandard import ZstdError
 
 from hil import messages
+from hil.arm_trial import ArmTrial
 from hil.avatar import Pose, avatar_skeleton
 from hil.session import Tick
 from hil.summary import SessionSettings, versions
@@ -127,8 +128,8 @@ class SessionRecorder:
         facts = tick.target.phase.value, tick.target.weight, tick.response.time_to_contact
         self._record_tick_facts(now, trial, *facts, latency_ms)
 
-    def record_trial(self, result: TrialResult) -> None:
-        """A whole trial, a second after what came before, with its judgement at the end."""
+    def record_trial(self, result: TrialResult, arm: ArmTrial | None = None) -> None:
+        """A whole trial, a second after what came before, with its judgement at the end; and what the arm did in it."""
         start = self._end + PAUSE_NS if self._count else 0
         self._add("/trial", start, messages.trial(result))
         drawn = messages.joints_of(result.poses[::_SKELETON_EVERY])
@@ -143,7 +144,17 @@ class SessionRecorder:
                 float(values[i]) for values in (result.weight, result.expected, result.tick_ms)
             )
             self._record_tick_facts(now, result.number, "", weight, expected, latency)
+        if arm is not None:
+            self._record_arm(start, arm)
         self.record_contact(result, self._end)
+
+    def _record_arm(self, start: int, arm: ArmTrial) -> None:
+        """Ticks and cycles of the arm, at their time after the trial's first frame."""
+        first = arm.ticks[0].frame_ns
+        for tick in arm.ticks:
+            self._add("/safety", start + tick.frame_ns - first, messages.safety(tick))
+        for cycle in arm.cycles:
+            self._add("/arm", max(start, start + cycle.state.time_ns - first), messages.arm_cycle(cycle))
 
     def record_contact(self, result: TrialResult, time_ns: int) -> None:
         """The judgement of a trial, and makes all of it safe."""

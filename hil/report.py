@@ -11,6 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from hil.arm_report import arm_section
 from hil.colours import colour_of
 from hil.console import counted
 from hil.drawing import Drawing, to_png
@@ -41,6 +42,7 @@ def write_report(
     settings: SessionSettings,
     pictures: Sequence[Strip] | NoPictures = (),
     film: Path | NoPictures | None = None,
+    arm: Sequence[Drawing] = (),
 ) -> Path:
     """Writes the report of a session, finished or not, into ``folder``; returns the page.
 
@@ -51,11 +53,12 @@ def write_report(
         settings: what the session was asked to do.
         pictures: from :func:`hil.film.picture_strips`, or why there are none.
         film: from :func:`hil.film.make_film`; None where none was asked for.
+        arm: from :func:`hil.arm_report.draw_arm`, where a servo arm took part.
 
     Raises:
         HighFiveError: a file cannot be written.
     """
-    drawings = draw_all(results)
+    drawings = [*draw_all(results), *arm]
     write_file(folder / DATA, json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False).encode())
     for drawing in drawings:
         write_file(folder / FIGURES / f"{drawing.name}.png", to_png(drawing.figure))
@@ -78,6 +81,7 @@ def render_page(
         section("Moments", _strips(pictures) + _film(film, pictures)),
         section("Contact error", figures(drawn, "contact_error", "error_by_cell") + _by_emotion(summary)),
         section("Movement", figures(drawn, "palm_distance", "palm_paths", "joint_angles")),
+        section("Servo arm", arm_section(summary["arm"], drawn) if summary["arm"] else ""),
         section("Latency", figures(drawn, "latency")),
         section("Trials", _trials(summary)),
         section("Do it again", _reproduce(summary, settings)),

@@ -5,19 +5,22 @@ from __future__ import annotations
 import gc
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
+from hil.arm_report import draw_arm
+from hil.arm_session import ArmOptions, at_their_time, ready_arm
+from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.film import Strip, make_film, picture_strips
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
 from hil.report import write_report
-from hil.session import Session
+from hil.session import RATE_HZ, Session, Tick
 from hil.sim.actors import CELLS
 from hil.sim.emotions import EMOTIONS
 from hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
@@ -27,7 +30,9 @@ from hil.summary import SessionSettings, summarise
 from hil.training_data import tell
 from hil.trial import TrialResult, run_trial
 from mocap_bridge.address import FILE, parse_address
+from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.marker_sets import MarkerSet, load_marker_set
+from mocap_bridge.sources import C3DSource
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 from model.store import load_model
@@ -56,6 +61,7 @@ class SimulateOptions:
         physics: drive the avatar by actuators against contact forces.
         correct: correct the palm.
         pictures: draw the film and the pictures.
+        arm: a servo arm that takes part, at the pace of the clock; None for none.
     """
 
     trials: int | None = None
@@ -70,6 +76,16 @@ class SimulateOptions:
     physics: bool = False
     correct: bool = True
     pictures: bool = True
+    arm: ArmOptions | None = None
+
+
+@dataclass(frozen=True)
+class _Played:
+    """The trials that were finished, with what the arm did in them, and whether the session ended early."""
+
+    results: list[TrialResult] = field(default_factory=list)
+    arm: list[ArmTrial] = field(default_factory=list)
+    interrupted: bool = False
 
 
 def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[str, Any]:
@@ -94,12 +110,16 @@ def _simulate(
     scene = build_scene()
     _make(folder)
     settings = _settings(options, len(partners))
-    results, interrupted = _run(
-        options, model, scene, partners, person, SessionRecorder(folder / "session.mcap", settings), bar
-    )
-    summary = summarise(results, settings, interrupted=interrupted)
+    with ExitStack() as stack:
+        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm)))
+        recorder = SessionRecorder(folder / "session.mcap", settings)
+        played = _run(options, model, scene, partners, person, recorder, bar, watch)
+    lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
+    arm = None if watch is None else arm_summary(played.arm, lag)
+    results = played.results
+    summary = summarise(results, settings, interrupted=played.interrupted, arm=arm)
     strips, film = _pictures(options, results, folder, bar)
-    write_report(folder, summary, results, settings, strips, film)
+    write_report(folder, summary, results, settings, strips, film, draw_arm(played.arm, lag))
     return summary
 
 
@@ -196,9 +216,11 @@ def _run(
     person: LivePerson | None,
     recorder: SessionRecorder,
     bar: ProgressBar,
-) -> tuple[list[TrialResult], bool]:
+    watch: ArmWatch | None,
+) -> _Played:
     playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
-    results: list[TrialResult] = []
+    played = _Played()
+    results = played.results
     session = _session(options, model, scene, partners[0])
     advance = bar("high fives", len(partners))
     with recorder:
@@ -208,31 +230,56 @@ def _run(
             gc.freeze()
             for number, partner in enumerate(partners):
                 session.set_style(options.style or {partner.emotion: 1.0})
-                result, trouble = _trial(number, partner, session, playout, person)
+                result, trouble = _trial(number, partner, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     if not results:
                         raise HighFiveError(f"no high five could be played: {trouble}")
                     tell(f"high five {number + 1} was broken off and does not count: {trouble}")
-                    return results, True
-                recorder.record_trial(result)
+                    return replace(played, interrupted=True)
+                arm = None if watch is None else watch.end(partner.emotion, partner.cell, partner.contact_frame)
+                recorder.record_trial(result, arm)
                 results.append(result)
+                played.arm.extend([] if arm is None else [arm])
                 advance()
+                if watch is not None and watch.loop.trouble:
+                    tell(f"the arm was stopped: {watch.loop.trouble}")
+                    return replace(played, interrupted=True)
         except KeyboardInterrupt:
-            return results, True
+            return replace(played, interrupted=True)
         finally:
             gc.unfreeze()
-    return results, False
+    return played
 
 
 def _trial(
-    number: int, partner: Partner, session: Session, playout: PlayOut, person: LivePerson | None
+    number: int,
+    partner: Partner,
+    session: Session,
+    playout: PlayOut,
+    person: LivePerson | None,
+    watch: ArmWatch | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
-    if person is None:
+    if person is None and watch is None:
         return run_trial(number, partner, session, playout), ""
+    if person is None:
+        assert watch is not None
+        watch.begin()
+        frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
+        return run_trial(number, partner, session, playout, frames, watch.watch), ""
     tell(f"high five {number + 1}, {partner.emotion}: raise the right hand")
     live = person.trial()
-    result = run_trial(number, partner, session, playout, live, live.watch) if live.begins() else None
+    frames: Iterable[MarkerFrame] = live
+    if watch is not None:
+        watch.begin()
+        frames = watch.frames(live)
+
+    def seen(tick: Tick) -> None:
+        live.watch(tick)
+        if watch is not None:
+            watch.watch(tick)
+
+    result = run_trial(number, partner, session, playout, frames, seen) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble
     note = f"{live.count} ticks, {live.late} late, {live.stale} without a new frame"

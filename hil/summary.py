@@ -82,14 +82,19 @@ _SPREADS = (
 
 
 def summarise(
-    results: Sequence[TrialResult], settings: SessionSettings, *, interrupted: bool = False
+    results: Sequence[TrialResult],
+    settings: SessionSettings,
+    *,
+    interrupted: bool = False,
+    arm: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The JSON object of a session: numbers, strings, lists and objects of them; what is not known is None.
 
-    Spreads have ``median``, ``max`` (what is furthest from 0, sign kept) and ``by_emotion``. Errors are palm centre to
-    palm centre: ``contact_error_mm`` of what was played at its nearest, ``uncorrected_error_mm`` of what the model
+    Spreads have ``median``, ``max`` (what is furthest from 0, sign kept) and ``by_emotion``. Errors are palm centre
+    to palm centre: ``contact_error_mm`` of what was played at its nearest, ``uncorrected_error_mm`` of what the model
     generated, ``true_error_mm`` to the simulated person's true palm, ``other_error_mm`` of who met that hand
-    originally. Trials out of reach and without contact count in all of them.
+    originally. ``arm`` is :func:`hil.arm_trial.arm_summary`, None where no servo arm took part. Trials out of reach
+    and without contact count in all of them.
     """
     unwanted = [entry for result in results for entry in _unwanted(result)]
     out_of_reach = [
@@ -117,13 +122,14 @@ def summarise(
         "unwanted": unwanted,
         "rows": [_row(result) for result in results],
         "versions": versions(),
+        "arm": arm,
         "tick_ms": _tick(results),
     }
 
 
 def without_timings(summary: dict[str, Any]) -> dict[str, Any]:
-    """What has to be the same for two sessions with one seed."""
-    return {name: value for name, value in summary.items() if name != "tick_ms"}
+    """What has to be the same for two sessions with one seed: a servo arm goes by the clock."""
+    return {name: value for name, value in summary.items() if name not in ("tick_ms", "arm")}
 
 
 def targets(summary: dict[str, Any]) -> list[Target]:

@@ -179,6 +179,8 @@ class ArmProcess:
     def engage(self, timeout_s: float = 10.0) -> dict[int, dict[str, int]]:
         """Switches torque on, where each joint stands, and arms the watchdogs; from then on the arm can be driven.
 
+        An arm that is engaged already only has everything read back.
+
         Returns:
             what every servo's settings are then, read back one by one: by ID, then by the register's name, raw.
 
@@ -335,9 +337,9 @@ class _Loop:
             sent = self._hold() if self._mode != Mode.STOPPED else None
             self._mode = Mode.STOPPED
             return sent
+        if self._shared.head["engage"][0]:
+            self._engage()
         if not self._engaged:
-            if self._shared.head["engage"][0]:
-                self._engage()
             return None
         wanted, given = self._wanted()
         if wanted is None or time.monotonic_ns() - given > HOST_SILENT_NS:
@@ -349,8 +351,10 @@ class _Loop:
 
     def _engage(self) -> None:
         """Torque on, watchdogs armed, everything read back: that many instructions keep the watchdogs quiet."""
-        self._joints.engage()
+        if not self._engaged:
+            self._joints.engage()
         self._engaged, self._mode = True, Mode.HOLDING
+        self._shared.head["engage"][0] = 0
         self._held.send(read_back(self._bus, self._rig))
 
     def _wanted(self) -> tuple[JointCommand | None, int]:

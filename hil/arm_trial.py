@@ -1,0 +1,233 @@
+"""What the arm did in one high five: every tick, every cycle of the bus, and how palm plate and palm met."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hil.arm_loop import ArmLoop, ArmTick
+from hil.bench_retarget import Asked, Met, judged, possible
+from hil.drivers.arm_process import Cycle
+from hil.reach import Phase
+from hil.retarget import Retarget, Sacrifice
+from hil.retarget_goal import palm_goal
+from hil.session import RATE_HZ, Tick
+from mocap_bridge.frames import MarkerFrame, PalmPose
+from model.rotations import Array
+
+MS, NS = 1e3, 1e-9
+MISSED = 1.5
+"""Periods between two cycles from which on one between them is missing."""
+
+
+@dataclass(frozen=True)
+class ArmTrial:
+    """One high five of the arm.
+
+    Attributes:
+        ticks: one a frame of the session.
+        cycles: of the bus, meanwhile; one that is late is in it, one that was left out is not.
+        plates: where the plate was at each tick, by what the servos said.
+        met: how plate and palm met.
+        due: tick in which the session had the palms touch.
+    """
+
+    ticks: tuple[ArmTick, ...]
+    cycles: tuple[Cycle, ...]
+    plates: tuple[PalmPose, ...]
+    met: Met
+    due: int
+
+    @cached_property
+    def times(self) -> Array:
+        """(T,) s, of the ticks, from the first."""
+        return NS * np.array([tick.frame_ns - self.ticks[0].frame_ns for tick in self.ticks])
+
+    @cached_property
+    def cycle_times(self) -> Array:
+        """(C,) s, when the servos had answered, from the first tick."""
+        return NS * np.array([cycle.state.time_ns - self.ticks[0].frame_ns for cycle in self.cycles])
+
+    @cached_property
+    def sent(self) -> Array:
+        """(C, J) rad, goals as they went over the bus; NaN where none did."""
+        none = np.full(self.actual.shape[1], np.nan)
+        return np.array([none if cycle.sent is None else cycle.sent.positions for cycle in self.cycles])
+
+    @cached_property
+    def actual(self) -> Array:
+        """(C, J) rad, what the servos said."""
+        return np.array([cycle.state.positions for cycle in self.cycles])
+
+    @cached_property
+    def currents(self) -> Array:
+        """(C, J) A."""
+        return np.array([cycle.state.currents for cycle in self.cycles])
+
+    @cached_property
+    def wanted(self) -> Array:
+        """(T, J) rad, where retargeting wanted the joints a lag later."""
+        return np.array([tick.wanted for tick in self.ticks])
+
+    @cached_property
+    def periods_ms(self) -> Array:
+        """(C - 1,) ms, from cycle to cycle."""
+        return 1e-6 * np.diff(np.array([cycle.begun_ns for cycle in self.cycles], dtype=np.float64))
+
+    def following_error(self, lag: float) -> Array:
+        """(T, J) rad, of the joints beside where they were wanted, ``lag`` s later."""
+        there = [np.interp(self.times + lag, self.cycle_times, joint) for joint in self.actual.T]
+        return np.array(there).T - self.wanted
+
+    @cached_property
+    def acted(self) -> Counter[str]:
+        """How many ticks each rule of the envelope acted in."""
+        return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
+
+
+def arm_trial(
+    asked: Asked, retarget: Retarget, ticks: Sequence[ArmTick], cycles: Sequence[Cycle], given_up: Sacrifice
+) -> ArmTrial:
+    """Puts together what was collected, and judges it.
+
+    Args:
+        asked: the high five.
+        retarget: of the arm.
+        ticks: one for each of its goals.
+        cycles: of the bus, from before the first to after the last tick.
+        given_up: what the retargeting had to give up.
+    """
+    frames = np.array([tick.frame_ns for tick in ticks], float)
+    heard = np.array([cycle.state.time_ns for cycle in cycles], float)
+    joints = np.array([np.interp(frames, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T
+    poses = [retarget.arm.plate_at(pose) for pose in joints]
+    places, normals = np.array([p.position for p in poses]), np.array([p.normal for p in poses])
+    velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
+    plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
+    met = judged(asked, places, normals, possible(asked, retarget), given_up)
+    return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due)
+
+
+class ArmWatch:
+    """Lets the arm take part in a trial, and keeps what it does."""
+
+    def __init__(self, loop: ArmLoop) -> None:
+        """Around a loop."""
+        self.loop = loop
+        self._ticks: list[ArmTick] = []
+        self._session: list[Tick] = []
+        self._cycles: list[Cycle] = []
+        self._given_up = Sacrifice()
+
+    def begin(self) -> None:
+        """A new trial: the arm is checked again."""
+        self._ticks, self._session, self._cycles = [], [], []
+        self.loop.begin()
+
+    def frames(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+        """The frames of the trial; after the last of them the arm goes to where it rests."""
+        yield from self.loop.timed(frames)
+        self._given_up = self.loop.sacrifice
+        self._cycles += self.loop.cycles()
+        self.loop.rest()
+
+    def watch(self, tick: Tick) -> None:
+        """One tick of the session."""
+        self._session.append(tick)
+        self._ticks.append(self.loop.tick(palm_goal(tick)))
+        self._cycles += self.loop.cycles()
+
+    def end(self, emotion: str, cell: str, met: int) -> ArmTrial | None:
+        """What it did; None where it never moved.
+
+        Args:
+            emotion, cell: of the trial.
+            met: tick in which the palms met originally, -1 where not known.
+        """
+        if not self._ticks or not self._cycles:
+            return None
+        return arm_trial(
+            asked_in(self._session, emotion, cell, met), self.loop.retarget, self._ticks, self._cycles, self._given_up
+        )
+
+
+def asked_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Asked:
+    """What a session's ticks asked of the arm."""
+    touches = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
+    return Asked(
+        emotion,
+        cell,
+        tuple(palm_goal(tick) for tick in ticks),
+        np.array([tick.person.palm.position for tick in ticks]),
+        np.array([tick.palm.position for tick in ticks]),
+        np.array([tick.palm.normal for tick in ticks]),
+        touches[0] if touches else max(met, 0),
+        met,
+    )
+
+
+def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
+    """The figures of the arm in a session: numbers, strings, lists and objects of them; what is not known is None.
+
+    ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
+    contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them.
+    """
+    able = [trial for trial in trials if trial.met.possible]
+    touched = [trial for trial in able if trial.met.touched]
+    periods = np.concatenate([trial.periods_ms for trial in trials]) if trials else np.zeros(0)
+    following = np.abs(np.concatenate([trial.following_error(lag) for trial in trials])) if trials else np.zeros((0, 6))
+    period = MS / RATE_HZ
+    return {
+        "trials": len(trials),
+        "error_mm": _extent([MS * trial.met.error for trial in able]),
+        "time_error_ms": _extent([MS * abs(trial.met.late) for trial in touched]),
+        "max_relative_speed": max((round(trial.met.speed, 3) for trial in trials if trial.met.touched), default=None),
+        "missed": len(able) - len(touched),
+        "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in trials if not trial.met.possible],
+        "following_error_mrad": _percentiles(MS * following.max(axis=1) if len(following) else np.zeros(0)),
+        "cycles": sum(len(trial.cycles) for trial in trials),
+        "missed_cycles": int((periods > MISSED * period).sum()),
+        "period_jitter_ms": _percentiles(np.abs(periods - period)),
+        "cycle_ms": _percentiles(np.array([1e-6 * c.took_ns for trial in trials for c in trial.cycles])),
+        "step_ms": _percentiles(np.array([tick.step_ms for trial in trials for tick in trial.ticks])),
+        "largest_current_A": max((round(float(np.abs(t.currents).max()), 2) for t in trials), default=None),
+        "unanswered": sum(not bool(c.state.answered.all()) for trial in trials for c in trial.cycles),
+        "rules": dict(sum((trial.acted for trial in trials), Counter())),
+        "stopped": next((t.report.reason for trial in trials for t in trial.ticks if t.report.reason), ""),
+        "rows": [_row(trial) for trial in trials],
+    }
+
+
+def _row(trial: ArmTrial) -> dict[str, Any]:
+    met = trial.met
+    return {
+        "emotion": met.emotion,
+        "cell": met.cell,
+        "possible": met.possible,
+        "touched": met.touched,
+        "error_mm": round(MS * met.error, 2),
+        "time_error_ms": round(MS * met.late, 1) if met.touched else None,
+        "relative_speed": round(met.speed, 3),
+        "scale": round(met.sacrifice.scale, 3),
+        "delay_ms": round(MS * met.sacrifice.delay, 1),
+        "miss_mm": round(MS * met.sacrifice.miss, 1),
+        "limits": list(met.sacrifice.limit_names),
+    }
+
+
+def _extent(values: Sequence[float]) -> dict[str, float | None]:
+    if not values:
+        return {"median": None, "max": None}
+    return {"median": round(float(np.median(values)), 2), "max": round(float(np.max(values)), 2)}
+
+
+def _percentiles(values: Array) -> dict[str, float | None]:
+    if not len(values):
+        return {"p50": None, "p99": None, "max": None}
+    p50, p99 = np.percentile(values, [50, 99])
+    return {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(float(values.max()), 3)}

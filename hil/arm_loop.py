@@ -181,6 +181,30 @@ class ArmLoop:
         self._state = self._followed(state, step.positions, report)
         return ArmTick(self._frame_ns, goal, step.joints, report, 1e-6 * (self._clock() - begun))
 
+    def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
+        """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early where it is stopped.
+
+        Returns:
+            the ticks, and the cycles of the bus until the last of them.
+
+        Raises:
+            HighFiveError: the check found something.
+        """
+        self.begin()
+        ticks: list[ArmTick] = []
+        cycles: list[Cycle] = []
+        due = self._clock()
+        for goal in goals:
+            self._pause(max(0.0, 1e-9 * (due - self._clock())))
+            self._frame_ns = self._clock()
+            ticks.append(self.tick(goal))
+            cycles += self.cycles()
+            due += round(1e9 * self._limits.timing.period_s)
+            if self.trouble:
+                break
+        self.rest()
+        return ticks, cycles
+
     def rest(self, longest_s: float = REST_S) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; not where it was stopped."""
         plate = self.retarget.arm.plate_at(self.retarget.ready)

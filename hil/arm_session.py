@@ -146,16 +146,17 @@ def full_errors(rig: Rig) -> Array:
     return np.array([FULL_GAIN / joint.position_p_gain * math.tau / COUNTS for joint in rig.joints])
 
 
-def retarget_settings(rig: Rig) -> RetargetSettings:
+def retarget_settings(rig: Rig, on_the_way: float = ON_THE_WAY) -> RetargetSettings:
     """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
     have a torque–speed line.
 
-    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage.
+    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way`` are
+    s that a command takes to the servos.
     """
     full = full_errors(rig)
     no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
     stall = np.array([count * servo.stall for servo, count in measures.SERVOS])
-    return RetargetSettings(lag=float(np.median(full / no_load)) + ON_THE_WAY, sag=tuple((full / stall).tolist()))
+    return RetargetSettings(lag=float(np.median(full / no_load)) + on_the_way, sag=tuple((full / stall).tolist()))
 
 
 def at_their_time(frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:

@@ -18,6 +18,7 @@ from hil.retarget import Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
 from hil.session import RATE_HZ, Tick
 from mocap_bridge.frames import MarkerFrame, PalmPose
+from model.errors import HighFiveError
 from model.rotations import Array
 
 MS, NS = 1e3, 1e-9
@@ -90,6 +91,18 @@ class ArmTrial:
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
 
 
+def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
+    """Has the arm play one high five.
+
+    Raises:
+        HighFiveError: it was not allowed to, or stopped by itself; it says why.
+    """
+    ticks, cycles = loop.play(asked.goals)
+    if loop.trouble:
+        raise HighFiveError(f"{asked.emotion} {asked.cell}: {loop.trouble}")
+    return arm_trial(asked, loop.retarget, ticks, cycles, loop.sacrifice)
+
+
 def arm_trial(
     asked: Asked, retarget: Retarget, ticks: Sequence[ArmTick], cycles: Sequence[Cycle], given_up: Sacrifice
 ) -> ArmTrial:
@@ -102,6 +115,8 @@ def arm_trial(
         cycles: of the bus, from before the first to after the last tick.
         given_up: what the retargeting had to give up.
     """
+    first = ticks[0].frame_ns - round(2e9 / RATE_HZ)  # before that everything was read back
+    cycles = [cycle for cycle in cycles if cycle.begun_ns >= first]
     frames = np.array([tick.frame_ns for tick in ticks], float)
     heard = np.array([cycle.state.time_ns for cycle in cycles], float)
     joints = np.array([np.interp(frames, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T

@@ -116,3 +116,25 @@ def bench_bus(
     with progress_bars() as bar:
         result = bench_bus(BusBenchOptions(seconds), bar)
     print_result(result, json, print_bus_bench)
+
+
+@app.command("contact")
+def bench_contact(
+    emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
+    cell: Annotated[list[str] | None, typer.Option(help="Only this cell (A1 to C3); may be given again.")] = None,
+    player: Annotated[list[str] | None, typer.Option(help="Only avatar, twin or rig; may be given again.")] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="An earlier --json, to show what changed.")
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Let avatar, twin and emulated rig meet the same hands, and tell how far off each palm is. Nothing real moves."""
+    from hil.bench_contact import PLAYERS, ContactOptions, bench_contact, print_contact  # noqa: PLC0415
+    from hil.simulate import DEFAULT_MODEL  # noqa: PLC0415
+    from model.store import load_model  # noqa: PLC0415
+
+    options = ContactOptions(tuple(emotion or ()), tuple(cell or ()), tuple(player or PLAYERS), seed, baseline)
+    with progress_bars() as bar:
+        result = bench_contact(options, load_model(DEFAULT_MODEL), bar)
+    print_result(result, json, print_contact)

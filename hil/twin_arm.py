@@ -20,7 +20,7 @@ WARM, SUPPLY = 35.0, 12.0
 
 
 class TwinArm:
-    """An arm that is driven as :class:`hil.drivers.arm_process.ArmProcess` is; time goes on by :meth:`advance`."""
+    """An arm that is driven as :class:`hil.drivers.arm_process.ArmProcess` is; time goes on by :meth:`pause`."""
 
     trouble = ""
 
@@ -64,8 +64,11 @@ class TwinArm:
         found, self._cycles = self._cycles, self._cycles[-1:]
         return found[1:]
 
-    def advance(self, nanoseconds: int) -> None:
-        """Lets so much time pass."""
+    def pause(self, seconds: float) -> None:
+        """Lets so much time pass; a millisecond at least, so that whoever waits for something gets there."""
+        self._advance(round(1e9 * max(seconds, 1e-3)))
+
+    def _advance(self, nanoseconds: int) -> None:
         goal = self._positions if self._command is None else self._command.positions
         current = STALL_CURRENTS if self._command is None else self._command.currents
         most = self._stall * np.minimum(1.0, current / STALL_CURRENTS)

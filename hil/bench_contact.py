@@ -1,0 +1,201 @@
+"""How well palms meet, cell by cell and emotion by emotion: the avatar's, the twin's plate, and the emulated rig's.
+
+Sessions are run once; what they ask of the arm is then played by the twin, in time that is told, and by the rig, at the
+pace of the clock, both through retargeting and the safety envelope.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hil.arm_loop import ArmLoop
+from hil.arm_session import ArmOptions, full_errors, ready_arm, retarget_settings
+from hil.arm_trial import MS, ArmTrial, played
+from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met
+from hil.drivers.latch import Latch
+from hil.drivers.rig import load_rig
+from hil.retarget import Retarget
+from hil.safety.limits import load_limits
+from hil.safety.startup import Check
+from hil.servo_arm import READY, default_arm
+from hil.sim.actors import CELLS
+from hil.sim.arm_plant import mounted_arm
+from hil.sim.emotions import EMOTIONS
+from hil.twin_arm import TwinArm
+from model.errors import HighFiveError
+from model.hgpdm import HGPDM
+
+if TYPE_CHECKING:
+    from hil.console import Bar
+
+PLAYERS = ("avatar", "twin", "rig")
+
+
+@dataclass(frozen=True)
+class ContactOptions:
+    """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, and what it is
+    compared with."""
+
+    emotions: tuple[str, ...] = ()
+    cells: tuple[str, ...] = ()
+    players: tuple[str, ...] = PLAYERS
+    seed: int = 0
+    baseline: Path | None = None
+
+
+def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
+    """Figures of each player, and a row for each high five.
+
+    Returns:
+        by player ``error_mm`` (``median``, ``max``), ``time_error_ms`` (the largest), ``max_relative_speed``,
+        ``unreachable`` (not in the other figures), ``missed``; and ``rows``.
+
+    Raises:
+        HighFiveError: there is no such player, emotion or cell, the baseline cannot be read, or the arm was stopped.
+    """
+    for what, asked_for, known in (
+        ("player", options.players, PLAYERS),
+        ("emotion", options.emotions, tuple(EMOTIONS)),
+        ("cell", options.cells, CELLS),
+    ):
+        if strange := [name for name in asked_for if name not in known]:
+            raise HighFiveError(f"unknown {what} {strange[0]!r}; there are {', '.join(known)}")
+    before = {} if options.baseline is None else read_baseline(options.baseline)
+    asked = asked_of_arm(model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar)
+    result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed}
+    rows: list[dict[str, Any]] = []
+    for player in options.players:
+        met, commanded = _played_by(player, asked, bar)
+        result[player] = contact_figures(met) | commanded
+        rows += [_row(player, one, before) for one in met]
+    return result | {"rows": rows}
+
+
+def twin_loop() -> ArmLoop:
+    """The twin at rest, ready to play."""
+    rig = load_rig()
+    twin = TwinArm(mounted_arm(), full_errors(rig))
+    settings = retarget_settings(rig, on_the_way=0.0)
+    return ArmLoop(
+        twin, Retarget(default_arm(), READY, settings), load_limits(), lambda: Check(twin.clock(), ()), Latch(),
+        twin.clock, twin.pause,
+    )  # fmt: skip
+
+
+def contact_figures(met: Sequence[Met]) -> dict[str, Any]:
+    """Of one player, over the high fives that are possible."""
+    able = [one for one in met if one.possible]
+    touched = [one for one in able if one.touched]
+    errors, late = [MS * one.error for one in able], [abs(MS * one.late) for one in touched]
+    return {
+        "error_mm": {
+            "median": round(float(np.median(errors)), 2) if errors else None,
+            "max": round(max(errors), 2) if errors else None,
+        },
+        "time_error_ms": round(max(late), 1) if late else None,
+        "time_error_median_ms": round(float(np.median(late)), 1) if late else None,
+        "max_relative_speed": round(max((one.speed for one in met if one.touched), default=0.0), 3),
+        "missed": [f"{one.emotion} {one.cell}" for one in able if not one.touched],
+        "unreachable": [f"{one.emotion} {one.cell}" for one in met if not one.possible],
+    }
+
+
+def read_baseline(path: Path) -> dict[str, float]:
+    """Errors, mm, by player, emotion and cell, as an earlier run wrote them (``--json``).
+
+    Raises:
+        HighFiveError: it is no such file.
+    """
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
+        return {_key(row["player"], row["emotion"], row["cell"]): float(row["error_mm"]) for row in rows}
+    except OSError as error:
+        raise HighFiveError(f"cannot read {path}: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError):
+        raise HighFiveError(f"{path} is no result of highfive bench contact --json") from None
+
+
+def print_contact(result: Mapping[str, Any]) -> None:
+    """The table and the figures, for people."""
+    print(f"{result['high_fives']} high fives, seed {result['seed']}; error: plate (or palm) to palm where they touch")
+    print(f"{'':8}{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>9}{'late, ms':>10}{'speed, m/s':>12}")
+    for row in result["rows"]:
+        change = "" if row["change_mm"] is None else f"{row['change_mm']:+.1f}"
+        late = "–" if row["late_ms"] is None else f"{row['late_ms']:.0f}"
+        note = "" if row["touched"] else "  not met" if row["possible"] else "  not possible"
+        print(
+            f"{row['player']:<8}{row['emotion']:<10}{row['cell']:<6}{row['error_mm']:>10.1f}{change:>9}{late:>10}"
+            f"{row['speed']:>12.2f}{note}"
+        )
+    for player in PLAYERS:
+        if player not in result:
+            continue
+        of = result[player]
+        error = of["error_mm"]
+        median, worst = ("–" if value is None else f"{value:.1f}" for value in (error["median"], error["max"]))
+        print(
+            f"{player}: median {median} mm, largest {worst} mm, time error up to {of['time_error_ms']} ms, "
+            f"relative speed up to {of['max_relative_speed']} m/s, {len(of['missed'])} missed, "
+            f"{len(of['unreachable'])} not possible"
+        )
+
+
+def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Met], dict[str, Any]]:
+    if player == "avatar":
+        return [avatar_met(it) for it in asked], {}
+    advance = bar(player, len(asked))
+    trials: list[ArmTrial] = []
+    if player == "twin":
+        loop = twin_loop()
+        for it in asked:
+            trials.append(played(it, loop))
+            advance()
+    else:
+        with ready_arm(ArmOptions()) as loop:
+            for it in asked:
+                trials.append(played(it, loop))
+                advance()
+    return [trial.met for trial in trials], _commanded(trials)
+
+
+def _commanded(trials: Sequence[ArmTrial]) -> dict[str, Any]:
+    """The largest speeds that were ever sent, m/s: of plate and hand along the line between them where they are near,
+    and of the arm's points in the face zone."""
+    limits = load_limits()
+    closing = [
+        tick.report.closing_speed
+        for trial in trials
+        for tick in trial.ticks
+        if tick.report.closing_speed is not None and (tick.report.gap or 0.0) < limits.contact.near
+    ]
+    steps = [tick.step_ms for trial in trials for tick in trial.ticks]
+    return {
+        "commanded_closing_speed": round(max(closing, default=0.0), 3),
+        "step_ms": {"p50": round(float(np.percentile(steps, 50)), 3), "p99": round(float(np.percentile(steps, 99)), 3)},
+    }
+
+
+def _row(player: str, met: Met, before: Mapping[str, float]) -> dict[str, Any]:
+    error = round(MS * met.error, 2)
+    earlier = before.get(_key(player, met.emotion, met.cell))
+    return {
+        "player": player,
+        "emotion": met.emotion,
+        "cell": met.cell,
+        "error_mm": error,
+        "change_mm": None if earlier is None else round(error - earlier, 2),
+        "late_ms": round(MS * met.late, 1) if met.touched else None,
+        "speed": round(met.speed, 3),
+        "touched": met.touched,
+        "possible": met.possible,
+    }
+
+
+def _key(player: str, emotion: str, cell: str) -> str:
+    return f"{player} {emotion} {cell}"

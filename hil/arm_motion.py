@@ -582,7 +582,7 @@ GAP_MARGIN, GAP_WEIGHT = 0.05, 1e4
 """m of gap where nearness begins to count."""
 TORQUE_WEIGHT = 0.3
 CAP_WEIGHT = 400.0
-YIELD = 4.0
+YIELD = 8.0
 """m/s²: a plate that is still d from the hand may be faster, by what this takes off on the way."""
 HARD_GAP = 0.015
 """m of gap that no step goes below."""
@@ -916,38 +916,45 @@ def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float
             wanted = good
         push[j] = wanted
     centres, frames = _frames(arm, joints)
-    mass, bias = _dynamics(arm, centres, frames, speeds)
-    share = 1.0
-    for j in range(6):
-        rest = bias[j] + _rub(arm, j, speeds[j])
-        wanted, braking = rest, rest
-        for k in range(6):
-            wanted += mass[j, k] * push[k]
-            braking += mass[j, k] * brakes[k]
-        sign = 1.0 if wanted > 0.0 else -1.0
-        limit = _strength(arm, j, speeds[j], sign)
-        if sign * wanted > limit:
-            way = sign * (wanted - braking)
-            share = min(share, max(0.0, (limit - sign * braking) / way)) if way > 1e-9 else 0.0
-    if share < 1.0:
+    least, coasting = _share(arm, centres, frames, speeds, push, np.zeros(6)), True
+    if least <= 0.0:  # not even without acceleration
+        least, coasting = _share(arm, centres, frames, speeds, push, brakes), False
+    if least < 1.0:
         active |= TORQUE
     for j in range(6):
-        push[j] = brakes[j] + share * (push[j] - brakes[j])
+        slow = 0.0 if coasting else brakes[j]
+        push[j] = slow + least * (push[j] - slow)
     stopped = np.empty(6)
     for j in range(6):
         after = speeds[j] + seconds * push[j]
         stopped[j] = joints[j] + seconds * speeds[j] + 0.5 * seconds**2 * push[j]
         stopped[j] += after * abs(after) / (2.0 * BRAKES * arm.accelerations[j])
-    least = _clearance(arm, stopped, head)
-    if least < HARD_GAP and least < _clearance(arm, joints, head):
+    gap = _clearance(arm, stopped, head)
+    if gap < HARD_GAP and gap < _clearance(arm, joints, head):
         active |= NEARNESS
         for j in range(6):
             push[j] = brakes[j]
+    _torques(arm, centres, frames, speeds, push, torques)
     for j in range(6):
-        torques[j] = bias[j] + _rub(arm, j, speeds[j])
-        for k in range(6):
-            torques[j] += mass[j, k] * push[k]
+        torques[j] += _rub(arm, j, speeds[j])
     return active
+
+
+@compiled
+def _share(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, slow: Array) -> float:
+    """How far from accelerations ``slow`` (J,) to ``push`` (J,) the torques stay inside their line: 0 to 1."""
+    wanted, least = np.empty(6), np.empty(6)
+    _torques(arm, centres, frames, speeds, push, wanted)
+    _torques(arm, centres, frames, speeds, slow, least)
+    share = 1.0
+    for j in range(6):
+        rub = _rub(arm, j, speeds[j])
+        sign = 1.0 if wanted[j] + rub > 0.0 else -1.0
+        limit = _strength(arm, j, speeds[j], sign)
+        if sign * (wanted[j] + rub) > limit:
+            way = sign * (wanted[j] - least[j])
+            share = min(share, max(0.0, (limit - sign * (least[j] + rub)) / way)) if way > 1e-9 else 0.0
+    return share
 
 
 @compiled_entry

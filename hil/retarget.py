@@ -63,6 +63,10 @@ class RetargetSettings:
     """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005)."""
     effort: float = 3e-5
     """Cost of a joint acceleration of 1 rad/s² at a knot."""
+    memory: float = 0.25
+    """A contact that nobody speaks of any more is expected for this long, ..."""
+    forgetting: float = 0.3
+    """... less surely by this, m/s."""
     longest_delay: float = 0.3
     """A hand that could not be met in time is followed at most so long."""
     touch: float = 0.06
@@ -74,7 +78,7 @@ class RetargetSettings:
     most_press: float = 0.02
     """The plate aims so far through the hand as the two close in this time, s, but no further than this, m: a hand that
     is not met goes back, and the contact is then missed altogether."""
-    least_closing: float = 0.08
+    least_closing: float = 0.25
     """The plate closes on the hand at this speed at least."""
     met: float = 0.004
     """A commanded plate this near the place of contact is there."""
@@ -154,6 +158,8 @@ class RetargetState:
         late: s since contact was due.
         together: s since the commanded plate was there.
         sacrifice: of the high five that is on, or was last.
+        said: the contact that is expected, if one is.
+        unsaid: s since it was last spoken of.
     """
 
     joints: Array
@@ -166,6 +172,8 @@ class RetargetState:
     late: float = 0.0
     together: float = 0.0
     sacrifice: Sacrifice = Sacrifice()
+    said: ExpectedContact | None = None
+    unsaid: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -212,7 +220,9 @@ class Retarget:
     def step(self, state: RetargetState, goal: PalmGoal) -> tuple[RetargetState, ArmStep]:
         """One tick. Whatever the goal says, the command is finite and inside every limit."""
         s = self.settings
-        goal = self._carried_on(state, goal if _sane(goal) else PalmGoal(self._nobody))
+        goal = goal if _sane(goal) else PalmGoal(self._nobody)
+        unsaid = 0.0 if goal.contact is not None else state.unsaid + s.tick
+        goal = self._carried_on(state, goal)
         state = self._entered(state, goal)
         task = self._task(state, goal)
         pushes = _shifted(state, s.tick, task.seconds)
@@ -226,24 +236,21 @@ class Retarget:
         step = ArmStep(told, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
         late, together, sacrifice = self._accounted(state, goal, task, plan)
         state = RetargetState(
-            plan.joints,
-            plan.speeds,
-            pushes,
-            plan.guess,
-            task.seconds,
-            state.scale,
-            state.given,
-            late,
-            together,
-            sacrifice,
-        )
+            plan.joints, plan.speeds, pushes, plan.guess, task.seconds, state.scale, state.given, late, together,
+            sacrifice, goal.contact, unsaid,
+        )  # fmt: skip
         return state, step
 
     def _carried_on(self, state: RetargetState, goal: PalmGoal) -> PalmGoal:
-        """The goal; a hand that the plate is late for is followed until it was met."""
-        person, s = goal.person, self.settings
+        """The goal; a contact that nobody speaks of any more is believed in for a while, a late one until it was met."""
+        person, s, said = goal.person, self.settings, state.said
+        if goal.contact is not None:
+            return goal
+        if said is not None and state.late == 0.0 and state.unsaid < s.memory and said.time > s.tick:
+            doubt = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
+            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=doubt))
         over = state.late == 0.0 or state.late > s.longest_delay or state.together > s.touch
-        if goal.contact is not None or person is None or over or not self._waits(state, person):
+        if person is None or over or not self._waits(state, person):
             return goal
         return replace(goal, contact=ExpectedContact(person.position, np.zeros((3, 3)), -person.normal, 0.0))
 

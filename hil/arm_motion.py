@@ -515,7 +515,7 @@ class Task(NamedTuple):
         cap: m/s, largest speed relative to that palm where the plate touches it; infinite: no palm.
         rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
         head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
-        effort: s⁴/rad², weight of joint accelerations.
+        effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
         seconds: s between knots.
     """
 
@@ -539,6 +539,7 @@ class Task(NamedTuple):
     rest_weight: float
     head: Array
     effort: float
+    calm: float
     seconds: float
 
 
@@ -556,7 +557,7 @@ class Aim(NamedTuple):
         caps: (N,) m/s, largest speed relative to that palm where the plate touches it; infinite: no palm.
         rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
         head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
-        effort: s⁴/rad², weight of joint accelerations.
+        effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
     """
 
     seconds: float
@@ -573,6 +574,7 @@ class Aim(NamedTuple):
     rest_weight: float
     head: Array
     effort: float
+    calm: float
 
 
 STOP_MARGIN, STOP_WEIGHT = 0.06, 1e4
@@ -662,12 +664,12 @@ def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         beyond = max(0.0, joints[j] - arm.high[j] + STOP_MARGIN) - max(0.0, arm.low[j] + STOP_MARGIN - joints[j])
         top = SPEED_SHARE * arm.speeds[j]
         fast = max(0.0, speeds[j] - top) - max(0.0, -top - speeds[j])
-        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2)
+        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2 + aim.calm * speeds[j] ** 2)
         if slopes:
             by_joints[j] += away + STOP_WEIGHT * beyond
-            by_speeds[j] += SPEED_WEIGHT * fast
+            by_speeds[j] += SPEED_WEIGHT * fast + aim.calm * speeds[j]
             joints_twice[j, j] += aim.rest_weight + (STOP_WEIGHT if beyond != 0.0 else 0.0)
-            speeds_twice[j, j] += SPEED_WEIGHT if fast != 0.0 else 0.0
+            speeds_twice[j, j] += aim.calm + (SPEED_WEIGHT if fast != 0.0 else 0.0)
     gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if slopes else 0, 4, 6))
     _gaps(arm, centres, frames, aim.head, GAP_MARGIN, gaps, wider, slopes)
     for b in range(len(gaps)):
@@ -1023,7 +1025,7 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
     aim = Aim(
         task.seconds, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.empty((count, 3)), np.zeros(count),
         np.zeros((count, 3)), np.zeros(count), np.empty((count, 3)), np.empty((count, 3)),
-        np.full(count, task.cap), task.rest, task.rest_weight, task.head, task.effort,
+        np.full(count, task.cap), task.rest, task.rest_weight, task.head, task.effort, task.calm,
     )  # fmt: skip
     sure, lower, column = np.zeros((3, 3)), np.zeros((3, 3)), np.empty(3)
     for r in range(3):

@@ -78,8 +78,11 @@ class RetargetSettings:
     most_press: float = 0.02
     """The plate aims so far through the hand as the two close in this time, s, but no further than this, m: a hand that
     is not met goes back, and the contact is then missed altogether."""
-    least_closing: float = 0.25
-    """The plate closes on the hand at this speed at least."""
+    slowest: float = 0.25
+    """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
+    where a hand that goes back a moment sooner was."""
+    calm: float = 0.01
+    """Cost of a joint speed of 1 rad/s at a knot."""
     met: float = 0.004
     """A commanded plate this near the place of contact is there."""
     longest_knot: float = 0.07
@@ -282,7 +285,7 @@ class Retarget:
         if contact is None:
             return Task(
                 math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, False, _NOWHERE, _NOWHERE, 1.0,
-                hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, 10.0 * s.effort, 0.05,
+                hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, 10.0 * s.effort, s.calm, 0.05,
             )  # fmt: skip
         time = contact.time - s.lag
         closing, braked = self._meeting_speed(goal)
@@ -293,7 +296,7 @@ class Retarget:
             closing, min(s.press * closing, s.most_press), state.late > 0.0,
             scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose,
             hand, hand_velocity, braked, cap,
-            self.ready, 1e-3, head, s.effort, min(max(time / CONTACT_KNOT, s.tick), s.longest_knot),
+            self.ready, 1e-3, head, s.effort, s.calm, min(max(time / CONTACT_KNOT, s.tick), s.longest_knot),
         )  # fmt: skip
 
     def _normal(self, contact: ExpectedContact) -> tuple[Array, float]:
@@ -321,9 +324,9 @@ class Retarget:
         normal = goal.contact.normal
         share = min(max(1.0 - goal.contact.time / 0.3, 0.0), 1.0)  # the hand will have braked until then
         hand = share * goal.person.velocity
-        own = min(max(float(goal.palm.velocity @ normal), 0.05), 1.0)
+        own = min(max(float(goal.palm.velocity @ normal), self.settings.slowest), 1.0)
         most = 0.75 * self.settings.care * self._cap(goal)
-        return min(max(own - float(hand @ normal), min(self.settings.least_closing, most)), most), hand
+        return min(max(own - float(hand @ normal), min(self.settings.slowest, most)), most), hand
 
     def _accounted(
         self, state: RetargetState, goal: PalmGoal, task: Task, plan: Planned

@@ -22,6 +22,8 @@ SURE = 0.25
 """A forecast whose time is no surer than this, s, does not set the arm off before the session's own approach."""
 EARLY = 0.9
 """Nor one of a contact later than this, s."""
+LOST = 1.0
+"""A clock with this standard deviation, s, says nothing."""
 LONG = 0.6
 """s; forecasts of less are too long: by nothing here, by ..."""
 TOO_LONG = 0.2
@@ -59,9 +61,14 @@ def _contact(tick: Tick, person: PalmPose) -> ExpectedContact | None:
 
 
 def _forecast(tick: Tick) -> ContactForecast | None:
-    """The model's word, where it knows such hands and one approaches."""
-    familiar = float(np.trace(tick.response.latent_covariance)) < UNFAMILIAR**2
-    return tick.response.contact if familiar and END < tick.response.time_to_contact < BEGIN else None
+    """The model's word, where it knows such hands and the hand is not on its way back.
+
+    The clock of the avatar's layer does not know hands that come up fast; the contact layer does.
+    """
+    r = tick.response
+    familiar = float(np.trace(r.latent_covariance)) < UNFAMILIAR**2
+    coming = END < r.time_to_contact and (r.time_to_contact < BEGIN or r.time_to_contact_std > LOST)
+    return r.contact if familiar and coming else None
 
 
 def until_touch(target: ReachTarget, forecast: ContactForecast | None) -> float:
@@ -89,11 +96,10 @@ def _corrected(time: float) -> float:
 def meeting(person: PalmPose, time: float, forecast: ContactForecast | None) -> tuple[Array, Array]:
     """Where palms will meet in ``time`` s, (3,) m, and its covariance (3, 3), m²: the hand's word and the model's.
 
-    A hand that is nearly there goes on as it goes; one that is far will have stopped: it covers half of what its speed
-    says.
+    A hand brakes before it is met: it covers 0.8 of what its speed says, and less of a longer time.
     """
     speed = float(np.linalg.norm(person.velocity))
-    share = 1.0 - 0.5 * min(time / 0.2, 1.0)
+    share = 0.8 - min(time, 0.4)
     hand = person.position + share * time * person.velocity
     deviation = SEEN + 0.5 * BRAKING * time**2 + UNSTEADY * speed * time * min(time / 0.1, 1.0)
     doubt = deviation**2 * np.eye(3)

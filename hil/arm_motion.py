@@ -152,29 +152,72 @@ def points_of_interest(arm: Arm, joints: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def _dynamics(arm: Arm, centres: Array, frames: Array, speeds: Array) -> tuple[Array, Array]:  # noqa: PLR0912 (a kernel)
-    """Mass matrix (J, J) with the gears' inertia, and Coriolis, centrifugal and gravity torques (J,).
-
-    Newton–Euler for the accelerations that speeds alone cause, projected on the joints by each link's Jacobians.
-    """
+def _torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, torques: Array) -> None:
+    """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler, no friction."""
     count = len(speeds)
-    mass, bias = np.zeros((count, count)), np.zeros(count)
     turn, spin = np.zeros(3), np.zeros(3)  # angular velocity and acceleration of the link
     pull = np.zeros(3)  # acceleration of the joint's centre, gravity as a push upwards
     pull[2] = GRAVITY
-    of_point, inertia = np.empty((3, count)), np.empty((3, 3))
-    com, accelerated, moment, wave = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    lever, accelerated, force, moment = np.empty(3), np.empty(3), np.empty((count, 3)), np.empty((count, 3))
     for j in range(count):
         if j > 0:
-            _carried(turn, spin, centres[j] - centres[j - 1], pull)
+            for r in range(3):
+                lever[r] = centres[j, r] - centres[j - 1, r]
+            _carried(turn, spin, lever, pull)
         ax, ay, az = _axis(arm, frames, j)
-        v = speeds[j]
-        spin[0] += v * (turn[1] * az - turn[2] * ay)
-        spin[1] += v * (turn[2] * ax - turn[0] * az)
-        spin[2] += v * (turn[0] * ay - turn[1] * ax)
+        v, a = speeds[j], push[j]
+        spin[0] += v * (turn[1] * az - turn[2] * ay) + a * ax
+        spin[1] += v * (turn[2] * ax - turn[0] * az) + a * ay
+        spin[2] += v * (turn[0] * ay - turn[1] * ax) + a * az
         turn[0] += v * ax
         turn[1] += v * ay
         turn[2] += v * az
+        for r in range(3):
+            lever[r] = 0.0
+            for c in range(3):
+                lever[r] += frames[j, r, c] * arm.centres[j, c]
+            accelerated[r] = pull[r]
+            moment[j, r] = 0.0
+        _carried(turn, spin, lever, accelerated)
+        for k in range(3):  # about the link's own axes, in which its inertia is diagonal
+            one, two = (k + 1) % 3, (k + 2) % 3
+            change = along = across = 0.0
+            for r in range(3):
+                change += frames[j, r, k] * spin[r]
+                along += frames[j, r, one] * turn[r]
+                across += frames[j, r, two] * turn[r]
+            own = arm.inertias[j, k] * change + (arm.inertias[j, two] - arm.inertias[j, one]) * along * across
+            for r in range(3):
+                moment[j, r] += frames[j, r, k] * own
+        for r in range(3):
+            force[j, r] = arm.masses[j] * accelerated[r]
+        moment[j, 0] += lever[1] * force[j, 2] - lever[2] * force[j, 1]
+        moment[j, 1] += lever[2] * force[j, 0] - lever[0] * force[j, 2]
+        moment[j, 2] += lever[0] * force[j, 1] - lever[1] * force[j, 0]
+    for back in range(count):
+        j = count - 1 - back
+        ax, ay, az = _axis(arm, frames, j)
+        torques[j] = ax * moment[j, 0] + ay * moment[j, 1] + az * moment[j, 2] + arm.armature[j] * push[j]
+        if j > 0:
+            x, y, z = (
+                centres[j, 0] - centres[j - 1, 0],
+                centres[j, 1] - centres[j - 1, 1],
+                centres[j, 2] - centres[j - 1, 2],
+            )
+            moment[j - 1, 0] += moment[j, 0] + y * force[j, 2] - z * force[j, 1]
+            moment[j - 1, 1] += moment[j, 1] + z * force[j, 0] - x * force[j, 2]
+            moment[j - 1, 2] += moment[j, 2] + x * force[j, 1] - y * force[j, 0]
+            for r in range(3):
+                force[j - 1, r] += force[j, r]
+
+
+@compiled
+def _masses(arm: Arm, centres: Array, frames: Array) -> Array:
+    """Mass matrix (J, J) with the gears' inertia, from each link's Jacobians."""
+    count = len(centres)
+    mass, of_point, com = np.zeros((count, count)), np.empty((3, count)), np.empty(3)
+    inertia = np.empty((3, 3))
+    for j in range(count):
         for r in range(3):
             com[r] = centres[j, r]
             for c in range(3):
@@ -182,25 +225,13 @@ def _dynamics(arm: Arm, centres: Array, frames: Array, speeds: Array) -> tuple[A
                 inertia[r, c] = 0.0
                 for k in range(3):
                     inertia[r, c] += frames[j, r, k] * arm.inertias[j, k] * frames[j, c, k]
-            accelerated[r] = pull[r]
-        _carried(turn, spin, com - centres[j], accelerated)
-        for r in range(3):
-            wave[r] = inertia[r, 0] * turn[0] + inertia[r, 1] * turn[1] + inertia[r, 2] * turn[2]
-        for r in range(3):
-            moment[r] = inertia[r, 0] * spin[0] + inertia[r, 1] * spin[1] + inertia[r, 2] * spin[2]
-        moment[0] += turn[1] * wave[2] - turn[2] * wave[1]
-        moment[1] += turn[2] * wave[0] - turn[0] * wave[2]
-        moment[2] += turn[0] * wave[1] - turn[1] * wave[0]
         _moves(arm, centres, frames, j, com, of_point)
-        weight = arm.masses[j]
         for a in range(j + 1):
             axis = _axis(arm, frames, a)
-            for r in range(3):
-                bias[a] += weight * of_point[r, a] * accelerated[r] + axis[r] * moment[r]
             for b in range(a + 1):
                 other, total = _axis(arm, frames, b), 0.0
                 for r in range(3):
-                    total += weight * of_point[r, a] * of_point[r, b]
+                    total += arm.masses[j] * of_point[r, a] * of_point[r, b]
                     for c in range(3):
                         total += axis[r] * inertia[r, c] * other[c]
                 mass[a, b] += total
@@ -208,7 +239,15 @@ def _dynamics(arm: Arm, centres: Array, frames: Array, speeds: Array) -> tuple[A
         mass[a, a] += arm.armature[a]
         for b in range(a):
             mass[b, a] = mass[a, b]
-    return mass, bias
+    return mass
+
+
+@compiled
+def _dynamics(arm: Arm, centres: Array, frames: Array, speeds: Array) -> tuple[Array, Array]:
+    """Mass matrix (J, J) with the gears' inertia, and Coriolis, centrifugal and gravity torques (J,)."""
+    bias = np.empty(len(speeds))
+    _torques(arm, centres, frames, speeds, np.zeros(len(speeds)), bias)
+    return _masses(arm, centres, frames), bias
 
 
 @compiled
@@ -435,6 +474,11 @@ def posture(arm: Arm, position: Array, normal: Array, start: Array, steps: int) 
 
     Levenberg's damped Gauss–Newton steps, cut at the limits.
     """
+    return _posture(arm, position, normal, start, steps)
+
+
+@compiled
+def _posture(arm: Arm, position: Array, normal: Array, start: Array, steps: int) -> tuple[Array, float]:
     joints, tried, damping = start.copy(), start.copy(), 1e-4
     residual, slope, left, ahead = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty((6, 6))
     matrix, lower, step = np.empty((6, 6)), np.zeros((6, 6)), np.empty(6)
@@ -468,6 +512,51 @@ def posture(arm: Arm, position: Array, normal: Array, start: Array, steps: int) 
     return joints, math.sqrt(cost)
 
 
+class Task(NamedTuple):
+    """What the next moments are for.
+
+    Attributes:
+        time: s until the plate should meet the hand, negative once it is due; infinite: it shall rest.
+        point, normal: (3,) m and unit vector, where it should be then, and facing where.
+        covariance, sharpness: (3, 3) m² and m, how sure the place is, and what is not told from none.
+        firm: weight of the normal's deviation.
+        closing: m/s, speed along the normal at which it closes on the hand.
+        press: m, that it goes on through the hand; ``pressed``: it should be there at once.
+        away, drift: (3,) m and m/s, place and velocity of the path to be followed until then, from the point.
+        loose: m, deviation from that path that counts 1.
+        hand, hand_velocity: (3,) m and m/s, the person's palm when the arm obeys.
+        braked: (3,) m/s, its velocity at contact.
+        cap: m/s, largest speed relative to that palm where the plate touches it; infinite: no palm.
+        rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
+        head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
+        effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
+        seconds: s between knots.
+    """
+
+    time: float
+    point: Array
+    normal: Array
+    covariance: Array
+    sharpness: float
+    firm: float
+    closing: float
+    press: float
+    pressed: bool
+    away: Array
+    drift: Array
+    loose: float
+    hand: Array
+    hand_velocity: Array
+    braked: Array
+    cap: float
+    rest: Array
+    rest_weight: float
+    head: Array
+    effort: float
+    calm: float
+    seconds: float
+
+
 class Aim(NamedTuple):
     """What a plan of N knots, ``seconds`` apart, the first that far from now, is after.
 
@@ -480,9 +569,9 @@ class Aim(NamedTuple):
         velocities, velocity_weights: (N, 3) m/s and (N,) s²/m², of the plate.
         hands, hand_velocities: (N, 3) m and m/s, the person's palm.
         caps: (N,) m/s, largest speed relative to that palm where the plate touches it; infinite: no palm.
-        rest, rest_weights: (J,) rad and (N,), the ready posture.
+        rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
         head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
-        effort: s⁴/rad², weight of joint accelerations.
+        effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
     """
 
     seconds: float
@@ -496,9 +585,10 @@ class Aim(NamedTuple):
     hand_velocities: Array
     caps: Array
     rest: Array
-    rest_weights: Array
+    rest_weight: float
     head: Array
     effort: float
+    calm: float
 
 
 STOP_MARGIN, STOP_WEIGHT = 0.06, 1e4
@@ -508,7 +598,7 @@ GAP_MARGIN, GAP_WEIGHT = 0.05, 1e4
 """m of gap where nearness begins to count."""
 TORQUE_WEIGHT = 0.3
 CAP_WEIGHT = 400.0
-YIELD = 4.0
+YIELD = 8.0
 """m/s²: a plate that is still d from the hand may be faster, by what this takes off on the way."""
 HARD_GAP = 0.015
 """m of gap that no step goes below."""
@@ -527,12 +617,11 @@ def _add_square(weight: float, error: float, slope: Array, gradient: Array, matr
 
 @compiled
 def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
-    arm: Arm, aim: Aim, knot: int, joints: Array, speeds: Array, slopes: bool,
+    arm: Arm, aim: Aim, knot: int, centres: Array, frames: Array, joints: Array, speeds: Array, slopes: bool,
     by_joints: Array, by_speeds: Array, joints_twice: Array, speeds_twice: Array,
 ) -> float:  # fmt: skip
     """Cost of being there at a knot; with ``slopes`` also its gradients (J,) and Gauss–Newton matrices (J, J)."""
     cost = 0.0
-    centres, frames = _frames(arm, joints)
     point, normal = _plate(arm, centres, frames)
     of_point, of_normal = _plate_moves(arm, centres, frames, point, normal)
     weights = aim.point_weights[knot]
@@ -584,18 +673,18 @@ def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
                 _along(relative, of_point, faster)
                 _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
     for j in range(6):
-        away = aim.rest_weights[knot] * (joints[j] - aim.rest[j])
+        away = aim.rest_weight * (joints[j] - aim.rest[j])
         cost += 0.5 * away * (joints[j] - aim.rest[j])
         beyond = max(0.0, joints[j] - arm.high[j] + STOP_MARGIN) - max(0.0, arm.low[j] + STOP_MARGIN - joints[j])
         top = SPEED_SHARE * arm.speeds[j]
         fast = max(0.0, speeds[j] - top) - max(0.0, -top - speeds[j])
-        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2)
+        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2 + aim.calm * speeds[j] ** 2)
         if slopes:
             by_joints[j] += away + STOP_WEIGHT * beyond
-            by_speeds[j] += SPEED_WEIGHT * fast
-            joints_twice[j, j] += aim.rest_weights[knot] + (STOP_WEIGHT if beyond != 0.0 else 0.0)
-            speeds_twice[j, j] += SPEED_WEIGHT if fast != 0.0 else 0.0
-    gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls), 4, 6))
+            by_speeds[j] += SPEED_WEIGHT * fast + aim.calm * speeds[j]
+            joints_twice[j, j] += aim.rest_weight + (STOP_WEIGHT if beyond != 0.0 else 0.0)
+            speeds_twice[j, j] += aim.calm + (SPEED_WEIGHT if fast != 0.0 else 0.0)
+    gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if slopes else 0, 4, 6))
     _gaps(arm, centres, frames, aim.head, GAP_MARGIN, gaps, wider, slopes)
     for b in range(len(gaps)):
         for kind in range(4):
@@ -609,18 +698,16 @@ def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
 
 @compiled
 def _push_cost(
-    arm: Arm, effort: float, joints: Array, speeds: Array, push: Array, slopes: bool,
+    arm: Arm, effort: float, centres: Array, frames: Array, speeds: Array, push: Array, slopes: bool,
     by_push: Array, by_speeds: Array, push_twice: Array, cross: Array, speeds_twice: Array,
 ) -> float:  # fmt: skip
     """Cost of accelerations ``push`` (J,): effort, and torque beyond the torque–speed line."""
-    centres, frames = _frames(arm, joints)
-    mass, bias = _dynamics(arm, centres, frames, speeds)
-    cost = 0.0
+    cost, torques, weighed = 0.0, np.empty(6), False
+    _torques(arm, centres, frames, speeds, push, torques)
+    mass = np.empty((0, 0))
     for j in range(6):
         cost += 0.5 * effort * push[j] ** 2
-        torque = bias[j] + _rub(arm, j, speeds[j])
-        for k in range(6):
-            torque += mass[j, k] * push[k]
+        torque = torques[j] + _rub(arm, j, speeds[j])
         sign = 1.0 if torque > 0.0 else -1.0
         over = sign * torque - _strength(arm, j, speeds[j], sign)
         if over > 0.0:
@@ -630,6 +717,8 @@ def _push_cost(
         by_push[j] += effort * push[j]
         push_twice[j, j] += effort
         if over > 0.0:
+            if not weighed:
+                mass, weighed = _masses(arm, centres, frames), True
             slower = sign * arm.stall[j] / arm.no_load[j]  # strength lost by a faster joint
             by_speeds[j] += TORQUE_WEIGHT * over * slower
             speeds_twice[j, j] += TORQUE_WEIGHT * slower**2
@@ -651,6 +740,7 @@ def _rolled(
     no, nothing = np.zeros(6), np.zeros((6, 6))
     for j in range(6):
         new_path[0, 0, j], new_path[0, 1, j] = path[0, 0, j], path[0, 1, j]
+    centres, frames = _frames(arm, new_path[0, 0])
     for k in range(len(pushes)):
         for i in range(6):
             push = pushes[k, i] + share * feed[k, i]
@@ -663,73 +753,137 @@ def _rolled(
             new_path[k + 1, 0, i] = new_path[k, 0, i] + seconds * speed + 0.5 * seconds**2 * push
             new_path[k + 1, 1, i] = speed + seconds * push
         cost += _push_cost(
-            arm, aim.effort, new_path[k, 0], new_path[k, 1], new_pushes[k], False, no, no, nothing, nothing, nothing
+            arm, aim.effort, centres, frames, new_path[k, 1], new_pushes[k], False, no, no, nothing, nothing, nothing
         )
-        cost += _state_cost(arm, aim, k, new_path[k + 1, 0], new_path[k + 1, 1], False, no, no, nothing, nothing)
+        joints, speeds = new_path[k + 1, 0], new_path[k + 1, 1]
+        centres, frames = _frames(arm, joints)
+        cost += _state_cost(arm, aim, k, centres, frames, joints, speeds, False, no, no, nothing, nothing)
     return cost
 
 
+class Slopes(NamedTuple):
+    """Derivatives of a plan's cost, by knot.
+
+    Attributes:
+        states, states_twice: (N, 2, J) and (N, 2, J, J), by joints and by speeds after each push.
+        pushes, pushes_twice: (N, 2, J) and (N, 3, J, J), by push and speeds before it; twice by push, by both, by speeds.
+    """
+
+    states: Array
+    states_twice: Array
+    pushes: Array
+    pushes_twice: Array
+
+
 @compiled
-def _improvement(arm: Arm, aim: Aim, path: Array, pushes: Array, feed: Array, gains: Array) -> bool:  # noqa: PLR0912 (a kernel)
-    """The Riccati sweep (iterative LQR, Li & Todorov 2004): writes feed-forward (N, J) and gains (N, J, 2 J)."""
-    h = aim.seconds
+def _slopes(arm: Arm, aim: Aim, path: Array, pushes: Array) -> Slopes:
+    """The derivatives along a path."""
+    count = len(pushes)
+    found = Slopes(
+        np.zeros((count, 2, 6)), np.zeros((count, 2, 6, 6)), np.zeros((count, 2, 6)), np.zeros((count, 3, 6, 6))
+    )
+    centres, frames = _frames(arm, path[0, 0])
+    for k in range(count):
+        one, two = found.pushes[k], found.pushes_twice[k]
+        _push_cost(
+            arm, aim.effort, centres, frames, path[k, 1], pushes[k], True, one[0], one[1], two[0], two[1], two[2]
+        )
+        joints, speeds, one, two = path[k + 1, 0], path[k + 1, 1], found.states[k], found.states_twice[k]
+        centres, frames = _frames(arm, joints)
+        _state_cost(arm, aim, k, centres, frames, joints, speeds, True, one[0], one[1], two[0], two[1])
+    return found
+
+
+@compiled
+def _improvement(  # noqa: PLR0912 (a kernel)
+    arm: Arm, slopes: Slopes, h: float, damping: float, pushes: Array, feed: Array, gains: Array
+) -> bool:
+    """The Riccati sweep (iterative LQR, Li & Todorov 2004): writes feed-forward (N, J) and gains (N, J, 2 J).
+
+    ``damping`` counts a way of the joints from the old path, squared (Tassa et al. 2012); pushes that would go beyond a
+    joint's acceleration stop there, and the others know it (Tassa et al. 2014, one guess of the active set).
+    """
     value, twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))  # gradient and matrix of the cost to go, by (q, v)
-    lower, right = np.zeros((6, 6)), np.empty(6)
-    none, nothing = np.zeros(6), np.zeros((6, 6))
+    new, new_twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))
+    mixed, push_twice, by_push = np.empty((6, 12)), np.empty((6, 6)), np.empty(6)  # by push and (q, v), by push
+    lower, right, free = np.zeros((6, 6)), np.empty(6), np.ones(6)
     for back in range(len(pushes)):
         k = len(pushes) - 1 - back
-        _state_cost(arm, aim, k, path[k + 1, 0], path[k + 1, 1], True, value[0], value[1], twice[0, 0], twice[1, 1])
-        by_push, by_speeds = none.copy(), none.copy()
-        push_twice, cross, speeds_twice = nothing.copy(), nothing.copy(), nothing.copy()
-        _push_cost(
-            arm,
-            aim.effort,
-            path[k, 0],
-            path[k, 1],
-            pushes[k],
-            True,
-            by_push,
-            by_speeds,
-            push_twice,
-            cross,
-            speeds_twice,
-        )
-        mixed = np.empty((6, 12))  # second derivative by push and (q, v)
-        new, new_twice = np.empty((2, 6)), np.empty((2, 2, 6, 6))
+        for half in range(2):
+            for i in range(6):
+                value[half, i] += slopes.states[k, half, i]
+                for j in range(6):
+                    twice[half, half, i, j] += slopes.states_twice[k, half, i, j]
         for i in range(6):
-            by_push[i] += 0.5 * h * h * value[0, i] + h * value[1, i]
-            new[0, i], new[1, i] = value[0, i], h * value[0, i] + value[1, i] + by_speeds[i]
+            twice[0, 0, i, i] += damping
+            by_push[i] = slopes.pushes[k, 0, i] + 0.5 * h * h * value[0, i] + h * value[1, i]
+            new[0, i], new[1, i] = value[0, i], h * value[0, i] + value[1, i] + slopes.pushes[k, 1, i]
+        for i in range(6):
             for j in range(6):
                 qq, qv, vq, vv = twice[0, 0, i, j], twice[0, 1, i, j], twice[1, 0, i, j], twice[1, 1, i, j]
+                push_twice[i, j] = slopes.pushes_twice[k, 0, i, j]
                 push_twice[i, j] += 0.25 * h**4 * qq + 0.5 * h**3 * (qv + vq) + h * h * vv
                 mixed[i, j] = 0.5 * h * h * qq + h * vq
-                mixed[i, 6 + j] = 0.5 * h * h * (h * qq + qv) + h * (h * vq + vv) + cross[i, j]
+                mixed[i, 6 + j] = 0.5 * h * h * (h * qq + qv) + h * (h * vq + vv) + slopes.pushes_twice[k, 1, i, j]
                 new_twice[0, 0, i, j] = qq
                 new_twice[0, 1, i, j] = h * qq + qv
                 new_twice[1, 0, i, j] = h * qq + vq
-                new_twice[1, 1, i, j] = h * h * qq + h * (qv + vq) + vv + speeds_twice[i, j]
-        if not _factored(push_twice, lower):
+                new_twice[1, 1, i, j] = h * h * qq + h * (qv + vq) + vv + slopes.pushes_twice[k, 2, i, j]
+        if not _boxed(arm, push_twice, by_push, pushes[k], lower, right, free):
             return False
-        for i in range(6):
-            right[i] = -by_push[i]
-        _solved(lower, right)
         for i in range(6):
             feed[k, i] = right[i]
         for column in range(12):
             for i in range(6):
-                right[i] = -mixed[i, column]
+                right[i] = -free[i] * mixed[i, column]
             _solved(lower, right)
             for i in range(6):
-                gains[k, i, column] = right[i]
+                gains[k, i, column] = free[i] * right[i]
+        # The cost to go of these steps, whether or not they are the best ones.
         for half in range(2):
             for i in range(6):
                 for c in range(6):
                     new[half, i] += mixed[c, 6 * half + i] * feed[k, c]
+                    pull = by_push[c]
+                    for d in range(6):
+                        pull += push_twice[c, d] * feed[k, d]
+                    new[half, i] += gains[k, c, 6 * half + i] * pull
                 for other in range(2):
                     for j in range(6):
                         for c in range(6):
                             new_twice[half, other, i, j] += mixed[c, 6 * half + i] * gains[k, c, 6 * other + j]
-        value, twice = new, new_twice
+        value, new = new, value
+        twice, new_twice = new_twice, twice
+    return True
+
+
+@compiled
+def _boxed(arm: Arm, matrix: Array, gradient: Array, push: Array, lower: Array, step: Array, free: Array) -> bool:
+    """Writes the step (J,) that is best inside the accelerations, the factor of what is free, and what is (1 or 0)."""
+    part = np.empty((6, 6))
+    for j in range(6):
+        free[j] = 1.0
+    for turn in range(2):
+        for i in range(6):
+            step[i] = -gradient[i] if free[i] > 0.0 else step[i]
+        for i in range(6):
+            for j in range(6):
+                part[i, j] = matrix[i, j] if free[i] * free[j] > 0.0 else (1.0 if i == j else 0.0)
+                if free[i] > 0.0 and free[j] == 0.0:
+                    step[i] -= matrix[i, j] * step[j]
+        if not _factored(part, lower):
+            return False
+        _solved(lower, step)
+        out = False
+        for j in range(6):
+            most = arm.accelerations[j]
+            inside = min(max(push[j] + step[j], -most), most) - push[j]
+            if abs(inside - step[j]) > 1e-9:
+                step[j] = inside
+                if turn == 0:
+                    free[j], out = 0.0, True
+        if not out:
+            break
     return True
 
 
@@ -778,38 +932,45 @@ def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float
             wanted = good
         push[j] = wanted
     centres, frames = _frames(arm, joints)
-    mass, bias = _dynamics(arm, centres, frames, speeds)
-    share = 1.0
-    for j in range(6):
-        rest = bias[j] + _rub(arm, j, speeds[j])
-        wanted, braking = rest, rest
-        for k in range(6):
-            wanted += mass[j, k] * push[k]
-            braking += mass[j, k] * brakes[k]
-        sign = 1.0 if wanted > 0.0 else -1.0
-        limit = _strength(arm, j, speeds[j], sign)
-        if sign * wanted > limit:
-            way = sign * (wanted - braking)
-            share = min(share, max(0.0, (limit - sign * braking) / way)) if way > 1e-9 else 0.0
-    if share < 1.0:
+    least, coasting = _share(arm, centres, frames, speeds, push, np.zeros(6)), True
+    if least <= 0.0:  # not even without acceleration
+        least, coasting = _share(arm, centres, frames, speeds, push, brakes), False
+    if least < 1.0:
         active |= TORQUE
     for j in range(6):
-        push[j] = brakes[j] + share * (push[j] - brakes[j])
+        slow = 0.0 if coasting else brakes[j]
+        push[j] = slow + least * (push[j] - slow)
     stopped = np.empty(6)
     for j in range(6):
         after = speeds[j] + seconds * push[j]
         stopped[j] = joints[j] + seconds * speeds[j] + 0.5 * seconds**2 * push[j]
         stopped[j] += after * abs(after) / (2.0 * BRAKES * arm.accelerations[j])
-    least = _clearance(arm, stopped, head)
-    if least < HARD_GAP and least < _clearance(arm, joints, head):
+    gap = _clearance(arm, stopped, head)
+    if gap < HARD_GAP and gap < _clearance(arm, joints, head):
         active |= NEARNESS
         for j in range(6):
             push[j] = brakes[j]
+    _torques(arm, centres, frames, speeds, push, torques)
     for j in range(6):
-        torques[j] = bias[j] + _rub(arm, j, speeds[j])
-        for k in range(6):
-            torques[j] += mass[j, k] * push[k]
+        torques[j] += _rub(arm, j, speeds[j])
     return active
+
+
+@compiled
+def _share(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, slow: Array) -> float:
+    """How far from accelerations ``slow`` (J,) to ``push`` (J,) the torques stay inside their line: 0 to 1."""
+    wanted, least = np.empty(6), np.empty(6)
+    _torques(arm, centres, frames, speeds, push, wanted)
+    _torques(arm, centres, frames, speeds, slow, least)
+    share = 1.0
+    for j in range(6):
+        rub = _rub(arm, j, speeds[j])
+        sign = 1.0 if wanted[j] + rub > 0.0 else -1.0
+        limit = _strength(arm, j, speeds[j], sign)
+        if sign * (wanted[j] + rub) > limit:
+            way = sign * (wanted[j] - least[j])
+            share = min(share, max(0.0, (limit - sign * (least[j] + rub)) / way)) if way > 1e-9 else 0.0
+    return share
 
 
 @compiled_entry
@@ -843,7 +1004,9 @@ class Planned(NamedTuple):
         joints, speeds: (J,) rad and rad/s, one tick from now.
         torques: (J,) N·m, that this takes.
         pushes: (N, J) rad/s², the plan.
-        points, velocities: (N, 3) m and m/s, of the plate at its knots.
+        guess: (J,) rad, a posture that meets the hand.
+        plate: (3,) m, where the plate is one tick from now.
+        miss: m, distance of the plate from where it should be, at the knot of the meeting.
         cost: of the plan.
         active: bits of the limits that shortened the first step.
     """
@@ -852,51 +1015,177 @@ class Planned(NamedTuple):
     speeds: Array
     torques: Array
     pushes: Array
-    points: Array
-    velocities: Array
+    guess: Array
+    plate: Array
+    miss: float
     cost: float
     active: int
 
 
-@compiled_entry
-def planned(arm: Arm, aim: Aim, joints: Array, speeds: Array, pushes: Array, tick: float, rounds: int) -> Planned:
-    """Improves a plan ``rounds`` times from joints and speeds (J,) of now, and takes its first step of ``tick`` s."""
-    count = len(pushes)
-    path, other = np.empty((count + 1, 2, 6)), np.empty((count + 1, 2, 6))
-    feed, gains, trial = np.zeros((count, 6)), np.zeros((count, 6, 12)), np.empty((count, 6))
-    plan = np.empty((count, 6))
+FADING = 0.1
+"""s in which a hand's velocity fades beyond the contact, and three times that before it."""
+GUESS_STEPS = 4
+MEETING_WEIGHT = 5.0
+"""s²/m², of the plate's velocity as it meets the hand."""
+BEFORE = 0.05
+"""Share of the normal's weight that counts before."""
+STYLE_KNOT = 0.05
+"""s of the path that count as one knot."""
+
+
+@compiled
+def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
+    """The task, knot by knot."""
+    aim = Aim(
+        task.seconds, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.empty((count, 3)), np.zeros(count),
+        np.zeros((count, 3)), np.zeros(count), np.empty((count, 3)), np.empty((count, 3)),
+        np.full(count, task.cap), task.rest, task.rest_weight, task.head, task.effort, task.calm,
+    )  # fmt: skip
+    sure, lower, column = np.zeros((3, 3)), np.zeros((3, 3)), np.empty(3)
+    for r in range(3):
+        for c in range(3):
+            sure[r, c] = task.covariance[r, c]
+        sure[r, r] += task.sharpness**2
+    known = _factored(sure, lower)
+    for c in range(3):
+        for r in range(3):
+            column[r] = 1.0 if r == c else 0.0
+        if known:
+            _solved(lower, column)
+        for r in range(3):
+            sure[r, c] = column[r]
+    length, calm = max(task.time, task.seconds), 3.0 * FADING
+    for k in range(count):
+        t = (k + 1) * task.seconds
+        fading = math.exp(-t / calm)
+        for r in range(3):
+            aim.normals[k, r] = task.normal[r]
+            aim.hands[k, r] = task.hand[r] + task.hand_velocity[r] * calm * (1.0 - fading)
+            aim.hand_velocities[k, r] = task.hand_velocity[r] * fading
+        if task.time == math.inf:
+            continue
+        past = t - task.time
+        aim.normal_weights[k] = BEFORE * task.firm
+        if past < -0.5 * task.seconds:  # on the way
+            x = t / length
+            for r in range(3):
+                speed = task.braked[r] + task.closing * task.normal[r]
+                cubic = task.away[r] * (1.0 - x) ** 2 * (1.0 + 2.0 * x)
+                cubic += length * x * (1.0 - x) * (task.drift[r] * (1.0 - x) - speed * x)
+                aim.points[k, r] = task.point[r] + cubic
+                aim.point_weights[k, r, r] = task.seconds / STYLE_KNOT / task.loose**2
+            continue
+        aim.normal_weights[k] = task.firm
+        if past < 1.5 * task.seconds:
+            aim.velocity_weights[k] = MEETING_WEIGHT
+        gone = past if past < 0.0 else FADING * (1.0 - math.exp(-past / FADING))
+        through = task.press if task.pressed else min(task.closing * past, task.press)
+        for r in range(3):
+            aim.velocities[k, r] = task.braked[r] + task.closing * task.normal[r]
+            aim.points[k, r] = task.point[r] + gone * task.braked[r] + through * task.normal[r]
+            for c in range(3):
+                aim.point_weights[k, r, c] = sure[r, c]
+    return aim
+
+
+@compiled
+def _afresh(arm: Arm, task: Task, guess: Array, path: Array, pushes: Array) -> None:
+    """Writes the pushes (N, J) of a cubic in the joints to a posture, at the plate's velocity, and nothing after."""
+    centres, frames = _frames(arm, guess)
+    point, normal = _plate(arm, centres, frames)
+    of_point, _ = _plate_moves(arm, centres, frames, point, normal)
+    square, lower, pull, arrival = np.empty((3, 3)), np.zeros((3, 3)), np.empty(3), np.zeros(6)
+    for r in range(3):
+        pull[r] = task.braked[r] + task.closing * task.normal[r]
+        for c in range(3):
+            square[r, c] = 1e-2 if r == c else 0.0
+            for j in range(6):
+                square[r, c] += of_point[r, j] * of_point[c, j]
+    if _factored(square, lower):
+        _solved(lower, pull)
+        for j in range(6):
+            for r in range(3):
+                arrival[j] += of_point[r, j] * pull[r]
+    length = max(task.time, task.seconds)
     for j in range(6):
-        path[0, 0, j], path[0, 1, j] = joints[j], speeds[j]
-        other[0, 0, j], other[0, 1, j] = joints[j], speeds[j]
+        length = max(length, 1.3 * abs(guess[j] - path[0, 0, j]) / arm.speeds[j])
+    for k in range(len(pushes)):
+        t = (k + 0.5) * task.seconds
+        for j in range(6):
+            way, begin, end = guess[j] - path[0, 0, j], path[0, 1, j], arrival[j]
+            push = (6.0 * way / length - 4.0 * begin - 2.0 * end) / length
+            push += t / length**2 * (6.0 * (begin + end) - 12.0 * way / length)
+            pushes[k, j] = push if t < length else 0.0
+
+
+DAMPINGS = 3
+SHARES = 2
+
+
+@compiled
+def _better(arm: Arm, aim: Aim, cost: float, path: Array, plan: Array, other: Array, trial: Array) -> float:
+    """Writes an improved path and plan into ``other`` and ``trial``; returns its cost, or ``cost`` if there is none."""
+    slopes = _slopes(arm, aim, path, plan)
+    feed, gains = np.zeros((len(plan), 6)), np.zeros((len(plan), 6, 12))
+    damping = 0.0
+    for _ in range(DAMPINGS):
+        if _improvement(arm, slopes, aim.seconds, damping, plan, feed, gains):
+            share = 1.0
+            for _ in range(SHARES):
+                now = _rolled(arm, aim, path, plan, share, feed, gains, other, trial)
+                if now < cost:
+                    return now
+                share *= 0.35
+        damping = 0.1 * cost if damping == 0.0 else 30.0 * damping
+    return cost
+
+
+@compiled_entry
+def planned(
+    arm: Arm, task: Task, joints: Array, speeds: Array, pushes: Array, guess: Array, tick: float, rounds: int
+) -> Planned:
+    """Improves a plan ``rounds`` times from joints and speeds (J,) of now, and takes its first step of ``tick`` s.
+
+    The plan, or a new one to the posture that ``guess`` is improved to: whichever costs less.
+    """
+    count = len(pushes)
+    aim = _aimed(task, count)
+    path, other = np.empty((count + 1, 2, 6)), np.empty((count + 1, 2, 6))
+    plan, trial = np.empty((count, 6)), np.empty((count, 6))
+    feed, gains = np.zeros((count, 6)), np.zeros((count, 6, 12))
     for k in range(count + 1):
         for j in range(6):
             path[k, 0, j], path[k, 1, j] = joints[j], speeds[j]
+            other[k, 0, j], other[k, 1, j] = joints[j], speeds[j]
     cost = _rolled(arm, aim, path, pushes, 0.0, feed, gains, other, plan)
     path, other = other, path
+    if task.time > 2.0 * tick and task.time < math.inf:
+        guess, _ = _posture(arm, task.point, task.normal, guess, GUESS_STEPS)
+        fresh = np.empty((count, 6))
+        _afresh(arm, task, guess, path, fresh)
+        for k in range(count + 1):
+            for j in range(6):
+                other[k, 0, j], other[k, 1, j] = joints[j], speeds[j]
+        spare = np.empty((count + 1, 2, 6))
+        now = _rolled(arm, aim, other, fresh, 0.0, feed, gains, spare, trial)
+        if not cost <= now:
+            cost, path, plan, trial = now, spare, trial, plan
     for _ in range(rounds):
-        if not _improvement(arm, aim, path, plan, feed, gains):
-            break
-        share, better = 1.0, False
-        for _ in range(4):
-            now = _rolled(arm, aim, path, plan, share, feed, gains, other, trial)
-            if now < cost:
-                better = True
-                break
-            share *= 0.35
-        if not better:
-            break
+        now = _better(arm, aim, cost, path, plan, other, trial)
         gained = cost - now
+        if not gained > 0.0:
+            break
         cost, path, other, plan, trial = now, other, path, trial, plan
         if gained < 1e-4 * cost:
             break
     place, speed, torques, active = _moved_on(arm, joints, speeds, plan[0], tick, aim.head)
-    points, velocities = np.empty((count, 3)), np.zeros((count, 3))
-    for k in range(count):
-        centres, frames = _frames(arm, path[k + 1, 0])
-        point, normal = _plate(arm, centres, frames)
-        of_point, _ = _plate_moves(arm, centres, frames, point, normal)
+    centres, frames = _frames(arm, place)
+    plate, _ = _plate(arm, centres, frames)
+    miss = 0.0
+    if task.time < math.inf:
+        knot = min(max(round(task.time / task.seconds) - 1, 0), count - 1)
+        centres, frames = _frames(arm, path[knot + 1, 0])
+        point, _ = _plate(arm, centres, frames)
         for r in range(3):
-            points[k, r] = point[r]
-            for j in range(6):
-                velocities[k, r] += of_point[r, j] * path[k + 1, 1, j]
-    return Planned(place, speed, torques, plan, points, velocities, cost, active)
+            miss += (point[r] - aim.points[knot, r]) ** 2
+    return Planned(place, speed, torques, plan, guess, plate, math.sqrt(miss), cost, active)

@@ -60,6 +60,8 @@ class ReachSettings:
     slowest: float = 0.1
     fastest: float = 2.0
     """Bounds of the rate at which the remaining time runs out, against the clock."""
+    catching_up: float = 0.08
+    """A difference between both clocks is made up for in about this time."""
     smoothing: float = 0.03
     """Time constant of the relative velocity and of the rate."""
     steady: float = 26.0
@@ -80,6 +82,16 @@ class ReachSettings:
     """A hand brakes otherwise than assumed by about this much, m/s² in each direction: 36 held-out simulated trials."""
     late: float = 0.3
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
+
+    def wanted_rate(self, remaining: float, expected: float) -> float:
+        """The rate at which ``remaining`` s should run out where ``expected`` s are left, infinite if nobody knows."""
+        if not math.isfinite(expected):
+            return 1.0
+        return min(max(1.0 + (remaining - expected) / self.catching_up, self.slowest), self.fastest)
+
+    def next_rate(self, rate: float, wanted: float, dt: float) -> float:
+        """The rate ``dt`` s later."""
+        return rate + (1.0 - math.exp(-dt / self.smoothing)) * (wanted - rate)
 
 
 @dataclass(frozen=True)
@@ -110,6 +122,7 @@ class ReachTarget:
         remaining: s until contact as the reach counts it; 0 in touch, infinite when idle.
         position: (3,) m, in the world.
         normal: (3,) unit vector out of the palm.
+        rate: s a second, at which ``remaining`` runs out.
     """
 
     phase: Phase
@@ -117,6 +130,7 @@ class ReachTarget:
     remaining: float
     position: Float[np.ndarray, "3"]
     normal: Float[np.ndarray, "3"]
+    rate: float = 1.0
 
 
 class Reach:
@@ -176,10 +190,11 @@ class Reach:
         weight = self._weight()
         if weight == 0.0:
             remaining = self._remaining if self._phase is Phase.APPROACH else np.inf
-            return ReachTarget(self._phase, 0.0, remaining, generated.position, generated.normal)
+            return ReachTarget(self._phase, 0.0, remaining, generated.position, generated.normal, self._rate)
         turned = rotations.rotate(rotations.from_rotation_vector(weight * self._turn), generated.normal)
         remaining = np.inf if self._phase is Phase.RELEASE else self._remaining
-        return ReachTarget(self._phase, weight, remaining, generated.position + weight * self._miss, turned)
+        place = generated.position + weight * self._miss
+        return ReachTarget(self._phase, weight, remaining, place, turned, self._rate)
 
     def _observe(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
         if self._generated_before is not None:
@@ -235,14 +250,12 @@ class Reach:
                 self._touched = True
                 self._release()
                 return
-            wanted = (
-                1.0 if not known else float(np.clip(1.0 + (self._remaining - expected) / 0.08, s.slowest, s.fastest))
-            )
+            wanted = s.wanted_rate(self._remaining, expected)
             if not known and self._familiar and not self._near():
                 wanted = s.slowest  # the model will know more when the hands are closer
             elif not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
                 wanted = -1.0 if self._weight() < 0.5 else s.fastest
-            self._rate += (1.0 - np.exp(-dt / s.smoothing)) * (wanted - self._rate)
+            self._rate = s.next_rate(self._rate, wanted, dt)
             self._remaining -= self._rate * dt
             if self._remaining > self._length:
                 self._enter(Phase.IDLE)

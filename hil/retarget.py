@@ -13,13 +13,13 @@ State in, state out: the same inputs give the same outputs.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil import arm_motion
-from hil.arm_motion import Aim
+from hil.arm_motion import Planned, Task
 from hil.profiles import minimum_jerk
 from hil.servo_arm import JOINTS, ServoArm
 from mocap_bridge.frames import PalmPose
@@ -63,6 +63,10 @@ class RetargetSettings:
     """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005)."""
     effort: float = 3e-5
     """Cost of a joint acceleration of 1 rad/s² at a knot."""
+    memory: float = 0.25
+    """A contact that nobody speaks of any more is expected for this long, ..."""
+    forgetting: float = 0.3
+    """... less surely by this, m/s."""
     longest_delay: float = 0.3
     """A hand that could not be met in time is followed at most so long."""
     touch: float = 0.06
@@ -74,6 +78,11 @@ class RetargetSettings:
     most_press: float = 0.02
     """The plate aims so far through the hand as the two close in this time, s, but no further than this, m: a hand that
     is not met goes back, and the contact is then missed altogether."""
+    slowest: float = 0.25
+    """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
+    where a hand that goes back a moment sooner was."""
+    calm: float = 0.01
+    """Cost of a joint speed of 1 rad/s at a knot."""
     met: float = 0.004
     """A commanded plate this near the place of contact is there."""
     longest_knot: float = 0.07
@@ -145,23 +154,29 @@ class RetargetState:
     Attributes:
         joints, speeds: (J,) rad and rad/s, as commanded.
         pushes: (N, J) rad/s², the plan; its knots are ``knot`` s apart.
+        guess: (J,) rad, a posture that meets the hand.
         knot: s.
         scale: of the avatar's path about the contact; None between high fives.
         given: s that were left when this approach began.
         late: s since contact was due.
         together: s since the commanded plate was there.
         sacrifice: of the high five that is on, or was last.
+        said: the contact that is expected, if one is.
+        unsaid: s since it was last spoken of.
     """
 
     joints: Array
     speeds: Array
     pushes: Array = field(default_factory=lambda: np.zeros((KNOTS, JOINTS)))
+    guess: Array = field(default_factory=lambda: np.zeros(JOINTS))
     knot: float = 0.05
     scale: float | None = None
     given: float = 0.0
     late: float = 0.0
     together: float = 0.0
     sacrifice: Sacrifice = Sacrifice()
+    said: ExpectedContact | None = None
+    unsaid: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -195,13 +210,15 @@ class Retarget:
         self.settings = settings or RetargetSettings()
         ready_plate = arm.plate_at(self.ready)
         self._ready_normal = ready_plate.normal
+        self._low, self._high = arm.packed.low, arm.packed.high
+        self._sag = np.array(self.settings.sag) if self.settings.sag else None
         self._nobody = PalmPose(ready_plate.position, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3))
         self.step(self.start(), PalmGoal(self._nobody))
 
     def start(self, joints: Array | None = None) -> RetargetState:
         """The state of an arm at rest, by default in its ready posture."""
         where = self.ready if joints is None else np.clip(joints, self.arm.packed.low, self.arm.packed.high)
-        return RetargetState(np.array(where, float), np.zeros(JOINTS))
+        return RetargetState(np.array(where, float), np.zeros(JOINTS), guess=np.array(where, float))
 
     def moved(self, state: RetargetState, joints: Array, speeds: Array) -> RetargetState:
         """The state of an arm that was led elsewhere: joints (J,), rad, and speeds (J,), rad/s."""
@@ -211,31 +228,37 @@ class Retarget:
     def step(self, state: RetargetState, goal: PalmGoal) -> tuple[RetargetState, ArmStep]:
         """One tick. Whatever the goal says, the command is finite and inside every limit."""
         s = self.settings
-        goal = self._carried_on(state, goal if _sane(goal) else PalmGoal(self._nobody))
+        goal = goal if _sane(goal) else PalmGoal(self._nobody)
+        unsaid = 0.0 if goal.contact is not None else state.unsaid + s.tick
+        goal = self._carried_on(state, goal)
         state = self._entered(state, goal)
-        time, knot = self._timing(state, goal)
-        aim = self._aim(state, goal, time, knot)
-        pushes = _shifted(state, s.tick, knot)
-        plan = arm_motion.planned(self.arm.packed, aim, state.joints, state.speeds, pushes, s.tick, s.rounds)
-        pushes = plan.pushes if np.isfinite(plan.cost) else np.zeros_like(pushes)
-        state = replace(state, joints=plan.joints, speeds=plan.speeds, pushes=pushes, knot=knot)
-        told = (
-            plan.joints
-            if not s.sag
-            else np.clip(plan.joints + plan.torques * np.array(s.sag), self.arm.packed.low, self.arm.packed.high)
+        task = self._task(state, goal)
+        pushes = _shifted(state, s.tick, task.seconds)
+        plan = arm_motion.planned(
+            self.arm.packed, task, state.joints, state.speeds, pushes, state.guess, s.tick, s.rounds
         )
-        if goal.contact is None:
-            return state, ArmStep(told, plan.joints, plan.speeds, plan.torques, np.inf, 0.0, plan.active)
-        index = min(max(round(time / knot) - 1, 0), KNOTS - 1)
-        miss = float(np.linalg.norm(plan.points[index] - aim.points[index]))
-        state = self._accounted(state, goal, plan.active)
-        return state, ArmStep(told, plan.joints, plan.speeds, plan.torques, max(time, 0.0), miss, plan.active)
+        pushes = plan.pushes if math.isfinite(plan.cost) else np.zeros_like(pushes)
+        told = (
+            plan.joints if self._sag is None else np.clip(plan.joints + plan.torques * self._sag, self._low, self._high)
+        )
+        step = ArmStep(told, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
+        late, together, sacrifice = self._accounted(state, goal, task, plan)
+        state = RetargetState(
+            plan.joints, plan.speeds, pushes, plan.guess, task.seconds, state.scale, state.given, late, together,
+            sacrifice, goal.contact, unsaid,
+        )  # fmt: skip
+        return state, step
 
     def _carried_on(self, state: RetargetState, goal: PalmGoal) -> PalmGoal:
-        """The goal; a hand that the plate is late for is followed until it was met."""
-        person, s = goal.person, self.settings
+        """The goal; a contact that nobody speaks of any more is believed in for a while, a late one until it was met."""
+        person, s, said = goal.person, self.settings, state.said
+        if goal.contact is not None:
+            return goal
+        if said is not None and state.late == 0.0 and state.unsaid < s.memory and said.time > s.tick:
+            doubt = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
+            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=doubt))
         over = state.late == 0.0 or state.late > s.longest_delay or state.together > s.touch
-        if goal.contact is not None or person is None or over or not self._waits(state, person):
+        if person is None or over or not self._waits(state, person):
             return goal
         return replace(goal, contact=ExpectedContact(person.position, np.zeros((3, 3)), -person.normal, 0.0))
 
@@ -254,120 +277,82 @@ class Retarget:
         theirs = np.linalg.norm(goal.palm.position - goal.contact.point)
         scale = float(np.clip(ours / max(theirs, 1e-3), 0.1, 1.0))
         given = max(goal.contact.time, self.settings.tick)
-        return replace(state, scale=scale, given=given, late=0.0, together=0.0, sacrifice=Sacrifice(scale))
+        sacrifice = Sacrifice(scale)
+        return replace(state, scale=scale, given=given, guess=state.joints, late=0.0, together=0.0, sacrifice=sacrifice)
 
-    def _timing(self, state: RetargetState, goal: PalmGoal) -> tuple[float, float]:
-        """Time until the command should be at contact, and between knots, s."""
-        s = self.settings
-        if goal.contact is None:
-            return np.inf, 0.05
-        time = goal.contact.time - s.lag - state.late
-        return time, float(np.clip(time / CONTACT_KNOT, s.tick, s.longest_knot))
-
-    def _aim(self, state: RetargetState, goal: PalmGoal, time: float, knot: float) -> Aim:
-        s, ready = self.settings, self.ready
-        times = knot * np.arange(1, KNOTS + 1)
-        blank, none = np.zeros((KNOTS, 3)), np.zeros(KNOTS)
-        head = np.zeros(4) if goal.head is None else np.array([*goal.head, s.head_radius])
-        hands, hand_speeds, caps = self._hands(goal, times)
-        contact = goal.contact
+    def _task(self, state: RetargetState, goal: PalmGoal) -> Task:
+        s, contact, person = self.settings, goal.contact, goal.person
+        head = _NO_HEAD if goal.head is None else np.array([*goal.head, s.head_radius])
+        hand, hand_velocity, cap = _NOWHERE, _NOWHERE, math.inf
+        if person is not None:
+            hand, hand_velocity = person.position + s.lag * person.velocity, person.velocity
+            cap = s.care * self._cap(goal)
         if contact is None:
-            return Aim(
-                knot, blank, np.zeros((KNOTS, 3, 3)), blank, none, blank, none, hands, hand_speeds, caps,
-                ready, np.full(KNOTS, 0.5), head, 10.0 * s.effort,
+            return Task(
+                math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, False, _NOWHERE, _NOWHERE, 1.0,
+                hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, 10.0 * s.effort, s.calm, 0.05,
             )  # fmt: skip
-        meeting = times >= time - 0.5 * knot
-        speed = self._contact_velocity(goal)
-        hand = np.zeros(3) if goal.person is None else goal.person.velocity
-        after = np.clip(times - time, 0.0, None)[:, None]
-        place = self._place(goal)
-        points = np.where(meeting[:, None], place + after * hand, self._styled(state, goal, time, times, speed))
-        sure = np.linalg.inv(contact.covariance + s.sharpness**2 * np.eye(3))
-        weights = np.where(meeting[:, None, None], sure, knot / 0.05 * np.eye(3) / s.loose**2)
-        normals, firm = self._normals(goal, meeting)
-        velocities = np.where(meeting[:, None], speed, 0.0)
-        first = meeting & (times < time + 1.5 * knot)
-        return Aim(
-            knot, points, weights, normals, firm,
-            velocities, np.where(first, 5.0, 0.0), hands, hand_speeds, caps,
-            ready, np.full(KNOTS, 1e-3), head, s.effort,
+        time = contact.time - s.lag
+        closing, braked = self._meeting_speed(goal)
+        normal, firm = self._normal(contact)
+        scale = 1.0 if state.scale is None else state.scale
+        return Task(
+            time, contact.point, normal, contact.covariance, s.sharpness, firm,
+            closing, min(s.press * closing, s.most_press), state.late > 0.0,
+            scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose,
+            hand, hand_velocity, braked, cap,
+            self.ready, 1e-3, head, s.effort, s.calm, min(max(time / CONTACT_KNOT, s.tick), s.longest_knot),
         )  # fmt: skip
 
-    def _normals(self, goal: PalmGoal, meeting: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Where the plate shall face (N, 3), and how much that counts (N,)."""
-        assert goal.contact is not None
-        s, left = self.settings, goal.contact.time
-        share = float(minimum_jerk(1.0 - left / s.facing))
-        normal = (1.0 - share) * self._ready_normal + share * goal.contact.normal
-        normal /= max(float(np.linalg.norm(normal)), 0.1)
-        firm = 1.0 / (s.turned + s.turning * left) ** 2
-        return np.tile(normal, (KNOTS, 1)), np.where(meeting, firm, 0.05 * firm)
-
-    def _place(self, goal: PalmGoal) -> Array:
-        """Where the command should meet the hand, (3,) m: once it is due, where the hand will be when the arm obeys."""
-        assert goal.contact is not None
-        ahead = max(0.0, self.settings.lag - goal.contact.time)
-        if goal.person is None:
-            return goal.contact.point
-        closing = (self._contact_velocity(goal) - goal.person.velocity) @ goal.contact.normal
-        press = min(self.settings.press * max(float(closing), 0.0), self.settings.most_press)
-        return goal.contact.point + ahead * goal.person.velocity + press * goal.contact.normal
-
-    def _hands(self, goal: PalmGoal, times: NDArray) -> tuple[Array, Array, Array]:
-        """The person's palm (N, 3), m, its velocity (N, 3), m/s, and the speeds (N,) at which it may be met."""
+    def _normal(self, contact: ExpectedContact) -> tuple[Array, float]:
+        """Where the plate shall face (3,), and how much that counts."""
         s = self.settings
-        if goal.person is None:
-            return np.zeros((KNOTS, 3)), np.zeros((KNOTS, 3)), np.full(KNOTS, np.inf)
-        ahead = (times + s.lag)[:, None]
-        fading = np.exp(-ahead / 0.3)
-        places = goal.person.position + goal.person.velocity * 0.3 * (1.0 - fading)
-        return places, goal.person.velocity * fading, np.full(KNOTS, s.care * self._cap(goal))
+        share = float(minimum_jerk(1.0 - contact.time / s.facing))
+        normal = (1.0 - share) * self._ready_normal + share * contact.normal
+        normal /= max(math.sqrt(normal @ normal), 0.1)
+        return normal, 1.0 / (s.turned + s.turning * contact.time) ** 2
 
     def _cap(self, goal: PalmGoal) -> float:
         """Largest relative speed, m/s, at the place where the palms will meet, or at the hand."""
         s = self.settings
-        where = goal.person.position if goal.contact is None and goal.person else None
-        where = goal.contact.point if goal.contact is not None else where
+        where = goal.contact.point if goal.contact is not None else goal.person.position if goal.person else None
         if goal.head is None or where is None:
             return s.contact_speed
-        near = float(np.linalg.norm(where - goal.head)) < s.face_radius
-        return s.face_speed if near else s.contact_speed
+        away = where - goal.head
+        return s.face_speed if math.sqrt(away @ away) < s.face_radius else s.contact_speed
 
-    def _contact_velocity(self, goal: PalmGoal) -> Array:
-        """Velocity (3,), m/s, of the plate at contact: the hand's, and closing on it along the normal."""
+    def _meeting_speed(self, goal: PalmGoal) -> tuple[float, Array]:
+        """m/s, at which the plate closes on the hand along its normal, and the hand's velocity (3,) then."""
         assert goal.contact is not None
         if goal.person is None:
-            return 0.2 * goal.contact.normal
-        hand, normal = goal.person.velocity, goal.contact.normal
-        share = float(np.clip(1.0 - goal.contact.time / 0.3, 0.0, 1.0))  # the hand will have braked until then
-        hand = share * hand
-        own = float(np.clip(goal.palm.velocity @ normal, 0.05, 1.0))
+            return 0.2, _NOWHERE
+        normal = goal.contact.normal
+        share = min(max(1.0 - goal.contact.time / 0.3, 0.0), 1.0)  # the hand will have braked until then
+        hand = share * goal.person.velocity
+        own = min(max(float(goal.palm.velocity @ normal), self.settings.slowest), 1.0)
         most = 0.75 * self.settings.care * self._cap(goal)
-        closing = float(np.clip(own - hand @ normal, min(0.08, most), most))
-        return hand + closing * normal
+        return min(max(own - float(hand @ normal), min(self.settings.slowest, most)), most), hand
 
-    def _styled(self, state: RetargetState, goal: PalmGoal, time: float, times: NDArray, speed: Array) -> Array:
-        """Places (N, 3) on the avatar's way to contact, from where it is, scaled about the contact: a cubic."""
-        assert goal.contact is not None
-        scale = 1.0 if state.scale is None else state.scale
-        away = scale * (goal.palm.position - goal.contact.point)
-        drift, length = scale * goal.palm.velocity, max(time, self.settings.tick)
-        x = np.clip(times / length, 0.0, 1.0)[:, None]
-        cubic = away * (1.0 - x) ** 2 * (1.0 + 2.0 * x) + length * x * (1.0 - x) * (drift * (1.0 - x) - speed * x)
-        return goal.contact.point + cubic
-
-    def _accounted(self, state: RetargetState, goal: PalmGoal, active: int) -> RetargetState:
-        """Notes what had to be given up."""
-        assert goal.contact is not None
-        s, known = self.settings, state.sacrifice
-        late = state.late + s.tick if goal.contact.time == 0.0 else 0.0
-        away = float(np.linalg.norm(self.arm.plate_at(state.joints).position - self._place(goal)))
+    def _accounted(
+        self, state: RetargetState, goal: PalmGoal, task: Task, plan: Planned
+    ) -> tuple[float, float, Sacrifice]:
+        """Notes what had to be given up: s since contact was due, s since the plate is there, and the sacrifice."""
+        s, known, contact = self.settings, state.sacrifice, goal.contact
+        if contact is None:
+            return state.late, state.together, known
+        late = state.late + s.tick if contact.time == 0.0 else 0.0
+        off = plan.plate - contact.point - max(0.0, s.lag - contact.time) * task.hand_velocity
+        away = math.sqrt(off @ off)
         together = state.together + s.tick if late > 0.0 and (away < s.met or state.together > 0.0) else 0.0
         if late > 0.0 and state.together == 0.0:  # it was due and is not there, or is there just now
             delay = state.late if together > 0.0 else late
             miss = away if state.late == 0.0 else known.miss
             known = replace(known, delay=delay, time_scale=1.0 + delay / state.given, miss=miss)
-        return replace(state, late=late, together=together, sacrifice=replace(known, limits=known.limits | active))
+        limits = known.limits | plan.active
+        return late, together, known if limits == known.limits else replace(known, limits=limits)
+
+
+_NOWHERE, _NO_HEAD, _UNSURE = np.zeros(3), np.zeros(4), np.eye(3)
 
 
 def _sane(goal: PalmGoal) -> bool:

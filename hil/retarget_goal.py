@@ -7,11 +7,13 @@ weighed by what they are worth, as in :mod:`hil.reach`, but the hand here by how
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from hil.reach import Phase
+from hil.reach import Phase, ReachSettings, ReachTarget
 from hil.retarget import ExpectedContact, PalmGoal
-from hil.session import UNFAMILIAR, Tick
+from hil.session import RATE_HZ, UNFAMILIAR, Tick
 from mocap_bridge.frames import PalmPose
 from model.forecast import BEGIN, END, ContactForecast
 from model.rotations import Array
@@ -20,14 +22,21 @@ SURE = 0.25
 """A forecast whose time is no surer than this, s, does not set the arm off before the session's own approach."""
 EARLY = 0.9
 """Nor one of a contact later than this, s."""
-HURRY = 0.8
-"""The session's time to contact runs out by so much quicker than it says (36 simulated high fives: median 0.8)."""
+LOST = 1.0
+"""A clock with this standard deviation, s, says nothing."""
+LONG = 0.6
+"""s; forecasts of less are too long: by nothing here, by ..."""
+TOO_LONG = 0.2
+"""... this share at the end (72 simulated high fives)."""
 BRAKING = 1.0
 """m/s² by which a hand brakes otherwise than it seems to, in each direction."""
 UNSTEADY = 0.15
 """Share of the way that a hand goes at its present speed which is not to be relied on."""
 SEEN = 0.002
 """m, deviation of a tracked palm."""
+REACH = ReachSettings()
+STEP, LATEST = 1.0 / RATE_HZ, 1.0
+"""s; the session's clock is run forward in such steps, no further than this."""
 
 
 def palm_goal(tick: Tick) -> PalmGoal:
@@ -42,9 +51,9 @@ def _contact(tick: Tick, person: PalmPose) -> ExpectedContact | None:
     if phase is Phase.TOUCH:
         return ExpectedContact(person.position, SEEN**2 * np.eye(3), -person.normal, 0.0)
     if phase is Phase.APPROACH:
-        time = HURRY * tick.target.remaining
+        time = until_touch(tick.target, forecast)
     elif phase is Phase.IDLE and forecast and forecast.deviation < SURE and 0.0 < forecast.time < EARLY:
-        time = HURRY * forecast.time
+        time = _corrected(forecast.time)
     else:
         return None
     point, covariance = meeting(person, time, forecast)
@@ -52,19 +61,45 @@ def _contact(tick: Tick, person: PalmPose) -> ExpectedContact | None:
 
 
 def _forecast(tick: Tick) -> ContactForecast | None:
-    """The model's word, where it knows such hands and one approaches."""
-    familiar = float(np.trace(tick.response.latent_covariance)) < UNFAMILIAR**2
-    return tick.response.contact if familiar and END < tick.response.time_to_contact < BEGIN else None
+    """The model's word, where it knows such hands and the hand is not on its way back.
+
+    The clock of the avatar's layer does not know hands that come up fast; the contact layer does.
+    """
+    r = tick.response
+    familiar = float(np.trace(r.latent_covariance)) < UNFAMILIAR**2
+    coming = END < r.time_to_contact and (r.time_to_contact < BEGIN or r.time_to_contact_std > LOST)
+    return r.contact if familiar and coming else None
+
+
+def until_touch(target: ReachTarget, forecast: ContactForecast | None) -> float:
+    """s until the session has the palms touch: its clock run forward, as it goes after the forecast's.
+
+    What is left runs out at a rate of its own, which follows the difference between the two clocks: neither of them
+    alone says when it will be over.
+    """
+    left, rate, time = target.remaining, target.rate, 0.0
+    known = forecast is not None and forecast.deviation < SURE
+    expected = _corrected(forecast.time) if forecast is not None and known else math.inf
+    while time < LATEST:
+        rate = REACH.next_rate(rate, REACH.wanted_rate(left, expected), STEP)
+        if rate * STEP >= left:
+            return time + STEP
+        left, expected, time = left - rate * STEP, max(expected - STEP, 0.0), time + STEP
+    return time
+
+
+def _corrected(time: float) -> float:
+    """A forecast time, s, less what forecasts are too long by."""
+    return max(time, 0.0) * (1.0 - TOO_LONG * (1.0 - min(max(time, 0.0) / LONG, 1.0)))
 
 
 def meeting(person: PalmPose, time: float, forecast: ContactForecast | None) -> tuple[Array, Array]:
     """Where palms will meet in ``time`` s, (3,) m, and its covariance (3, 3), m²: the hand's word and the model's.
 
-    A hand that is nearly there goes on as it goes; one that is far will have stopped: it covers half of what its speed
-    says.
+    A hand brakes before it is met: it covers 0.8 of what its speed says, and less of a longer time.
     """
     speed = float(np.linalg.norm(person.velocity))
-    share = 1.0 - 0.5 * min(time / 0.2, 1.0)
+    share = 0.8 - min(time, 0.4)
     hand = person.position + share * time * person.velocity
     deviation = SEEN + 0.5 * BRAKING * time**2 + UNSTEADY * speed * time * min(time / 0.1, 1.0)
     doubt = deviation**2 * np.eye(3)

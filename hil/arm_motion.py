@@ -153,7 +153,7 @@ def points_of_interest(arm: Arm, joints: Array) -> tuple[Array, Array]:
 
 @compiled
 def _torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, torques: Array) -> None:
-    """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler, no friction."""
+    """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler, frictionless."""
     count = len(speeds)
     turn, spin = np.zeros(3), np.zeros(3)  # angular velocity and acceleration of the link
     pull = np.zeros(3)  # acceleration of the joint's centre, gravity as a push upwards

@@ -150,7 +150,7 @@ def retarget_settings(rig: Rig, on_the_way: float = ON_THE_WAY) -> RetargetSetti
     """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
     have a torque–speed line.
 
-    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way`` are
+    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way``:
     s that a command takes to the servos.
     """
     full = full_errors(rig)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from hil.drivers.values import JointCommand
@@ -74,9 +75,11 @@ def step(
     if then is not None and now.state in MOVING:
         dt = min(max(watch.gap_s, 0.0), LATE_TICK * limits.timing.period_s)
         velocities, wanted, way_point, clamped = led(limits, now, then, inputs.wanted, dt)
-        share, closing, slowing = spared(limits, now.state, seen, human, points, velocities, dt)
+        kept, closing, slowing = spared(limits, now.state, seen, human, points, velocities, dt)
+        kept = motion.share_within(limits, then, kept, dt) * kept
+        share = kept_share(velocities, kept)
         acted |= clamped | slowing
-        then = motion.moved(then, share * velocities, wanted, dt)
+        then = motion.moved(then, kept, wanted, dt)
     now = Standing(now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point)
 
     gap = None if points is None or human is None else people.gap_to_hand(human, points)
@@ -165,6 +168,12 @@ def led(
     return velocities, within, way_point, acted | clamped
 
 
+def kept_share(asked: Array, kept: Array) -> float:
+    """How much of the speed (J,), rad/s, that was asked for is left; 1 where none was."""
+    before = float(np.linalg.norm(asked))
+    return min(1.0, float(np.linalg.norm(kept)) / before) if before > 0.0 else 1.0
+
+
 def spared(
     limits: Limits,
     state: State,
@@ -173,15 +182,15 @@ def spared(
     points: Points | None,
     velocities: Array,
     dt: float,
-) -> tuple[float, float | None, set[Rule]]:
-    """How much of the velocities (J,), rad/s, the person allows; see :func:`hil.safety.people.slowed`.
+) -> tuple[Array, float | None, set[Rule]]:
+    """What of the velocities (J,), rad/s, the person allows; see :func:`hil.safety.people.slowed`.
 
     Where the arm's points are not known it stands. A stop is only made quicker for a person whose place is known.
     """
     if points is None:
-        return 0.0, None, set()
+        return np.zeros_like(velocities), None, set()
     if human is None and state is not State.RETRACTING:
-        return 1.0, None, set()
+        return velocities, None, set()
     return people.slowed(limits, seen, human, points, velocities, dt)
 
 

@@ -117,6 +117,17 @@ def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) ->
     return np.array(results), acted
 
 
+def share_within(limits: Limits, told: Motion, velocities: Array, dt: float) -> float:
+    """Largest share, 0 to 1, of velocities (J,), rad/s, that keeps every joint's speed, and its room to brake."""
+    share = 1.0
+    for joint, q, v in zip(limits.joints, told.positions.tolist(), velocities.tolist(), strict=True):
+        room = joint.highest - q if v > 0.0 else q - joint.lowest
+        most = min(joint.speed, braking_speed(room, joint.braking, dt))
+        if abs(v) > most:
+            share = min(share, most / abs(v))
+    return share
+
+
 def moved(told: Motion, velocities: Array, wanted: Array | None, dt: float) -> Motion:
     """The joints after a tick of dt s with these velocities (J,), rad/s."""
     return Motion(told.positions + velocities * dt, velocities, wanted)

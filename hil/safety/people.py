@@ -1,7 +1,7 @@
 """The person: how fast the plate may come near the hand and the head.
 
-Every rule here answers with a share, 0 to 1, of the joints' velocities: the arm keeps its way and becomes slower on it.
-A share is taken at once, even if that brakes harder than the limit of acceleration: the person comes first.
+Near the face the arm keeps its way and becomes slower on it; for a hand what is too fast along the line to it is taken
+out. Both at once, even if that brakes harder than the limit of acceleration: the person comes first.
 """
 
 from __future__ import annotations
@@ -112,29 +112,32 @@ def gap_to_hand(human: Human, points: Points) -> float:
     return min(math.dist(palm, points.told[0].tolist()), math.dist(palm, points.measured[0].tolist()))
 
 
-def contact_speed_share(
-    limits: Contact, seen: Remembered, human: Human, points: Points, plate: Array, dt: float
-) -> tuple[float, float | None]:
-    """How much of the plate's velocity (3,), m/s, may be kept so that plate and hand do not meet too fast.
+def spared_hand(
+    limits: Contact, seen: Remembered, human: Human, points: Points, velocities: Array, dt: float
+) -> tuple[Array, float | None]:
+    """The joints' velocities (J,), rad/s, without what would let plate and hand meet too fast.
 
-    Along the line between them, from far away: the hand may keep its velocity, the plate has to be able to brake. A
-    plate that moves away is left alone; so is one whose hand flees. Where the hand is not known, it may be anywhere:
-    the plate is no faster than the limit. Where it was close from the first look on, the line is not known: the plate
-    stands.
+    Along the line between them, from far away: the hand may keep its velocity, the plate has to be able to brake. What
+    of the plate's motion is too fast along that line is taken out, with the least change of the joints; across it the
+    plate may still get in front of the hand. A plate that moves away is left alone; so is one whose hand flees. Where
+    the hand is not known, it may be anywhere: the plate is no faster than the limit. Where it was close from the first
+    look on, the line is not known: the plate stands.
 
     Returns:
-        the share, and how fast plate and hand would then close in, m/s (None where that is not known).
+        the velocities, and how fast plate and hand then close in, m/s (None where that is not known).
     """
-    limit = STRAIGHT * limits.speed
+    limit, plate = STRAIGHT * limits.speed, points.jacobians[0] @ velocities
     if human.palm is None or human.palm_velocity is None:
-        return _share(limit, length(plate.tolist())), None
+        return _share(limit, length(plate.tolist())) * velocities, None
     if seen.line is None:
-        return 0.0, None
-    line = seen.line.tolist()
-    towards, fleeing = _dot(line, plate.tolist()), _dot(line, human.palm_velocity.tolist())
+        return np.zeros_like(velocities), None
+    towards, fleeing = float(seen.line @ plate), float(seen.line @ human.palm_velocity)
     way = gap_to_hand(human, points) - limits.near - max(0.0, towards - fleeing) * dt
-    share = _share(allowed_speed(limit, fleeing, way, limits.braking), towards)
-    return share, share * towards - fleeing
+    allowed = allowed_speed(limit, fleeing, way, limits.braking)
+    if towards <= allowed:
+        return velocities, towards - fleeing
+    along = seen.line @ points.jacobians[0]
+    return velocities - (towards - allowed) / float(along @ along) * along, allowed - fleeing
 
 
 def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: Array, dt: float) -> float:
@@ -173,8 +176,8 @@ def slowed(
     points: Points,
     velocities: Array,
     dt: float,
-) -> tuple[float, float | None, set[Rule]]:
-    """How much of the joints' velocities (J,), rad/s, the person allows.
+) -> tuple[Array, float | None, set[Rule]]:
+    """What of the joints' velocities (J,), rad/s, the person allows.
 
     Args:
         limits: all of them.
@@ -185,18 +188,20 @@ def slowed(
         dt: s, of the tick.
 
     Returns:
-        the share, the closing speed of plate and hand that remains, m/s, or None, and the rules that acted.
+        the velocities, the closing speed of plate and hand that remains, m/s, or None, and the rules that acted.
     """
-    moving = points.jacobians @ velocities
     if human is None:
-        share = unseen_person_share(limits.face, moving)
-        return share, None, {Rule.UNSEEN_PERSON} if share < 1.0 else set()
-    contact, closing = contact_speed_share(limits.contact, seen, human, points, moving[0], dt)
+        share = unseen_person_share(limits.face, points.jacobians @ velocities)
+        return share * velocities, None, {Rule.UNSEEN_PERSON} if share < 1.0 else set()
+    spared, closing = spared_hand(limits.contact, seen, human, points, velocities, dt)
+    acted = {Rule.CONTACT_SPEED} if spared is not velocities and (spared != velocities).any() else set()
+    moving = points.jacobians @ spared
     face = face_zone_share(limits.face, seen, points, moving, dt)
-    acted = {rule for rule, share in ((Rule.CONTACT_SPEED, contact), (Rule.FACE_ZONE, face)) if share < 1.0}
-    if closing is not None and face < contact and seen.line is not None:
-        closing -= (contact - face) * _dot(seen.line.tolist(), moving[0].tolist())
-    return min(contact, face), closing, acted
+    if face < 1.0:
+        acted.add(Rule.FACE_ZONE)
+        if closing is not None and seen.line is not None:
+            closing -= (1.0 - face) * _dot(seen.line.tolist(), moving[0].tolist())
+    return face * spared, closing, acted
 
 
 def length(vector: list[float]) -> float:

@@ -77,7 +77,7 @@ class Report:
         asked: (J,) rad, what was wanted; None where nothing was.
         sent: what may be sent; None where nothing may be.
         acted: the rules that changed the command or the state.
-        share: how much of their speed the person left to the joints, 0 to 1.
+        share: how much of the joints' speed the person left, 0 to 1.
         closing_speed: m/s, of plate and hand along the line between them, as commanded; None where it is not known.
         gap: m, from the plate to the palm; None where it is not known.
     """

@@ -602,6 +602,8 @@ YIELD = 8.0
 """m/s²: a plate that is still d from the hand may be faster, by what this takes off on the way."""
 HARD_GAP = 0.015
 """m of gap that no step goes below."""
+SPARED = 3
+"""Times that torques are looked at and what is too much is taken from the joint itself, before all are shortened."""
 BRAKES = 0.5
 """Share of a joint's acceleration that is kept for stopping before a limit."""
 
@@ -932,6 +934,8 @@ def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float
             wanted = good
         push[j] = wanted
     centres, frames = _frames(arm, joints)
+    if _spared(arm, centres, frames, speeds, brakes, push):
+        active |= TORQUE
     least, coasting = _share(arm, centres, frames, speeds, push, np.zeros(6)), True
     if least <= 0.0:  # not even without acceleration
         least, coasting = _share(arm, centres, frames, speeds, push, brakes), False
@@ -954,6 +958,26 @@ def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float
     for j in range(6):
         torques[j] += _rub(arm, j, speeds[j])
     return active
+
+
+@compiled
+def _spared(arm: Arm, centres: Array, frames: Array, speeds: Array, brakes: Array, push: Array) -> bool:
+    """Takes from each joint that asks too much of its servo what is too much, towards braking; whether one did."""
+    torques, spared = np.empty(6), False
+    mass = np.empty((0, 0))
+    for _ in range(SPARED):
+        _torques(arm, centres, frames, speeds, push, torques)
+        for j in range(6):
+            torque = torques[j] + _rub(arm, j, speeds[j])
+            sign = 1.0 if torque > 0.0 else -1.0
+            over = sign * torque - _strength(arm, j, speeds[j], sign)
+            if over <= 0.0:
+                continue
+            if not spared:
+                mass, spared = _masses(arm, centres, frames), True
+            less = push[j] - sign * over / mass[j, j]
+            push[j] = max(less, min(brakes[j], push[j])) if sign > 0.0 else min(less, max(brakes[j], push[j]))
+    return spared
 
 
 @compiled

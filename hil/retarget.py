@@ -78,10 +78,10 @@ class RetargetSettings:
     most_press: float = 0.02
     """The plate aims so far through the hand as the two close in this time, s, but no further than this, m: a hand that
     is not met goes back, and the contact is then missed altogether."""
-    slowest: float = 0.25
+    slowest: float = 0.35
     """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
     where a hand that goes back a moment sooner was."""
-    calm: float = 0.01
+    calm: float = 0.03
     """Cost of a joint speed of 1 rad/s at a knot."""
     met: float = 0.004
     """A commanded plate this near the place of contact is there."""

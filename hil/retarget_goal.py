@@ -28,9 +28,9 @@ LONG = 0.6
 """s; forecasts of less are too long: by nothing here, by ..."""
 TOO_LONG = 0.2
 """... this share at the end (72 simulated high fives)."""
-BRAKING = 1.0
+BRAKING = 0.8
 """m/s² by which a hand brakes otherwise than it seems to, in each direction."""
-UNSTEADY = 0.15
+UNSTEADY = 0.2
 """Share of the way that a hand goes at its present speed which is not to be relied on."""
 SEEN = 0.002
 """m, deviation of a tracked palm."""
@@ -96,12 +96,12 @@ def _corrected(time: float) -> float:
 def meeting(person: PalmPose, time: float, forecast: ContactForecast | None) -> tuple[Array, Array]:
     """Where palms will meet in ``time`` s, (3,) m, and its covariance (3, 3), m²: the hand's word and the model's.
 
-    A hand brakes before it is met: it covers 0.8 of what its speed says, and less of a longer time.
+    A hand brakes before it is met: of the way that its speed says it covers three quarters, or less if there is time.
     """
     speed = float(np.linalg.norm(person.velocity))
-    share = 0.8 - min(time, 0.4)
+    share = max(0.75 - 3.0 * time, 0.45)
     hand = person.position + share * time * person.velocity
-    deviation = SEEN + 0.5 * BRAKING * time**2 + UNSTEADY * speed * time * min(time / 0.1, 1.0)
+    deviation = SEEN + 0.5 * BRAKING * time**2 + UNSTEADY * speed * time
     doubt = deviation**2 * np.eye(3)
     if forecast is None:
         return hand, doubt

@@ -15,7 +15,7 @@ import numpy as np
 from hil.drivers.arm_process import Cycle, Mode
 from hil.drivers.latch import Latch
 from hil.drivers.values import JointCommand
-from hil.retarget import PalmGoal, Retarget, RetargetState, Sacrifice
+from hil.retarget import ArmStep, PalmGoal, Retarget, RetargetState, Sacrifice
 from hil.safety import envelope
 from hil.safety.limits import Limits
 from hil.safety.people import Human
@@ -29,6 +29,9 @@ from model.rotations import Array
 OFF_COURSE = 0.03
 """rad: where the envelope holds a joint back by more than this, the plan goes on from where it was told to be."""
 
+
+MOST_SAG = 0.1
+"""rad, most that a servo's goal goes beyond where the joint shall be, because it gives way."""
 
 REST_S = 15.0
 """At most so long the arm takes to come to rest, s."""
@@ -172,13 +175,13 @@ class ArmLoop:
             self._state = self.retarget.start(arm.positions)
         state = self._state or self.retarget.start()
         state, step = self.retarget.step(state, goal)
-        inputs = Inputs(step.positions, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns)
+        inputs = Inputs(step.joints, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns)
         self._standing, command, report = envelope.step(
             self._limits, self.retarget.arm.points, self._standing, inputs, begun
         )
         if command is not None:
-            self._arm.drive(command)
-        self._state = self._followed(state, step.positions, report)
+            self._arm.drive(self._beyond(command, step, report))
+        self._state = self._followed(state, step.joints, report)
         return ArmTick(self._frame_ns, goal, step.joints, report, 1e-6 * (self._clock() - begun))
 
     def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
@@ -225,14 +228,19 @@ class ArmLoop:
             return None
         return replace(self._human, age_ns=max(0, now_ns - self._seen_ns))
 
+    def _beyond(self, command: JointCommand, step: ArmStep, report: Report) -> JointCommand:
+        """The command with what each joint gives way to its torque added, so that it is where the envelope wants it."""
+        sag = np.array(self.retarget.settings.sag or 0.0)
+        on_course = report.state is State.TRACKING and np.abs(command.positions - step.joints).max() < OFF_COURSE
+        torques = step.torques if on_course else self.retarget.arm.gravity(command.positions)
+        return replace(command, positions=command.positions + np.clip(sag * torques, -MOST_SAG, MOST_SAG))
+
     def _followed(self, state: RetargetState, asked: Array, report: Report) -> RetargetState:
         """The plan's state, from where the joints were really told to go."""
         told = None if report.sent is None else report.sent.positions
         before, self._told = self._told, told
         if told is None or np.abs(told - asked).max() < OFF_COURSE:
             return state
-        # The command goes beyond where the joints shall be by what they give way.
-        beyond = asked - state.joints
         speeds = np.zeros_like(told) if before is None else (told - before) / self.retarget.settings.tick
         most = self.retarget.arm.packed.speeds
-        return self.retarget.moved(state, told - beyond, np.clip(speeds, -most, most))
+        return self.retarget.moved(state, told, np.clip(speeds, -most, most))

@@ -568,7 +568,7 @@ class Aim(NamedTuple):
         normals, normal_weights: (N, 3) and (N,), where it shall face.
         velocities, velocity_weights: (N, 3) m/s and (N,) s²/m², of the plate.
         hands, hand_velocities: (N, 3) m and m/s, the person's palm.
-        caps: (N,) m/s, largest speed relative to that palm where the plate touches it; infinite: no palm.
+        caps: (N,) m/s, largest speed at which plate and palm may close in where they are near; infinite: no palm.
         rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
         head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
         effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
@@ -598,8 +598,10 @@ GAP_MARGIN, GAP_WEIGHT = 0.05, 1e4
 """m of gap where nearness begins to count."""
 TORQUE_WEIGHT = 0.3
 CAP_WEIGHT = 400.0
-YIELD = 8.0
-"""m/s²: a plate that is still d from the hand may be faster, by what this takes off on the way."""
+YIELD = 6.0
+"""m/s²: a plate that is still so far from being near the hand may be faster, by what this takes off on the way there."""
+NEAR, TOUCHING = 0.15, 0.03
+"""m from the hand at which its cap holds; nearer than the second the line between them is the normal that is wanted."""
 HARD_GAP = 0.015
 """m of gap that no step goes below."""
 SPARED = 3
@@ -647,15 +649,13 @@ def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
             cost += 0.5 * weight * error**2
             if slopes:
                 _add_square(weight, error, of_normal[r], by_joints, joints_twice)
-    relative, apart, length, given = np.empty(3), 0.0, 0.0, 0.0
+    plate, line, apart, towards, fleeing = np.empty(3), np.empty(3), 0.0, 0.0, 0.0
     for r in range(3):
         speed = 0.0
         for j in range(6):
             speed += of_point[r, j] * speeds[j]
-        relative[r] = speed - aim.hand_velocities[knot, r]
-        length += relative[r] ** 2
-        given += aim.hand_velocities[knot, r] ** 2
-        apart += (point[r] - aim.hands[knot, r]) ** 2
+        plate[r], line[r] = speed, aim.hands[knot, r] - point[r]
+        apart += line[r] ** 2
         weight = aim.velocity_weights[knot]
         if weight > 0.0:
             error = speed - aim.velocities[knot, r]
@@ -663,16 +663,19 @@ def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
             if slopes:
                 _add_square(weight, error, of_point[r], by_speeds, speeds_twice)
     if aim.caps[knot] < math.inf:
-        length = math.sqrt(length)
-        # A hand that is faster by itself is not run away from.
-        over = length - math.sqrt(max(aim.caps[knot] ** 2 + 2.0 * YIELD * math.sqrt(apart), given))
+        apart = math.sqrt(apart)
+        for r in range(3):
+            line[r] = line[r] / apart if apart > TOUCHING else aim.normals[knot, r]
+            towards += line[r] * plate[r]
+            fleeing += line[r] * aim.hand_velocities[knot, r]
+        there = max(0.0, aim.caps[knot] + fleeing)  # a hand that is faster by itself is not run away from
+        room = 4.0 * YIELD * max(0.0, apart - NEAR)
+        over = towards - 0.5 * (there + fleeing + math.sqrt((there - fleeing) ** 2 + room))
         if over > 0.0:
             cost += 0.5 * CAP_WEIGHT * over**2
             if slopes:
-                for r in range(3):
-                    relative[r] /= length
                 faster = np.empty(6)
-                _along(relative, of_point, faster)
+                _along(line, of_point, faster)
                 _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
     for j in range(6):
         away = aim.rest_weight * (joints[j] - aim.rest[j])

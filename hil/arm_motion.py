@@ -139,7 +139,7 @@ def joint_centres(arm: Arm, joints: Array) -> Array:
 
 @compiled
 def _torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, torques: Array) -> None:
-    """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler, no friction."""
+    """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler."""
     count = len(speeds)
     turn, spin = np.zeros(3), np.zeros(3)  # angular velocity and acceleration of the link
     pull = np.zeros(3)  # acceleration of the joint's centre, gravity as a push upwards
@@ -754,7 +754,7 @@ class Slopes(NamedTuple):
 
     Attributes:
         states, states_twice: (N, 2, J) and (N, 2, J, J), by joints and by speeds after each push.
-        pushes, pushes_twice: (N, 2, J) and (N, 3, J, J), by push and speeds before it; twice by push, by both, by speeds.
+        pushes, pushes_twice: (N, 2, J) and (N, 3, J, J), by push and speeds before it; by both.
     """
 
     states: Array
@@ -885,7 +885,7 @@ def _keeps(arm: Arm, joint: int, place: float, speed: float, push: float, second
     brake = BRAKES * arm.accelerations[joint]
     after = place + seconds * speed + 0.5 * seconds**2 * push
     faster = speed + seconds * push
-    way = faster * abs(faster) / (2.0 * brake)
+    way = 0.5 * faster * (abs(faster) / brake + seconds)  # the last step of braking takes a whole one
     return arm.low[joint] <= min(after, after + way) and max(after, after + way) <= arm.high[joint]
 
 
@@ -922,14 +922,17 @@ def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float
     centres, frames = _frames(arm, joints)
     if _spared(arm, centres, frames, speeds, brakes, push):
         active |= TORQUE
-    least, coasting = _share(arm, centres, frames, speeds, push, np.zeros(6)), True
-    if least <= 0.0:  # not even without acceleration
-        least, coasting = _share(arm, centres, frames, speeds, push, brakes), False
-    if least < 1.0:
+    slow = np.empty(6)
+    for j in range(6):  # what stays as it is, where that does not lead into a stop
+        slow[j] = 0.0 if _keeps(arm, j, joints[j], speeds[j], 0.0, seconds) else brakes[j]
+    share = _share(arm, centres, frames, speeds, push, slow)
+    if share <= 0.0:
+        slow = brakes
+        share = _share(arm, centres, frames, speeds, push, slow)
+    if share < 1.0:
         active |= TORQUE
     for j in range(6):
-        slow = 0.0 if coasting else brakes[j]
-        push[j] = slow + least * (push[j] - slow)
+        push[j] = slow[j] + share * (push[j] - slow[j])
     stopped = np.empty(6)
     for j in range(6):
         after = speeds[j] + seconds * push[j]

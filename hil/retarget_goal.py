@@ -67,7 +67,7 @@ def _forecast(tick: Tick) -> ContactForecast | None:
     """
     r = tick.response
     familiar = float(np.trace(r.latent_covariance)) < UNFAMILIAR**2
-    coming = END < r.time_to_contact and (r.time_to_contact < BEGIN or r.time_to_contact_std > LOST)
+    coming = r.time_to_contact > END and (r.time_to_contact < BEGIN or r.time_to_contact_std > LOST)
     return r.contact if familiar and coming else None
 
 

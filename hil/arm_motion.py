@@ -153,7 +153,7 @@ def points_of_interest(arm: Arm, joints: Array) -> tuple[Array, Array]:
 
 @compiled
 def _torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, torques: Array) -> None:
-    """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler, frictionless."""
+    """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler."""
     count = len(speeds)
     turn, spin = np.zeros(3), np.zeros(3)  # angular velocity and acceleration of the link
     pull = np.zeros(3)  # acceleration of the joint's centre, gravity as a push upwards
@@ -599,7 +599,7 @@ GAP_MARGIN, GAP_WEIGHT = 0.05, 1e4
 TORQUE_WEIGHT = 0.3
 CAP_WEIGHT = 400.0
 YIELD = 6.0
-"""m/s²: a plate that is still so far from being near the hand may be faster, by what this takes off on the way there."""
+"""m/s²: a plate that is not yet near the hand may be faster, by what this takes off on the way there."""
 NEAR, TOUCHING = 0.15, 0.03
 """m from the hand at which its cap holds; nearer than the second the line between them is the normal that is wanted."""
 HARD_GAP = 0.015
@@ -771,7 +771,7 @@ class Slopes(NamedTuple):
 
     Attributes:
         states, states_twice: (N, 2, J) and (N, 2, J, J), by joints and by speeds after each push.
-        pushes, pushes_twice: (N, 2, J) and (N, 3, J, J), by push and speeds before it; twice by push, by both, by speeds.
+        pushes, pushes_twice: (N, 2, J) and (N, 3, J, J), by push and speeds before it; by both.
     """
 
     states: Array
@@ -902,7 +902,7 @@ def _keeps(arm: Arm, joint: int, place: float, speed: float, push: float, second
     brake = BRAKES * arm.accelerations[joint]
     after = place + seconds * speed + 0.5 * seconds**2 * push
     faster = speed + seconds * push
-    way = faster * abs(faster) / (2.0 * brake)
+    way = 0.5 * faster * (abs(faster) / brake + seconds)  # the last step of braking takes a whole one
     return arm.low[joint] <= min(after, after + way) and max(after, after + way) <= arm.high[joint]
 
 
@@ -939,14 +939,17 @@ def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float
     centres, frames = _frames(arm, joints)
     if _spared(arm, centres, frames, speeds, brakes, push):
         active |= TORQUE
-    least, coasting = _share(arm, centres, frames, speeds, push, np.zeros(6)), True
-    if least <= 0.0:  # not even without acceleration
-        least, coasting = _share(arm, centres, frames, speeds, push, brakes), False
-    if least < 1.0:
+    slow = np.empty(6)
+    for j in range(6):  # what stays as it is, where that does not lead into a stop
+        slow[j] = 0.0 if _keeps(arm, j, joints[j], speeds[j], 0.0, seconds) else brakes[j]
+    share = _share(arm, centres, frames, speeds, push, slow)
+    if share <= 0.0:
+        slow = brakes
+        share = _share(arm, centres, frames, speeds, push, slow)
+    if share < 1.0:
         active |= TORQUE
     for j in range(6):
-        slow = 0.0 if coasting else brakes[j]
-        push[j] = slow + least * (push[j] - slow)
+        push[j] = slow[j] + share * (push[j] - slow[j])
     stopped = np.empty(6)
     for j in range(6):
         after = speeds[j] + seconds * push[j]

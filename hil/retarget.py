@@ -53,7 +53,7 @@ class RetargetSettings:
     """Deviation of the place of contact that the plan does not tell from none."""
     loose: float = 0.08
     """Deviation from the scaled path that costs as much as one standard deviation of the place of contact."""
-    turned: float = 0.20
+    turned: float = 0.15
     """rad, the same for the direction in which the plate faces at contact, ..."""
     turning: float = 1.5
     """... which is surer by this many rad for each s nearer: a hand on its way faces elsewhere."""
@@ -250,7 +250,7 @@ class Retarget:
         return state, step
 
     def _carried_on(self, state: RetargetState, goal: PalmGoal) -> PalmGoal:
-        """The goal; a contact that nobody speaks of any more is believed in for a while, a late one until it was met."""
+        """The goal; a contact no longer spoken of is believed in for a while, a late one until it was met."""
         person, s, said = goal.person, self.settings, state.said
         if goal.contact is not None:
             return goal

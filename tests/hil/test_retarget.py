@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil import arm_motion
+from hil.reach import Phase, ReachSettings, ReachTarget
 from hil.retarget import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
+from hil.retarget_goal import until_touch
 from hil.rig_reach import cell_point, facing
 from hil.servo_arm import READY, ServoArm, default_arm, solve
 from hil.sim.actors import CELLS
@@ -75,6 +77,28 @@ def test_the_plate_comes_along_the_avatars_way(arm: ServoArm, retarget: Retarget
     places = plates(arm, played(retarget, approach(point, 1.0)))
     late = places[round(0.8 / TICK)] - places[round(0.99 / TICK)]
     assert late @ -normal / np.linalg.norm(late) > 0.9
+
+
+def test_a_contact_not_spoken_of_for_a_moment_is_still_met(arm: ServoArm, retarget: Retarget) -> None:
+    point = cell_point("A2")
+    goals = [
+        PalmGoal(goal.palm, goal.person) if 0.3 < tick * TICK < 0.5 else goal
+        for tick, goal in enumerate(approach(point, 1.0))
+    ]
+    due = round(1.0 / TICK) - 1
+    assert np.linalg.norm(plates(arm, played(retarget, goals))[due] - point) < 0.012
+
+
+@pytest.mark.parametrize("left", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("rate", [0.3, 1.0, 1.8])
+def test_the_sessions_clock_runs_out_when_it_is_said_to(left: float, rate: float) -> None:
+    """Against the clock itself, stepped finely: at its own rate where nobody knows better."""
+    target = ReachTarget(Phase.APPROACH, 0.5, left, np.zeros(3), facing(), rate)
+    time, step, settings, remaining = 0.0, 1e-4, ReachSettings(), left
+    while remaining > 0.0:
+        rate += step / settings.smoothing * (1.0 - rate)
+        remaining, time = remaining - rate * step, time + step
+    assert until_touch(target, None) == pytest.approx(time, abs=0.012)
 
 
 def test_a_contact_too_soon_is_late_and_says_so(arm: ServoArm, retarget: Retarget) -> None:

@@ -63,7 +63,8 @@ def simulate(
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
     rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
-    lower: Annotated[list[str] | None, typer.Option(help="A lower limit, such as contact.speed=0.5.")] = None,
+    lower: cli_rig.Lower = None,
+    estop: cli_rig.Estop = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
     json: Json = False,
 ) -> None:
@@ -84,7 +85,7 @@ def simulate(
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
-        arm=None if rig is None else _arm(rig, arm, rig_file, lower),
+        arm=None if rig is None else _arm(rig, arm, rig_file, lower, estop),
     )
     folder = out or next_folder("session")
     with progress_bars() as bar:
@@ -97,10 +98,10 @@ def simulate(
         raise typer.Exit(1)
 
 
-def _arm(port: str, armed: bool, rig: Path | None, lower: list[str] | None) -> ArmOptions:
+def _arm(port: str, armed: bool, rig: Path | None, lower: list[str] | None, estop: Path | None) -> ArmOptions:
     from hil.arm_session import ArmOptions  # noqa: PLC0415
 
-    return ArmOptions(port, rig, None, tuple(lower or ()), armed)
+    return ArmOptions(port, rig, None, tuple(lower or ()), armed, estop)
 
 
 def _style(text: str) -> dict[str, float]:

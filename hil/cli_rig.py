@@ -12,6 +12,10 @@ from hil.console import print_result, progress_bars, say, say_aside
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
 Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
+Lower = Annotated[list[str] | None, typer.Option(help="A lower limit, such as contact.speed=0.5 (docs/safety.md).")]
+Estop = Annotated[
+    Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm when anything is written to it.")
+]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 
 app = typer.Typer(help="The servo arm, and the stand-in that behaves like it.", no_args_is_help=True)
@@ -96,6 +100,31 @@ def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = F
     print_result(result, json, print_configured)
     if result["differences"] and not result["written"]:
         raise typer.Exit(1)
+
+
+@app.command()
+def play(
+    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Folder of a session, or its session.mcap.")],
+    port: Annotated[str, typer.Option(help="Serial port of a real arm, which MOVES (with --arm).")] = "emulated",
+    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    trial: Annotated[list[int] | None, typer.Option(help="Only this trial; may be given again.")] = None,
+    file: RigFile = None,
+    lower: Lower = None,
+    estop: Estop = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
+    json: Json = False,
+) -> None:
+    """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base: nobody is tracked, so
+    keep everyone away from it. Space or Esc stops it."""
+    from hil.arm_session import ArmOptions  # noqa: PLC0415
+    from hil.folders import next_folder  # noqa: PLC0415
+    from hil.rig_play import PlayOptions, play, print_played  # noqa: PLC0415
+
+    options = PlayOptions(session, ArmOptions(port, file, None, tuple(lower or ()), arm, estop), tuple(trial or ()))
+    folder = out or next_folder("play")
+    with progress_bars() as bar:
+        summary = play(options, folder, bar)
+    print_result(summary, json, lambda found: print_played(found, folder))
 
 
 @app.command()

@@ -154,8 +154,12 @@ class ArmLoop:
     def timed(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
         """The frames, each with a note of when it came."""
         for frame in frames:
-            self._frame_ns = self._clock()
+            self.note_frame()
             yield frame
+
+    def note_frame(self) -> None:
+        """Now is when the next tick's frame came."""
+        self._frame_ns = self._clock()
 
     def cycles(self) -> list[Cycle]:
         """What the bus did since the last call."""
@@ -199,7 +203,7 @@ class ArmLoop:
         due = self._clock()
         for goal in goals:
             self._pause(max(0.0, 1e-9 * (due - self._clock())))
-            self._frame_ns = self._clock()
+            self.note_frame()
             ticks.append(self.tick(goal))
             cycles += self.cycles()
             due += round(1e9 * self._limits.timing.period_s)

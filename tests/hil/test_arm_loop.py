@@ -1,0 +1,167 @@
+"""The arm's loop over the twin: retargeting, envelope and servos in a row, in time that is told."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from hil.arm_loop import ArmLoop
+from hil.arm_session import full_errors, retarget_settings
+from hil.arm_trial import arm_summary, played
+from hil.bench_contact import twin_loop
+from hil.bench_retarget import Asked
+from hil.drivers.arm_process import Mode
+from hil.drivers.latch import Latch
+from hil.drivers.rig import load_rig
+from hil.retarget import ExpectedContact, PalmGoal, Retarget
+from hil.rig_reach import cell_point, facing
+from hil.safety.limits import load_limits
+from hil.safety.rules import Rule
+from hil.safety.startup import Check
+from hil.safety.states import State
+from hil.servo_arm import READY, default_arm, solve
+from hil.sim.actors import CELLS
+from hil.sim.arm_plant import mounted_arm
+from hil.twin_arm import TwinArm
+from mocap_bridge.frames import PalmPose
+from model.errors import HighFiveError
+
+RATE_HZ = 120.0
+UP = np.array([0.0, 0.0, 1.0])
+HEAD = np.array([1.1, 0.0, 1.65])
+LIMITS = load_limits()
+
+
+@pytest.fixture
+def loop() -> ArmLoop:
+    return twin_loop()
+
+
+def over(twin: TwinArm, estop: Latch | None = None, mismatches: tuple[str, ...] = ()) -> ArmLoop:
+    retarget = Retarget(default_arm(), READY, retarget_settings(load_rig(), on_the_way=0.0))
+    return ArmLoop(
+        twin, retarget, LIMITS, lambda: Check(twin.clock(), mismatches), estop or Latch(), twin.clock, twin.pause
+    )
+
+
+def new_twin() -> TwinArm:
+    return TwinArm(mounted_arm(), full_errors(load_rig()))
+
+
+def still_hand(cell: str, seconds: float = 1.2) -> Asked:
+    """A hand that waits at a cell, and an avatar that comes to it from 0.4 m away."""
+    normal, place, goals = facing(), cell_point(cell), []
+    count = round(seconds * RATE_HZ) + 20
+    for tick in range(count):
+        left = max(seconds - tick / RATE_HZ, 0.0)
+        ours = PalmPose(place - 0.33 * left * normal, normal, UP, 0.33 * normal * (left > 0.0))
+        theirs = PalmPose(place, -normal, UP, np.zeros(3))
+        contact = ExpectedContact(place, 1e-6 * np.eye(3), normal, left) if left < 1.0 else None
+        goals.append(PalmGoal(ours, theirs, HEAD, contact))
+    palms, due = np.array([goal.palm.position for goal in goals]), round(seconds * RATE_HZ)
+    return Asked(
+        "neutral", cell, tuple(goals), np.tile(place, (count, 1)), palms, np.tile(normal, (count, 1)), due, due
+    )
+
+
+@pytest.mark.parametrize("cell", ["A1", "B2", "B3"])
+def test_a_hand_that_waits_is_met(loop: ArmLoop, cell: str) -> None:
+    trial = played(still_hand(cell), loop)
+    assert trial.met.touched
+    assert trial.met.error < 0.010
+    assert abs(trial.met.late) < 0.1
+    assert loop.state is State.READY  # and the arm is at rest again
+
+
+def test_what_is_sent_keeps_the_limits(loop: ArmLoop) -> None:
+    trial = played(still_hand("A3"), loop)
+    told = np.array([tick.report.sent.positions for tick in trial.ticks if tick.report.sent is not None])
+    speeds = np.abs(np.diff(told, axis=0)) * RATE_HZ
+    assert (told >= LIMITS.lowest - 1e-9).all()
+    assert (told <= LIMITS.highest + 1e-9).all()
+    assert (speeds <= LIMITS.speed * 1.01).all()
+    closing = [
+        t.report.closing_speed
+        for t in trial.ticks
+        if t.report.closing_speed is not None and (t.report.gap or 0) < LIMITS.contact.near
+    ]
+    assert max(closing) <= LIMITS.contact.speed + 1e-9
+
+
+def test_a_joint_is_where_the_envelope_wants_it_although_it_gives_way(loop: ArmLoop) -> None:
+    """The servos answer to the error only: gravity alone would leave the shoulder lower."""
+    waiting = still_hand("B2").goals[0]
+    ticks, cycles = loop.play([PalmGoal(waiting.palm, waiting.person, HEAD)] * 240)
+    sent = ticks[-1].report.sent
+    assert sent is not None
+    actual = cycles[-1].state.positions
+    alone = np.array(loop.retarget.settings.sag) * default_arm().gravity(actual)
+    assert np.abs(alone).max() > np.radians(0.5)
+    assert np.abs(actual - sent.positions).max() < 0.2 * np.abs(alone).max()
+
+
+def test_nothing_moves_while_the_check_finds_something() -> None:
+    twin = new_twin()
+    loop = over(twin, mismatches=("its torque is off", "another"))
+    with pytest.raises(HighFiveError, match=r"its torque is off \(and 1 more\)"):
+        loop.play(still_hand("B2").goals)
+    assert twin.mode is Mode.HOLDING  # no command came
+
+
+def test_the_emergency_stop_ends_a_high_five_where_it_is() -> None:
+    twin, estop = new_twin(), Latch()
+    loop = over(twin, estop)
+    loop.begin()
+    goals = still_hand("B2").goals
+    for goal in goals[:80]:
+        loop.tick(goal)
+        twin.pause(1.0 / RATE_HZ)
+    estop.pull()
+    stopped = [loop.tick(goal) for goal in goals[80:90]]
+    assert loop.state is State.ESTOPPED
+    assert "emergency stop" in loop.trouble
+    places = np.array([tick.report.sent.positions for tick in stopped if tick.report.sent is not None])
+    assert (places == places[0]).all()
+    with pytest.raises(HighFiveError, match="emergency stop"):
+        loop.begin()
+    before = loop.state
+    loop.rest()
+    assert loop.state is before  # what was stopped is not brought to rest
+
+
+def test_a_person_who_is_not_seen_any_more_is_held_for_and_retracted_from() -> None:
+    twin = new_twin()
+    loop = over(twin)
+    loop.begin()
+    states = []
+    for tick, goal in enumerate((*still_hand("B2").goals[:60], *still_hand("B2").goals)):
+        seen = goal if tick < 60 else PalmGoal(goal.palm)
+        states.append(loop.tick(seen).report.state)
+        twin.pause(1.0 / RATE_HZ)
+        if tick < 60:
+            loop.note_frame()
+    assert list(dict.fromkeys(states)) == [
+        State.UNCHECKED, State.READY, State.TRACKING, State.HOLDING, State.RETRACTING,
+    ] or list(dict.fromkeys(states)) == [State.READY, State.TRACKING, State.HOLDING, State.RETRACTING]  # fmt: skip
+
+
+def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
+    trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
+    summary = arm_summary(trials, loop.retarget.settings.lag)
+    assert summary["trials"] == 2
+    assert summary["missed"] == 0
+    assert summary["missed_cycles"] == 0
+    assert summary["unanswered"] == 0
+    assert summary["error_mm"]["max"] >= summary["error_mm"]["median"] > 0.0
+    assert summary["cycles"] == sum(len(trial.cycles) for trial in trials)
+    assert set(summary["rules"]) <= {rule.value for rule in Rule}
+    assert [row["cell"] for row in summary["rows"]] == ["B2", "B1"]
+
+
+def test_the_way_back_is_clear_of_everything() -> None:
+    """From every cell's posture straight to the first way point, and along the path."""
+    arm, path = default_arm(), LIMITS.way_points
+    starts = [solve(arm, cell_point(cell), facing(), READY)[0] for cell in CELLS]
+    ways = [(start, path[0]) for start in starts] + list(itertools.pairwise(path))
+    least = min(arm.clearance(a + s * (b - a)) for a, b in ways for s in np.linspace(0.0, 1.0, 41))
+    assert least > 0.09

@@ -20,7 +20,7 @@ from hil.safety import envelope
 from hil.safety.limits import Limits
 from hil.safety.people import Human
 from hil.safety.startup import Check
-from hil.safety.states import State
+from hil.safety.states import HALTED, State
 from hil.safety.values import Inputs, Report, standing
 from mocap_bridge.frames import MarkerFrame, PalmPose
 from model.errors import HighFiveError
@@ -140,10 +140,11 @@ class ArmLoop:
     @property
     def trouble(self) -> str:
         """Why the arm is not to be driven any more, in one line; '' while it is."""
-        if self._standing.state in (State.STOPPING, State.STOPPED, State.ESTOPPED):
+        if self._standing.state in HALTED:
             return self._standing.reason
         if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
-            return self._arm.trouble or "the arm was stopped"
+            pulled = self._estop.pulled_ns is not None
+            return self._arm.trouble or ("the emergency stop was pulled" if pulled else "the arm was stopped")
         return ""
 
     @property

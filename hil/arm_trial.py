@@ -16,6 +16,7 @@ from hil.drivers.arm_process import Cycle
 from hil.reach import Phase
 from hil.retarget import Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
+from hil.safety.states import HALTED
 from hil.session import RATE_HZ, Tick
 from mocap_bridge.frames import MarkerFrame, PalmPose
 from model.errors import HighFiveError
@@ -213,7 +214,7 @@ def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
         "largest_current_A": max((round(float(np.abs(t.currents).max()), 2) for t in trials), default=None),
         "unanswered": sum(not bool(c.state.answered.all()) for trial in trials for c in trial.cycles),
         "rules": dict(sum((trial.acted for trial in trials), Counter())),
-        "stopped": next((t.report.reason for trial in trials for t in trial.ticks if t.report.reason), ""),
+        "stopped": next((t.report.reason for trial in trials for t in trial.ticks if t.report.state in HALTED), ""),
         "rows": [_row(trial) for trial in trials],
     }
 

@@ -262,16 +262,19 @@ def _trial(
     """A trial, or None and why it was broken off."""
     if person is None and watch is None:
         return run_trial(number, partner, session, playout), ""
+    try:
+        if watch is not None:
+            watch.begin()
+    except HighFiveError as error:
+        return None, str(error)
     if person is None:
         assert watch is not None
-        watch.begin()
         frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
         return run_trial(number, partner, session, playout, frames, watch.watch), ""
     tell(f"high five {number + 1}, {partner.emotion}: raise the right hand")
     live = person.trial()
     frames: Iterable[MarkerFrame] = live
     if watch is not None:
-        watch.begin()
         frames = watch.frames(live)
 
     def seen(tick: Tick) -> None:

@@ -81,6 +81,10 @@ MOVING = frozenset({S.TRACKING, S.HOLDING, S.RETRACTING, S.STOPPING})
 """States in which what is sent may change from tick to tick."""
 
 
+HALTED = frozenset({S.STOPPING, S.STOPPED, S.ESTOPPED})
+"""States that only a person can end."""
+
+
 def after(state: State, event: Event | None) -> State:
     """The state after an event."""
     return state if event is None else TABLE.get((state, event), state)

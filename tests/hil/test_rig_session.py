@@ -1,0 +1,150 @@
+"""Whole sessions with the emulated arm, as commands; and everything for which nothing moves."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_commands import start
+from trial_results import simulated_result
+
+from hil import cli
+from hil.arm_session import ArmOptions, ready_arm
+from hil.recording import SessionRecorder, read_recording
+from hil.rig_play import FORESEEN, asked_in
+from hil.session import RATE_HZ
+from hil.sim.scene import build_scene
+from hil.summary import SessionSettings
+from model.errors import HighFiveError
+
+clockwork = pytest.mark.realtime
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of two high fives: one in which the palms met, and one in which they did not."""
+    path = tmp_path_factory.mktemp("recorded") / "session.mcap"
+    scene = build_scene()
+    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
+        recorder.record_trial(simulated_result(scene, 0, "neutral", "B2"))
+        recorder.record_trial(simulated_result(scene, 1, "happy", "A2", away=0.3))
+    return path
+
+
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    monkeypatch.setattr("sys.argv", ["highfive", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    error = capsys.readouterr().err
+    assert "Traceback" not in error
+    return " ".join(error.split())
+
+
+def test_what_cannot_be_played_is_one_line_and_nothing_moves(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recorded: Path, tmp_path: Path
+) -> None:
+    def said(*words: object) -> str:
+        return refused(monkeypatch, capsys, "rig", "play", *words)
+
+    empty, nonsense = tmp_path / "empty.mcap", tmp_path / "nonsense.toml"
+    empty.touch()
+    nonsense.write_text("name = 3")
+    assert "only with --arm" in said(recorded, "--port", "/dev/ttyUSB99")
+    assert "no such port" in said(recorded, "--port", "/dev/ttyUSB99", "--arm")
+    assert "not a serial port" in said(recorded, "--port", empty, "--arm")
+    assert "cannot read the recording" in said(tmp_path / "none")
+    assert "is empty" in said(empty)
+    assert "no high five 1 in which the palms met; there are 0" in said(recorded, "--trial", "1")
+    assert "contact.speed is 2 m/s" in said(recorded, "--lower", "contact.speed=2")
+    assert "can only be lowered" in said(recorded, "--lower", "motion.retract=0.6")
+    assert "nonsense.toml" in said(recorded, "--rig", nonsense)
+
+
+def test_a_recording_of_another_avatar_is_refused(recorded: Path) -> None:
+    recording = read_recording(recorded)
+    other = type(recording)(recording.settings, ("hip", "knee"), recording.channels, True)
+    with pytest.raises(HighFiveError, match="another avatar: 2 joints"):
+        asked_in(other, recorded)
+
+
+def test_what_is_played_is_what_was_recorded(recorded: Path) -> None:
+    """The hand's place where the palms met, and the time that is left until then."""
+    recording = read_recording(recorded)
+    found = asked_in(recording, recorded)
+    assert list(found) == [0]
+    asked, (times, _) = found[0], recording.poses()
+    judgement = recording.channels["/contact"][0].data
+    assert asked.due == round(judgement["met_time"] * RATE_HZ)
+    assert len(asked.goals) <= len(times)
+    told = [tick for tick, goal in enumerate(asked.goals) if goal.contact is not None]
+    assert told[0] == asked.due - round(FORESEEN * RATE_HZ)
+    first = asked.goals[told[0]].contact
+    assert first is not None
+    assert first.time == pytest.approx(FORESEEN, abs=1.0 / RATE_HZ)
+    assert np.linalg.norm(first.point - asked.avatar[asked.due]) < 0.02  # the palms met there
+    np.testing.assert_allclose(first.point, recording.channels["/person"][asked.due].data["palm"], atol=1e-5)
+
+
+def test_servos_that_are_not_as_they_have_to_be_are_told_before_anything_is_switched_on() -> None:
+    with (
+        pytest.raises(HighFiveError, match=r"servo 4 \(elbow\): no answer.*nothing moves"),
+        ready_arm(ArmOptions(faults=("dead=4",))),
+    ):
+        pytest.fail("it was let through")
+
+
+@pytest.mark.slow
+@clockwork
+def test_a_session_with_the_emulated_arm_is_recorded_reported_and_can_be_played_again(tmp_path: Path) -> None:
+    out, again = tmp_path / "session", tmp_path / "again"
+    process = start("simulate", "--rig", "emulated", "--trials", 1, "--emotion", "neutral", "--cell", "B1",
+                    "--no-pictures", "--out", out, "--json")  # fmt: skip
+    said, error = process.communicate(timeout=300)
+    assert process.returncode in (0, 1), error
+    arm = json.loads(said)["arm"]
+    assert arm["trials"] == 1 and arm["stopped"] == "", arm
+    assert arm["cycles"] > 200 and arm["unanswered"] == 0
+    assert arm["rows"][0]["touched"], arm["rows"]
+    assert arm["error_mm"]["max"] < 40.0  # how near it comes is the contact suite's business
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "Servo arm" in page and "following error" in page
+    recording = read_recording(out / "session.mcap")
+    cycles, ticks = recording.channels["/arm"], recording.channels["/safety"]
+    assert len(cycles) == arm["cycles"]
+    assert {message.data["state"] for message in ticks} >= {"tracking"}
+    sent = [message.data for message in cycles if message.data["sent"] is not None]
+    assert len(sent) > 200
+    process = start("rig", "play", out, "--out", again, "--json")
+    said, error = process.communicate(timeout=300)
+    assert process.returncode == 0, error
+    assert json.loads(said)["missed"] == 0
+    assert (again / "report.html").is_file()
+
+
+@pytest.mark.slow
+@clockwork
+@pytest.mark.parametrize("how", ["pipe", "signal"])
+def test_an_emergency_stop_ends_the_session_and_keeps_what_was_played(how: str, tmp_path: Path) -> None:
+    pipe, out = tmp_path / "stop", tmp_path / "session"
+    process = start("simulate", "--rig", "emulated", "--emotion", "neutral", "--no-pictures", "--out", out,
+                    "--estop", pipe, "--json")  # fmt: skip
+    end = time.monotonic() + 120.0
+    recording = out / "session.mcap"
+    while not (recording.exists() and recording.stat().st_size > 100_000) and time.monotonic() < end:
+        time.sleep(0.05)
+    time.sleep(1.5)  # in the second high five
+    if how == "pipe":
+        subprocess.run(["sh", "-c", f"echo stop > {pipe}"], check=True, timeout=10.0)
+    else:
+        os.kill(process.pid, signal.SIGUSR1)
+    said, error = process.communicate(timeout=120)
+    assert process.returncode == 1, error
+    summary = json.loads(said)
+    assert summary["interrupted"]
+    assert "emergency stop" in error
+    assert summary["trials"] >= 1

@@ -103,6 +103,20 @@ def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = F
 
 
 @app.command()
+def reach(
+    picture: Annotated[Path, typer.Option(metavar="FILE.png", help="Where to draw the map.")] = Path("reach.png"),
+    quick: Annotated[bool, typer.Option("--quick", help="Only the mount as it is; no search.")] = False,
+    json: Json = False,
+) -> None:
+    """Show which cells the mounted arm reaches and how fast, and search for the best mount. Nothing moves."""
+    from hil.rig_reach import print_rig_reach, rig_reach  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = rig_reach(picture, quick, bar)
+    print_result(result | {"picture": str(picture)}, json, print_rig_reach)
+
+
+@app.command()
 def play(
     session: Annotated[Path, typer.Argument(metavar="SESSION", help="Folder of a session, or its session.mcap.")],
     port: Annotated[str, typer.Option(help="Serial port of a real arm, which MOVES (with --arm).")] = "emulated",

@@ -6,18 +6,22 @@ import os
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
+from hil.arm_session import PLANT
 from hil.drivers.emulator import Emulator
 from hil.drivers.emulator_process import EmulatorOptions, make_bus
 from hil.drivers.rig import load_rig
 from hil.ending import until_told
+from hil.safety.limits import JOINTS
 from model.errors import HighFiveError
 
 
 def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str], None]) -> dict[str, Any]:
     """Serves the emulated bus until Ctrl-C or SIGTERM, or for so long; ``say`` gets lines for people.
+
+    The servos of an arm with our joints move its twin, others an inertia a joint.
 
     Every line that comes in on standard input replaces what goes wrong, with times that count from then.
 
@@ -28,6 +32,8 @@ def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str]
         HighFiveError: rig, faults or link make no sense, or there are no pseudo-terminals.
     """
     rig = load_rig(options.rig)
+    if options.plant is None and tuple(joint.name for joint in rig.joints) == JOINTS:
+        options = replace(options, plant=PLANT)
     bus = make_bus(options)
     with until_told() as told, Emulator(bus, link=options.link) as emulator:
         say(f"{emulator.port}: {rig.name}, {options.baud_rate or rig.baud_rate:,} baud")

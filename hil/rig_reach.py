@@ -305,6 +305,30 @@ def rig_reach(picture: Path | None, quick: bool, bar: Bar) -> dict[str, Any]:
     }
 
 
+def print_rig_reach(result: dict[str, Any]) -> None:
+    """The reach of the mount as it is, and the best of the search, for people."""
+    of = result["chosen"]
+    print(
+        f"base {of['height']:.2f} m high, {of['standoff']:.2f} m behind the grid, {of['side_deg']:.0f}° aside, tilted "
+        f"{of['tilt_deg']:.0f}°: {of['cells']} of {len(result['cells'])} cells, slowest reach {of['slowest_s']:.2f} s"
+    )
+    for name, cell in result["cells"].items():
+        reached = "reached" if cell["reached"] else "not reached"
+        print(
+            f"  {name}  {reached}, {cell['seconds']:.2f} s, {cell['margin_deg']:.0f}° from a joint's limit, "
+            f"{100.0 * cell['gap_m']:.0f} cm from anything"
+        )
+    if result["bases"]:
+        print(f"of {result['bases']} bases {result['bases_with_all_cells']} reach every cell; the best:")
+        for best in result["best"]:
+            where = f"{best['height']:.2f} m high, {best['standoff']:.2f} m behind, {best['side_deg']:.0f}° aside"
+            print(
+                f"  {where}, tilted {best['tilt_deg']:.0f}°, plate {best['plate']:.2f} m: {best['cells']} cells, "
+                f"slowest {best['slowest_s']:.2f} s"
+            )
+    print(f"map: {result['picture']}")
+
+
 def _chosen() -> BaseReach:
     arm, normal = CHOSEN.arm(), facing()
     return _from_ready(CHOSEN, arm, READY, [_postures(arm, cell_point(cell), normal) for cell in CELLS])

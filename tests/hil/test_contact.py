@@ -1,0 +1,83 @@
+"""How near palms come, against what was recorded: cells × emotions × avatar, twin and emulated rig.
+
+``contact_baseline.json`` is what ``highfive bench contact --json`` said when it was recorded. To record it again, after
+a change that is meant: ``highfive bench contact --json > tests/hil/contact_baseline.json``.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.bench_contact import ContactOptions, bench_contact
+from hil.simulate import DEFAULT_MODEL
+from model.store import load_model
+
+BASELINE = Path(__file__).with_name("contact_baseline.json")
+SLACK_MM = {"avatar": 1.0, "twin": 10.0, "rig": 15.0}
+"""By how much the error of one high five may grow, and half of what it was: a plan that differs in its last digits
+takes another turn, and the rig goes by the clock."""
+MEDIAN_MM = {"avatar": 0.5, "twin": 2.0, "rig": 5.0}
+"""The same of the median."""
+
+
+def quiet(_: str, __: int):
+    return lambda *_, **__: None
+
+
+def baseline() -> dict[str, Any]:
+    return json.loads(BASELINE.read_text(encoding="utf-8"))
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    lines = [f"{'':8}{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>10}"]
+    lines += [
+        f"{row['player']:<8}{row['emotion']:<10}{row['cell']:<6}{row['error_mm']:>10.1f}{row['change_mm']:>+10.1f}"
+        for row in rows
+    ]
+    return "\n".join(lines)
+
+
+def check(result: dict[str, Any], player: str) -> None:
+    rows = [row for row in result["rows"] if row["player"] == player]
+    assert rows
+    assert all(row["change_mm"] is not None for row in rows), "a high five that the baseline does not know"
+    worse = [row for row in rows if row["change_mm"] > SLACK_MM[player] + 0.5 * (row["error_mm"] - row["change_mm"])]
+    assert not worse, f"further off than recorded:\n{table(worse)}"
+    before = [row["error_mm"] - row["change_mm"] for row in rows]
+    growth = float(np.median([row["error_mm"] for row in rows]) - np.median(before))
+    assert growth <= MEDIAN_MM[player], f"the median grew by {growth:.1f} mm:\n{table(rows)}"
+
+
+@pytest.mark.contact
+@pytest.mark.slow
+def test_avatar_and_twin_meet_hands_as_near_as_recorded() -> None:
+    options = ContactOptions(players=("avatar", "twin"), baseline=BASELINE)
+    result = bench_contact(options, load_model(DEFAULT_MODEL), quiet)
+    check(result, "avatar")
+    check(result, "twin")
+    assert result["twin"]["commanded_closing_speed"] <= 0.78 + 1e-3
+    assert len(result["twin"]["missed"]) <= len(baseline()["twin"]["missed"]) + 2
+
+
+@pytest.mark.contact
+@pytest.mark.slow
+@pytest.mark.realtime
+def test_the_emulated_rig_meets_hands_as_near_as_recorded() -> None:
+    options = ContactOptions(("neutral", "sad"), ("B1", "C2"), ("rig",), baseline=BASELINE)
+    result = bench_contact(options, load_model(DEFAULT_MODEL), quiet)
+    check(result, "rig")
+
+
+def test_a_worse_contact_fails_with_a_table() -> None:
+    rows = [
+        {"player": "twin", "emotion": "sad", "cell": cell, "error_mm": error, "change_mm": change}
+        for cell, error, change in (("A1", 4.0, 0.2), ("B2", 31.0, 28.5), ("C3", 5.0, -0.3))
+    ]
+    with pytest.raises(AssertionError) as failure:
+        check({"rows": rows}, "twin")
+    said = str(failure.value)
+    assert "B2" in said and "sad" in said and "+28.5" in said
+    assert "A1" not in said.split("further off")[1].split("assert", maxsplit=1)[0]

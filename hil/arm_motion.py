@@ -521,6 +521,7 @@ class Task(NamedTuple):
         covariance, sharpness: (3, 3) m² and m, how sure the place is, and what is not told from none.
         firm: weight of the normal's deviation.
         closing: m/s, speed along the normal at which it closes on the hand.
+        settle: s before that from which on it is in front of the hand, ``standoff`` m away, and goes with it.
         press: m, that it goes on through the hand; ``pressed``: it should be there at once.
         away, drift: (3,) m and m/s, place and velocity of the path to be followed until then, from the point.
         loose: m, deviation from that path that counts 1.
@@ -540,6 +541,8 @@ class Task(NamedTuple):
     sharpness: float
     firm: float
     closing: float
+    settle: float
+    standoff: float
     press: float
     pressed: bool
     away: Array
@@ -1084,7 +1087,11 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
             _solved(lower, column)
         for r in range(3):
             sure[r, c] = column[r]
-    length, calm = max(task.time, task.seconds), 3.0 * FADING
+    settled = task.time - task.settle
+    length, calm = max(settled, task.seconds), 3.0 * FADING
+    end, pace = np.empty(3), np.empty(3)
+    if settled < math.inf:
+        _met_hand(task, max(settled, 0.0), end, pace)
     for k in range(count):
         t = (k + 1) * task.seconds
         fading = math.exp(-t / calm)
@@ -1096,26 +1103,43 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
             continue
         past = t - task.time
         aim.normal_weights[k] = BEFORE * task.firm
-        if past < -0.5 * task.seconds:  # on the way
+        if t - settled < -0.5 * task.seconds:  # on the way
             x = t / length
             for r in range(3):
-                speed = task.braked[r] + task.closing * task.normal[r]
-                cubic = task.away[r] * (1.0 - x) ** 2 * (1.0 + 2.0 * x)
-                cubic += length * x * (1.0 - x) * (task.drift[r] * (1.0 - x) - speed * x)
-                aim.points[k, r] = task.point[r] + cubic
+                stop = end[r] - task.standoff * task.normal[r]
+                cubic = stop + (task.point[r] + task.away[r] - stop) * (1.0 - x) ** 2 * (1.0 + 2.0 * x)
+                cubic += length * x * (1.0 - x) * (task.drift[r] * (1.0 - x) - pace[r] * x)
+                aim.points[k, r] = cubic
                 aim.point_weights[k, r, r] = task.seconds / STYLE_KNOT / task.loose**2
             continue
         aim.normal_weights[k] = task.firm
-        if past < 1.5 * task.seconds:
+        if abs(past) < 1.5 * task.seconds:
             aim.velocity_weights[k] = MEETING_WEIGHT
-        gone = past if past < 0.0 else FADING * (1.0 - math.exp(-past / FADING))
         through = task.press if task.pressed else min(task.closing * past, task.press)
+        _met_hand(task, t, aim.points[k], aim.velocities[k])
         for r in range(3):
+            aim.points[k, r] += max(through, -task.standoff) * task.normal[r]
             aim.velocities[k, r] = task.braked[r] + task.closing * task.normal[r]
-            aim.points[k, r] = task.point[r] + gone * task.braked[r] + through * task.normal[r]
             for c in range(3):
                 aim.point_weights[k, r, c] = sure[r, c]
     return aim
+
+
+@compiled
+def _met_hand(task: Task, t: float, place: Array, pace: Array) -> None:
+    """Writes where the hand is in t s, (3,) m, and its velocity (3,): a cubic from now to the contact, then fading."""
+    past = t - task.time
+    if past >= 0.0 or task.cap == math.inf:
+        gone = past if past < 0.0 else FADING * (1.0 - math.exp(-past / FADING))
+        for r in range(3):
+            place[r], pace[r] = task.point[r] + gone * task.braked[r], task.braked[r]
+        return
+    length, x = task.time, t / task.time
+    for r in range(3):
+        way = task.point[r] - task.hand[r]
+        begin, end = length * task.hand_velocity[r], length * task.braked[r]
+        place[r] = task.hand[r] + x * (begin + x * (3.0 * way - 2.0 * begin - end + x * (begin + end - 2.0 * way)))
+        pace[r] = (begin + x * (2.0 * (3.0 * way - 2.0 * begin - end) + 3.0 * x * (begin + end - 2.0 * way))) / length
 
 
 @compiled

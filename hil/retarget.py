@@ -85,6 +85,13 @@ class RetargetSettings:
     """Cost of a joint speed of 1 rad/s at a knot."""
     met: float = 0.004
     """A commanded plate this near the place of contact is there."""
+    settle: float = 0.15
+    standoff: float = 0.025
+    yielding: float = 0.93
+    lead: float = 0.0
+    most_lead: float = 0.015
+    ahead: float = 0.0
+    shortest_knot: float = 0.015
     longest_knot: float = 0.07
 
 
@@ -286,22 +293,25 @@ class Retarget:
         hand, hand_velocity, cap = _NOWHERE, _NOWHERE, math.inf
         if person is not None:
             hand, hand_velocity = person.position + s.lag * person.velocity, person.velocity
-            cap = s.care * self._cap(goal)
+            cap = s.yielding * self._cap(goal)
         if contact is None:
             return Task(
-                math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, False, _NOWHERE, _NOWHERE, 1.0,
+                math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOWHERE, _NOWHERE, 1.0,
                 hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, 10.0 * s.effort, s.calm, 0.05,
             )  # fmt: skip
         time = contact.time - s.lag
         closing, braked = self._meeting_speed(goal)
         normal, firm = self._normal(contact)
         scale = 1.0 if state.scale is None else state.scale
+        doubt = math.sqrt(max(float(contact.normal @ contact.covariance @ contact.normal), 0.0))
+        point = contact.point + min(s.lead * doubt, s.most_lead) * contact.normal
+        time -= min(s.ahead, contact.time)
         return Task(
-            time, contact.point, normal, contact.covariance, s.sharpness, firm,
-            closing, min(s.press * closing, s.most_press), state.late > 0.0,
+            time, point, normal, contact.covariance, s.sharpness, firm,
+            closing, s.settle, s.standoff, min(s.press * closing, s.most_press), state.late > 0.0,
             scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose,
             hand, hand_velocity, braked, cap,
-            self.ready, 1e-3, head, s.effort, s.calm, min(max(time / CONTACT_KNOT, s.tick), s.longest_knot),
+            self.ready, 1e-3, head, s.effort, s.calm, min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot),
         )  # fmt: skip
 
     def _normal(self, contact: ExpectedContact) -> tuple[Array, float]:

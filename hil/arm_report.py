@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter
 
 from hil.arm_trial import MS, ArmTrial
 from hil.colours import PERSON, colour_of
@@ -73,6 +74,7 @@ def meeting(trials: Sequence[ArmTrial]) -> Drawing:
         right.plot(time, [np.linalg.norm(p.velocity) for p in trial.plates], color=colour, lw=0.9, alpha=0.8)
     left.set_yscale("log")
     left.set_ylim(1.0, 1500.0)
+    left.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     left.set_ylabel("plate to palm, mm")
     right.set_ylabel("speed, m/s")
     for axes in (left, right):

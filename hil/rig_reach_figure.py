@@ -63,6 +63,10 @@ def _cells(axes: Axes, reach: BaseReach) -> None:
 
 def _search(axes: Axes, found: Sequence[BaseReach]) -> None:
     axes.set_title("the search: cells reached, slowest reach")
+    if not found:
+        axes.text(0.5, 0.5, "not searched", ha="center", va="center", color=QUIET, transform=axes.transAxes)
+        axes.set_axis_off()
+        return
     best = np.full((len(HEIGHTS), len(STANDOFFS)), np.nan)
     for reach in found:
         row, column = HEIGHTS.index(reach.base.height), STANDOFFS.index(reach.base.standoff)

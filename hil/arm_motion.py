@@ -1062,6 +1062,8 @@ MEETING_WEIGHT = 5.0
 """s²/m², of the plate's velocity as it meets the hand."""
 BEFORE = 0.05
 """Share of the normal's weight that counts before."""
+BEFOREHAND = 0.15
+"""m/s by which the place in front of the hand is less strict for each s before the contact."""
 STYLE_KNOT = 0.05
 """s of the path that count as one knot."""
 
@@ -1079,7 +1081,7 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
         for c in range(3):
             sure[r, c] = task.covariance[r, c]
         sure[r, r] += task.sharpness**2
-    known = _factored(sure, lower)
+    known, doubt = _factored(sure, lower), (sure[0, 0] + sure[1, 1] + sure[2, 2]) / 3.0
     for c in range(3):
         for r in range(3):
             column[r] = 1.0 if r == c else 0.0
@@ -1121,7 +1123,7 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
             aim.points[k, r] += max(through, -task.standoff) * task.normal[r]
             aim.velocities[k, r] = task.braked[r] + task.closing * task.normal[r]
             for c in range(3):
-                aim.point_weights[k, r, c] = sure[r, c]
+                aim.point_weights[k, r, c] = sure[r, c] * doubt / (doubt + (BEFOREHAND * min(past, 0.0)) ** 2)
     return aim
 
 

@@ -48,7 +48,7 @@ class RetargetSettings:
     head_radius: float = 0.14
     """No part of the arm plans to come nearer the head's centre than this and a margin."""
     care: float = 0.8
-    """Share of those speeds that is planned for: what is measured is late and noisy."""
+    """Share of those speeds that is planned for at contact: what is measured is late and noisy."""
     sharpness: float = 0.002
     """Deviation of the place of contact that the plan does not tell from none."""
     loose: float = 0.08
@@ -76,8 +76,8 @@ class RetargetSettings:
     """A hand that could not be met in time is followed only if it is this near and no faster than this, m/s."""
     press: float = 0.018
     most_press: float = 0.02
-    """The plate aims so far through the hand as the two close in this time, s, but no further than this, m: a hand that
-    is not met goes back, and the contact is then missed altogether."""
+    """The plate aims so far through the hand as the two close in this time, s, but no further than this, m, and so far
+    once it is late: a hand that is not met goes back, and the contact is then missed altogether."""
     slowest: float = 0.35
     """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
     where a hand that goes back a moment sooner was."""
@@ -86,13 +86,16 @@ class RetargetSettings:
     met: float = 0.004
     """A commanded plate this near the place of contact is there."""
     settle: float = 0.15
+    """So long before contact the plate is in front of the hand, ..."""
     standoff: float = 0.025
+    """... this far away, and goes with it: neither the place nor the time of contact is known well before, but where
+    the hand is is, and near it the plate may not make up for what is missing."""
     yielding: float = 0.93
-    lead: float = 0.0
-    most_lead: float = 0.015
-    ahead: float = 0.0
+    """Share of the largest speed relative to the hand that is planned for on the way."""
     shortest_knot: float = 0.015
+    """The plan's knots are no nearer each other than this, s, and ..."""
     longest_knot: float = 0.07
+    """... no further apart than this."""
 
 
 @dataclass(frozen=True)
@@ -296,19 +299,17 @@ class Retarget:
             cap = s.yielding * self._cap(goal)
         if contact is None:
             return Task(
-                math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOWHERE, _NOWHERE, 1.0,
-                hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, 10.0 * s.effort, s.calm, 0.05,
+                math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOWHERE,
+                _NOWHERE, 1.0, hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, 10.0 * s.effort, s.calm, 0.05,
             )  # fmt: skip
         time = contact.time - s.lag
         closing, braked = self._meeting_speed(goal)
         normal, firm = self._normal(contact)
         scale = 1.0 if state.scale is None else state.scale
-        doubt = math.sqrt(max(float(contact.normal @ contact.covariance @ contact.normal), 0.0))
-        point = contact.point + min(s.lead * doubt, s.most_lead) * contact.normal
-        time -= min(s.ahead, contact.time)
+        press = s.most_press if state.late > 0.0 else min(s.press * closing, s.most_press)
         return Task(
-            time, point, normal, contact.covariance, s.sharpness, firm,
-            closing, s.settle, s.standoff, min(s.press * closing, s.most_press), state.late > 0.0,
+            time, contact.point, normal, contact.covariance, s.sharpness, firm,
+            closing, s.settle, s.standoff, press, state.late > 0.0,
             scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose,
             hand, hand_velocity, braked, cap,
             self.ready, 1e-3, head, s.effort, s.calm, min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot),

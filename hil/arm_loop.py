@@ -173,7 +173,7 @@ class ArmLoop:
             goal: of this tick.
             run: the arm shall follow; otherwise it goes back to where it rests.
         """
-        begun = self._clock()
+        started, begun = time.perf_counter_ns(), self._clock()
         newest = self._arm.newest()
         arm, health = (None, None) if newest is None else (newest.state, newest.health)
         if self._state is None and arm is not None:
@@ -187,7 +187,7 @@ class ArmLoop:
         if command is not None:
             self._arm.drive(self._beyond(command, step, report))
         self._state = self._followed(state, step.joints, report)
-        return ArmTick(self._frame_ns, goal, step.joints, report, 1e-6 * (self._clock() - begun))
+        return ArmTick(self._frame_ns, goal, step.joints, report, 1e-6 * (time.perf_counter_ns() - started))
 
     def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
         """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early where it is stopped.

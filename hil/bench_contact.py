@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.arm_loop import ArmLoop
+from hil.arm_loop import ArmLoop, ArmTick
 from hil.arm_session import ArmOptions, full_errors, ready_arm, retarget_settings
 from hil.arm_trial import MS, ArmTrial, played
 from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met
@@ -28,6 +28,7 @@ from hil.sim.actors import CELLS
 from hil.sim.arm_plant import mounted_arm
 from hil.sim.emotions import EMOTIONS
 from hil.twin_arm import TwinArm
+from mocap_bridge.frames import PalmPose
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 
@@ -165,20 +166,31 @@ def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Met]
 
 
 def _commanded(trials: Sequence[ArmTrial]) -> dict[str, Any]:
-    """The largest speeds that were ever sent, m/s: of plate and hand along the line between them where they are near,
-    and of the arm's points in the face zone."""
-    limits = load_limits()
+    """The largest closing speed of plate and hand that was ever sent where they are near, m/s, and ms of planning.
+
+    What the hand is faster than the limit by itself is not counted: the plate then stands.
+    """
+    limits = load_limits().contact
     closing = [
-        tick.report.closing_speed
+        tick.report.closing_speed - max(0.0, _approaching(tick, plate) - limits.speed)
         for trial in trials
-        for tick in trial.ticks
-        if tick.report.closing_speed is not None and (tick.report.gap or 0.0) < limits.contact.near
+        for tick, plate in zip(trial.ticks, trial.plates, strict=True)
+        if tick.report.closing_speed is not None and (tick.report.gap or 0.0) < limits.near
     ]
     steps = [tick.step_ms for trial in trials for tick in trial.ticks]
+    p50, p99 = np.percentile(steps or [np.nan], [50, 99])
     return {
         "commanded_closing_speed": round(max(closing, default=0.0), 3),
-        "step_ms": {"p50": round(float(np.percentile(steps, 50)), 3), "p99": round(float(np.percentile(steps, 99)), 3)},
+        "step_ms": {"p50": round(float(p50), 3), "p99": round(float(p99), 3)},
     }
+
+
+def _approaching(tick: ArmTick, plate: PalmPose) -> float:
+    """m/s, how fast the hand comes nearer the plate."""
+    if tick.goal.person is None:
+        return 0.0
+    away = tick.goal.person.position - plate.position
+    return float(-away @ tick.goal.person.velocity / max(np.linalg.norm(away), 1e-3))
 
 
 def _row(player: str, met: Met, before: Mapping[str, float]) -> dict[str, Any]:

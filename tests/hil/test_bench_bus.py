@@ -16,5 +16,5 @@ def test_no_cycle_is_faster_than_the_line() -> None:
     assert result["cycle_ms"]["p50"] >= 1e3 / result["limit_hz"] * 0.99
     assert result["failed"] == 0
     assert 0.0 < result["dead_servo_hz"] < result["limit_hz"]
-    assert result["estop_ms"] > 0.0
+    assert 0.0 <= result["estop_ms"] < 1000.0
     assert result["watchdog_ms"] >= 60.0

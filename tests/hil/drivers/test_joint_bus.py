@@ -42,7 +42,8 @@ def test_joints_go_where_they_are_told_each_its_own_way(joints: JointBus, bus: S
     for joint, position in zip(rig.joints, state.positions, strict=True):
         for servo in joint.ids:  # a shadow goes with its leader
             assert abs(bus.read(servo, "present_position") - count(joint, position)) <= 3
-    hot, volts = joints.health()
+    health = joints.health()
+    hot, volts = health.temperatures, health.voltages
     assert (hot > 20.0).all()
     assert (volts > 11.0).all()
 
@@ -54,7 +55,7 @@ def test_what_is_no_goal_is_not_sent(joints: JointBus) -> None:
             joints.write(JointCommand(np.array([bad, 0, 0, 0, 0, 0.0]), HALF))
     state, sent = joints.cycle(JointCommand(np.zeros(6), np.full(6, 1e3)))
     assert sent is not None
-    assert sent.currents.max() <= 3.01  # the rig's own limits hold
+    assert sent.currents.max() <= 3.51  # the rig's own limits hold
     assert np.abs(state.positions).max() < 0.01
 
 

@@ -15,7 +15,7 @@ from rich.live import Live
 
 from hil.console import STDERR
 from hil.ending import Told, until_told
-from hil.stream_arm import ArmThread, arm_follower, choose_marker_set
+from hil.stream_arm import ArmThread, arm_follower, choose_marker_set, prepare_tracker
 from hil.stream_record import Recorder, recover
 from hil.stream_screen import StreamView, arm_text, plain_line, screen
 from hil.stream_statistics import StreamStatistics
@@ -77,6 +77,7 @@ def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]
         if options.record.suffix.lower() == ".c3d" and (line := recover(options.record)):
             say(line)
         recorder = Recorder(options.record)
+    prepare_tracker(say)  # the seconds count from the first frame
     try:
         sys.setswitchinterval(SWITCH_S)
         with until_told() as told:
@@ -157,7 +158,7 @@ class _Listener:
             "lost_frames": health.lost,
             "refused_frames": health.refused,
             "rate_hz": round(self._rate(health), 3),
-            "nominal_rate_hz": self._source.rate_hz,
+            "nominal_rate_hz": None if self._first is None else self._source.rate_hz,
             "age_ms": _rounded(zip(("p50", "p99", "max"), seen.age_ms, strict=True)),
             "jitter_ms": _rounded(zip(("std", "p99"), seen.jitter_ms, strict=True)),
             "markers": _rounded(zip(seen.names, seen.share, strict=True)),

@@ -16,6 +16,9 @@ from mocap_bridge.tracker import Tracker
 from model.errors import HighFiveError
 from model.rotations import Array
 
+NOTICE_S = 3.0
+"""What takes longer, s, is told."""
+
 
 @dataclass(frozen=True)
 class ArmView:
@@ -74,6 +77,18 @@ def arm_follower(marker_set: MarkerSet, rate_hz: float) -> Callable[[MarkerFrame
         return arm_view(estimator(tracked), tracked.rejected)
 
     return follow
+
+
+def prepare_tracker(say: Callable[[str], None]) -> None:
+    """Has the tracker compiled, if it is not; a line says so where that takes longer than a moment."""
+    line = "compiling the tracker, once after installing: this takes a minute or two"
+    notice = threading.Timer(NOTICE_S, say, [line])
+    notice.daemon = True
+    notice.start()
+    try:
+        Tracker(load_marker_set("paper"), 120.0)
+    finally:
+        notice.cancel()
 
 
 class ArmThread:

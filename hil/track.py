@@ -16,10 +16,12 @@ from calibration.personal_set import personal_set
 from hil.console import STDOUT
 from hil.folders import next_folder
 from hil.page import write_file
+from hil.stream_arm import prepare_tracker
 from hil.track_input import OnePerson, fitted_subject, read_person
 from hil.track_report import write_track_report
 from hil.track_summary import angle_rows, summarise_track
 from hil.tracked_recording import TrackedRecording, passes, track_recording
+from hil.training_data import tell
 from mocap_bridge.c3d_fill import write_filled
 from mocap_bridge.marker_sets import MarkerSet
 from model.errors import HighFiveError
@@ -65,6 +67,7 @@ def track(options: TrackOptions, bar: ProgressBar) -> dict[str, Any]:
     person = read_person(options.file, options.person, wanted)
     folder = options.out or next_folder("track")
     _check_folder(folder)
+    prepare_tracker(tell)
     fitted = _fitted(person, bar) if options.fit and options.subject is None else None
     marker_set = fitted or person.marker_set
     advance = bar("tracking", len(person.recording) * passes(person.recording, marker_set))

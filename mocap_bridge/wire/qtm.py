@@ -173,7 +173,7 @@ def _stranger(sample: bytes) -> str:
         return (
             "this is QTM's port for big-endian numbers; the one for little-endian is 22223 unless QTM's options differ"
         )
-    return f"not QTM's real-time protocol: it sent {sample!r}"
+    return f"not QTM's real-time protocol: it sent {sample[:16]!r}…; correct the port or the protocol"
 
 
 def decode_event(body: bytes) -> int:

@@ -1,7 +1,7 @@
 """How near palms come, against what was recorded: cells × emotions × avatar, twin and emulated rig.
 
-``contact_baseline.json`` is what ``highfive bench contact --json`` said when it was recorded: for avatar and twin of all
-high fives, for the rig (``--player rig``) of those that its test plays, their ``rows`` one after the other.
+``contact_baseline.json`` is what ``highfive bench contact --json`` said when it was recorded: for avatar and twin of
+all high fives, for the rig (``--player rig``) of those that its test plays, their ``rows`` one after the other.
 """
 
 import json

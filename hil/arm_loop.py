@@ -6,7 +6,7 @@ Nothing here waits, but for :meth:`ArmLoop.rest`.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -28,7 +28,6 @@ from model.rotations import Array
 
 OFF_COURSE = 0.03
 """rad: where the envelope holds a joint back by more than this, the plan goes on from where it was told to be."""
-
 
 MOST_SAG = 0.1
 """rad, most that a servo's goal goes beyond where the joint shall be, because it gives way."""
@@ -126,8 +125,7 @@ class ArmLoop:
             raise HighFiveError(self.trouble)
         self._check = self._checked()
         if self._check.mismatches:
-            others = len(self._check.mismatches) - 1
-            raise HighFiveError(self._check.mismatches[0] + (f" (and {others} more)" if others else ""))
+            raise HighFiveError(first_of(self._check.mismatches))
         self._standing = standing(self._check.time_ns)
         self._state = self._told = None
         self._arm.unread()
@@ -249,3 +247,8 @@ class ArmLoop:
         speeds = np.zeros_like(told) if before is None else (told - before) / self.retarget.settings.tick
         most = self.retarget.arm.packed.speeds
         return self.retarget.moved(state, told, np.clip(speeds, -most, most))
+
+
+def first_of(lines: Sequence[str]) -> str:
+    """The first of some lines, and how many there are besides."""
+    return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "")

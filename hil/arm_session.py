@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from hil.arm_loop import ArmLoop
+from hil.arm_loop import ArmLoop, first_of
 from hil.drivers.arm_process import ArmProcess
 from hil.drivers.control_table import load_table, to_si
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
@@ -176,8 +176,4 @@ def _refuse_unless_ready(port: str, rig: Rig) -> None:
     finally:
         bus.close()
     if troubles:
-        raise HighFiveError(f"{_first(troubles)}; nothing moves (highfive rig check {port} shows all)")
-
-
-def _first(lines: Sequence[str]) -> str:
-    return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "")
+        raise HighFiveError(f"{first_of(troubles)}; nothing moves (highfive rig check {port} shows all)")

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from hil.arm_loop import ArmLoop, ArmTick
-from hil.bench_retarget import Asked, Met, judged, possible
+from hil.bench_retarget import Asked, Met, asked_in, judged, possible
 from hil.drivers.arm_process import Cycle
-from hil.reach import Phase
 from hil.retarget import Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
 from hil.safety.states import HALTED
@@ -170,21 +169,6 @@ class ArmWatch:
         return arm_trial(
             asked_in(self._session, emotion, cell, met), self.loop.retarget, self._ticks, self._cycles, self._given_up
         )
-
-
-def asked_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Asked:
-    """What a session's ticks asked of the arm."""
-    touches = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
-    return Asked(
-        emotion,
-        cell,
-        tuple(palm_goal(tick) for tick in ticks),
-        np.array([tick.person.palm.position for tick in ticks]),
-        np.array([tick.palm.position for tick in ticks]),
-        np.array([tick.palm.normal for tick in ticks]),
-        touches[0] if touches else max(met, 0),
-        met,
-    )
 
 
 def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
         HighFiveError: the recording is of another avatar, or without a high five; the arm cannot be used, or stopped.
     """
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
-    asked = asked_in(read_recording(path), path)
+    asked = recorded_high_fives(read_recording(path), path)
     wanted = options.trials or tuple(asked)
     if absent := [number for number in wanted if number not in asked]:
         known = ", ".join(map(str, asked))
@@ -111,7 +111,7 @@ def print_played(summary: dict[str, Any], folder: Path) -> None:
     print(f"Open {folder / 'report.html'}")
 
 
-def asked_in(recording: SessionRecording, path: Path) -> dict[int, Asked]:
+def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, Asked]:
     """What each high five of a recording asks of the arm, by the trial's number; those without contact are left out.
 
     The recording knows when and where palms met, so that the arm is told :data:`FORESEEN` s before.

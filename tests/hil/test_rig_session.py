@@ -15,7 +15,7 @@ from trial_results import simulated_result
 from hil import cli
 from hil.arm_session import ArmOptions, ready_arm
 from hil.recording import SessionRecorder, read_recording
-from hil.rig_play import FORESEEN, asked_in
+from hil.rig_play import FORESEEN, recorded_high_fives
 from hil.session import RATE_HZ
 from hil.sim.scene import build_scene
 from hil.summary import SessionSettings
@@ -69,13 +69,13 @@ def test_a_recording_of_another_avatar_is_refused(recorded: Path) -> None:
     recording = read_recording(recorded)
     other = type(recording)(recording.settings, ("hip", "knee"), recording.channels, True)
     with pytest.raises(HighFiveError, match="another avatar: 2 joints"):
-        asked_in(other, recorded)
+        recorded_high_fives(other, recorded)
 
 
 def test_what_is_played_is_what_was_recorded(recorded: Path) -> None:
     """The hand's place where the palms met, and the time that is left until then."""
     recording = read_recording(recorded)
-    found = asked_in(recording, recorded)
+    found = recorded_high_fives(recording, recorded)
     assert list(found) == [0]
     asked, (times, _) = found[0], recording.poses()
     judgement = recording.channels["/contact"][0].data

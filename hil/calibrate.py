@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -47,7 +48,13 @@ class CalibrateOptions:
     overwrite: bool = False
 
 
-def calibrate_subject(options: CalibrateOptions) -> dict[str, Any]:
+def _no_bar(_label: str, _total: int) -> Callable[[], None]:
+    return lambda: None
+
+
+def calibrate_subject(
+    options: CalibrateOptions, bar: Callable[[str, int], Callable[[], None]] = _no_bar
+) -> dict[str, Any]:
     """Fits a person's body to a recording and writes her marker set.
 
     Returns:
@@ -62,7 +69,9 @@ def calibrate_subject(options: CalibrateOptions) -> dict[str, Any]:
         raise HighFiveError(f"{options.out} is there already; give another --out, or --overwrite")
     person = read_person(options.file, options.person, options.marker_set)
     base = person.marker_set
+    advance = bar("fitting the body", 1)
     subject = fitted_subject(person)
+    advance()
     own = personal_set(subject, f"{base.name}, {_name(person)}", f"{base.description}, fitted to {_name(person)}")
     residuals = {name: round(MM * float(r), 2) for name, r in zip(own.names, subject.rms, strict=True) if r > 0.0}
     entries = {

@@ -31,7 +31,7 @@ class Captions:
         """The opening: the name of the project over a darkened picture."""
         page = Pictures.fromarray((still * 0.35).astype(np.uint8))
         draw, middle = ImageDraw.Draw(page), 0.5 * page.width
-        who = "simulated people" if simulated else "recorded people"
+        who = "simulated people" if simulated else "people"
         draw.text((middle, 0.46 * page.height), "High Five", _INK, self._font(84, bold=True), anchor="mm")
         below = f"an avatar meets the raised hands of {who}"
         draw.text((middle, 0.58 * page.height), below, _INK, self._font(30), anchor="mm")
@@ -39,7 +39,7 @@ class Captions:
 
     def caption(self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool) -> None:
         """Emotion and kind of person below on the left; speed, and how near the palms came, below on the right."""
-        who = "simulated person" if result.simulated else "recorded person"
+        who = "simulated person" if result.simulated else "person"
         self._put(frame, self._labels(result.emotion or "high five", who, colour_of(result.emotion)), left=True)
         if slow:
             apart = f"palms {1e3 * result.error:.1f} mm apart"

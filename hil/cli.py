@@ -118,14 +118,15 @@ def _style(text: str) -> dict[str, float]:
 
 def _tell(summary: dict[str, Any], folder: Path) -> None:
     """The summary for people."""
-    who = "simulated person" if summary["simulated"] else "recorded person"
-    error, uncorrected = summary["contact_error_mm"], summary["uncorrected_error_mm"]
-    print(f"{counted(summary['trials'], 'high five')} with a {who}, {counted(len(error['by_emotion']), 'emotion')}")
-    print(f"  palm to palm at contact   median {error['median']:.2f} mm, worst {error['max']:.2f} mm")
-    print(f"  before correction         median {uncorrected['median']:.1f} mm, worst {uncorrected['max']:.1f} mm")
-    print(
-        f"  one tick                  median {summary['tick_ms']['p50']:.2f} ms, p99 {summary['tick_ms']['p99']:.2f} ms"
-    )
+    from hil.summary import who  # noqa: PLC0415
+
+    error, before, tick = summary["contact_error_mm"], summary["uncorrected_error_mm"], summary["tick_ms"]
+    high_fives = counted(summary["trials"], "high five")
+    print(f"{high_fives} with a {who(summary)}, {counted(len(error['by_emotion']), 'emotion')}")
+    if summary["trials"]:
+        print(f"  palm to palm at contact   median {error['median']:.2f} mm, worst {error['max']:.2f} mm")
+        print(f"  before correction         median {before['median']:.1f} mm, worst {before['max']:.1f} mm")
+        print(f"  one tick                  median {tick['p50']:.2f} ms, p99 {tick['p99']:.2f} ms")
     for label, key in (
         ("out of reach", "out_of_reach"),
         ("no contact", "missed"),

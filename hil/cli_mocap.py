@@ -72,6 +72,8 @@ def stream(
     if not result["frames"]:
         say_aside(f"no frame came from {result['source']}: {result['trouble'] or 'nothing was sent'}")
         raise typer.Exit(1)
+    if result.get("recording_trouble"):
+        raise typer.Exit(2)
 
 
 @app.command()
@@ -108,5 +110,6 @@ def calibrate_subject(
     """Fit segment lengths and places of markers to a person, and write her own marker set (docs/markers.md)."""
     from hil.calibrate import CalibrateOptions, calibrate_subject, print_subject  # noqa: PLC0415
 
-    result = calibrate_subject(CalibrateOptions(file, person, marker_set, out, overwrite))
+    with progress_bars() as bar:
+        result = calibrate_subject(CalibrateOptions(file, person, marker_set, out, overwrite), bar)
     print_result(result, json, print_subject)

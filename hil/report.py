@@ -19,7 +19,7 @@ from hil.figures import draw_all
 from hil.film import Strip
 from hil.page import figures, jpeg, render, section, table, write_file
 from hil.sim.rendering import NoPictures
-from hil.summary import SessionSettings, Target, targets
+from hil.summary import SessionSettings, Target, targets, who
 from hil.trial import TrialResult
 
 PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
@@ -86,7 +86,7 @@ def render_page(
         section("Trials", _trials(summary)),
         section("Do it again", _reproduce(summary, settings)),
     ]
-    title = "High Five: a simulated session" if summary["simulated"] else "High Five: recorded people"
+    title = f"High Five: a {who(summary).removesuffix(' person')} session"
     return render(title, _subtitle(summary), _badges(summary), sections)
 
 
@@ -104,7 +104,7 @@ def _subtitle(summary: dict[str, Any]) -> str:
 
 
 def _badges(summary: dict[str, Any]) -> str:
-    badges = [("simulated person" if summary["simulated"] else "recorded person", False)]
+    badges = [(who(summary), False)]
     badges.append(("physics" if summary["physics"] else "kinematic play-out", False))
     if not summary["corrected"]:
         badges.append(("contact correction off", True))
@@ -277,9 +277,15 @@ def _reproduce(summary: dict[str, Any], settings: SessionSettings) -> str:
     }
     listed = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts.items())
     command = f"<pre>{escape(settings.command)}</pre>" if settings.command else ""
+    again = (
+        "A live hand never moves the same again: what it did, and what it was answered, is in "
+        "<code>session.mcap</code>."
+        if summary["live"]
+        else "The same seed, model and versions give the same trajectories and contact figures, bit for bit; timings "
+        "are of the machine."
+    )
     return (
-        f"{command}<p>The same seed, model and versions give the same trajectories and contact figures, bit for bit; "
-        f"timings are of the machine.</p><dl>{listed}</dl>"
+        f"{command}<p>{again}</p><dl>{listed}</dl>"
         f"<p>To cite: High Five {escape(summary['versions']['high-five'])}, with model, seed and versions as above. "
         "The method follows Taubert et al. 2013. All figures of this page are in "
         f"<code>{DATA}</code>, its pictures in <code>{FIGURES}/</code>.</p>"

@@ -79,6 +79,10 @@ class SimulateOptions:
     arm: ArmOptions | None = None
 
 
+class _NothingPlayedError(HighFiveError):
+    """Not one high five could be played."""
+
+
 @dataclass(frozen=True)
 class _Played:
     """The trials that were finished, with what the arm did in them, and whether the session ended early."""
@@ -113,7 +117,11 @@ def _simulate(
     with ExitStack() as stack:
         watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm)))
         recorder = SessionRecorder(folder / "session.mcap", settings)
-        played = _run(options, model, scene, partners, person, recorder, bar, watch)
+        try:
+            played = _run(options, model, scene, partners, person, recorder, bar, watch)
+        except _NothingPlayedError:  # an empty recording would only be in the way of the next attempt
+            (folder / "session.mcap").unlink(missing_ok=True)
+            raise
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
     arm = None if watch is None else arm_summary(played.arm, lag)
     results = played.results
@@ -233,7 +241,7 @@ def _run(
                 result, trouble = _trial(number, partner, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     if not results:
-                        raise HighFiveError(f"no high five could be played: {trouble}")
+                        raise _NothingPlayedError(f"no high five could be played: {trouble}")
                     tell(f"high five {number + 1} was broken off and does not count: {trouble}")
                     return replace(played, interrupted=True)
                 arm = None if watch is None else watch.end(partner.emotion, partner.cell, partner.contact_frame)

@@ -89,14 +89,23 @@ def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]
                 summary = listener.summary(address)
                 listener.close()
     finally:
-        if recorder is not None:
-            saved = recorder.finish()
-            if saved:
-                say(saved)
+        unsaved = "" if recorder is None else _finished(recorder, say)
     if recorder is not None:
-        summary["recording"] = str(options.record) if recorder.frames else None
-        summary["trouble"] = summary["trouble"] or recorder.trouble
+        summary["recording"] = str(options.record) if recorder.frames and not unsaved else None
+        summary["recording_trouble"] = unsaved or recorder.trouble
     return summary
+
+
+def _finished(recorder: Recorder, say: Callable[[str], None]) -> str:
+    """Finishes a recording and tells how; what kept it from being saved, '' where nothing did."""
+    try:
+        saved, unsaved = recorder.finish(), ""
+    except HighFiveError as error:
+        saved, unsaved = "", str(error)
+    for line in (recorder.trouble, saved, unsaved):
+        if line:
+            say(line)
+    return unsaved
 
 
 class _Listener:
@@ -163,7 +172,8 @@ class _Listener:
             "jitter_ms": _rounded(zip(("std", "p99"), seen.jitter_ms, strict=True)),
             "markers": _rounded(zip(seen.names, seen.share, strict=True)),
             "marker_set": self._marker_set or None,
-            "labels_not_believed": 0 if self._arm is None else self._arm.rejected,
+            "without_label": {"mean": round(seen.unlabelled_mean, 3), "max": seen.unlabelled_max},
+            "labels_not_believed": {} if self._arm is None else dict(self._arm.rejected),
             "arm": None
             if arm is None or not arm.valid
             else {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -29,17 +30,17 @@ class ArmView:
         shoulder_elevation: rad, of the upper arm from hanging straight down.
         hand: (3,) m, centre of the palm.
         valid: it rests on usable markers.
-        rejected: number of labels in the frame that were not believed.
+        rejected: labels in the frame that were not believed.
     """
 
     elbow_flexion: float
     shoulder_elevation: float
     hand: Array
     valid: bool
-    rejected: int
+    rejected: tuple[str, ...]
 
 
-def arm_view(arm: HumanArm, rejected: int = 0) -> ArmView:
+def arm_view(arm: HumanArm, rejected: tuple[str, ...] = ()) -> ArmView:
     """Angles from the joint centres; the world's z axis is up."""
     upper, fore = arm.elbow - arm.shoulder, arm.wrist - arm.elbow
     lifted = _angle(upper, np.array([0.0, 0.0, -1.0]))
@@ -74,7 +75,8 @@ def arm_follower(marker_set: MarkerSet, rate_hz: float) -> Callable[[MarkerFrame
 
     def follow(frame: MarkerFrame) -> ArmView:
         tracked = tracker.update(frame)
-        return arm_view(estimator(tracked), tracked.rejected)
+        rejected = tuple(name for name, no in zip(tracked.names, tracked.rejected.tolist(), strict=True) if no)
+        return arm_view(estimator(tracked), rejected)
 
     return follow
 
@@ -98,7 +100,7 @@ class ArmThread:
         """Args: ``follow`` gives the arm in a frame."""
         self._follow = follow
         self.newest: ArmView | None = None
-        self.rejected = 0  # labels that were not believed, of all frames so far
+        self.rejected = Counter[str]()  # frames so far in which a label was not believed
         self.trouble = ""
         self._changed = threading.Condition()
         self._frame: MarkerFrame | None = None
@@ -128,7 +130,7 @@ class ArmThread:
                 return
             try:
                 self.newest = self._follow(frame)
-                self.rejected += self.newest.rejected
+                self.rejected.update(self.newest.rejected)
             except HighFiveError as error:
                 self.newest, self.trouble = None, str(error)
                 return

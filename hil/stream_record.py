@@ -16,7 +16,8 @@ def recover(path: Path) -> str:
     """Saves what a crash left of the recording ``path``, and says so in a line; '' where there is nothing.
 
     Raises:
-        HighFiveError: another process is recording to that file, or what was left cannot be saved.
+        HighFiveError: another process is recording to that file, or what was left cannot be saved; it stays where it
+            is, and is in the way of another recording to ``path``.
     """
     raw = path.with_name(path.name + ENDING)
     if not raw.exists():
@@ -30,11 +31,11 @@ def recover(path: Path) -> str:
         raw.unlink()
         return ""
     except HighFiveError as error:
-        kept = raw.with_name(_free(path).stem + ENDING)
-        raw.rename(kept)
-        return f"a recording to {path} ended in a crash and could not be saved ({error}); what there is: {kept}"
+        raise HighFiveError(
+            f"an earlier recording to {path} cannot be saved: {error}; or give another --record"
+        ) from None
     raw.unlink()
-    return f"a recording to {path} had ended in a crash: {came} frames of it are now in {saved}"
+    return f"an earlier recording to {path} had not been finished: {came} frames of it are now in {saved}"
 
 
 def _free(path: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rich.box import SIMPLE_HEAD
@@ -82,15 +83,15 @@ def plain_line(view: StreamView) -> str:
     """The same in one line."""
     health, seen = view.health, view.seen
     missing = [name for name, share in zip(seen.names, seen.recent, strict=True) if share == 0.0]
-    hidden = f", hidden: {' '.join(missing[:8])}{' …' if len(missing) > 8 else ''}" if missing else ""
+    hidden = f", hidden: {_few(missing)}" if missing and health.connection is Connection.LIVE else ""
     arm = f", {arm_text(view.arm)}" if view.arm is not None and view.arm.valid else ""
-    if view.arm is not None and view.arm.rejected:
-        arm += f", {view.arm.rejected} labels not believed"
+    arm += _doubted(view.arm)
+    loose = f", {seen.unlabelled} without a label" if seen.unlabelled else ""
     trouble = f" ({health.trouble})" if health.trouble else ""
     return (
         f"{health.connection.value}{_since(health)}{trouble}: {seen.rate_hz:.0f} Hz, {health.received} frames, "
         f"{health.lost} lost, {_refused(health)}"
-        f"age {seen.age_ms[0]:.2f} ms, jitter {seen.jitter_ms[0]:.2f} ms{hidden}{arm}"
+        f"age {seen.age_ms[0]:.2f} ms, jitter {seen.jitter_ms[0]:.2f} ms{hidden}{loose}{arm}"
     )
 
 
@@ -122,8 +123,16 @@ def _arm_line(view: StreamView) -> Text:
         )
     if view.arm is None or not view.arm.valid:
         return Text(f"right arm ({view.marker_set}): not enough markers seen yet", style="dim")
-    doubted = f", {view.arm.rejected} labels not believed" if view.arm.rejected else ""
-    return Text(f"right arm ({view.marker_set}): {arm_text(view.arm)}{doubted}")
+    return Text(f"right arm ({view.marker_set}): {arm_text(view.arm)}{_doubted(view.arm)}")
+
+
+def _doubted(arm: ArmView | None) -> str:
+    """The labels that were not believed in the newest frame."""
+    return f", not believed: {_few(arm.rejected)}" if arm is not None and arm.rejected else ""
+
+
+def _few(names: Sequence[str]) -> str:
+    return " ".join(names[:8]) + (" …" if len(names) > 8 else "")
 
 
 def _markers(seen: Snapshot, width: int, height: int) -> Table:

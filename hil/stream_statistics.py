@@ -68,7 +68,8 @@ class Snapshot:
         recent: (M,) share of the last second's frames in which each was seen.
         share: (M,) the same of all frames.
         last_seen_s: (M,) s, inf for never.
-        unlabelled: points without a label in the newest frame.
+        unlabelled: points without a label in the newest frame, ...
+        unlabelled_mean, unlabelled_max: ... and in all.
     """
 
     frames: int
@@ -80,6 +81,8 @@ class Snapshot:
     share: Array
     last_seen_s: Array
     unlabelled: int
+    unlabelled_mean: float
+    unlabelled_max: int
 
 
 class StreamStatistics:
@@ -94,6 +97,7 @@ class StreamStatistics:
         self._seen: dict[str, int] = {}  # frames in which each marker was seen
         self._last: dict[str, int] = {}  # ns
         self._arrival_ns, self._unlabelled = -1, 0
+        self._unlabelled_sum = self._unlabelled_max = 0
 
     def add(self, frame: MarkerFrame, now_ns: int) -> None:
         """A frame that can be used from ``now_ns`` on."""
@@ -102,6 +106,8 @@ class StreamStatistics:
             if self._arrival_ns >= 0:
                 self._periods.add((frame.arrival_time_ns - self._arrival_ns) * 1e-6)
             self._arrival_ns, self._unlabelled = frame.arrival_time_ns, len(frame.unlabelled)
+            self._unlabelled_sum += self._unlabelled
+            self._unlabelled_max = max(self._unlabelled_max, self._unlabelled)
             if frame.names != self._names:
                 self._names = frame.names
                 self._recent.clear()
@@ -133,4 +139,6 @@ class StreamStatistics:
                 share=np.array([self._seen[name] / frames for name in names]),
                 last_seen_s=np.array([(now_ns - self._last[n]) * 1e-9 if n in self._last else np.inf for n in names]),
                 unlabelled=self._unlabelled,
+                unlabelled_mean=self._unlabelled_sum / max(frames, 1),
+                unlabelled_max=self._unlabelled_max,
             )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -106,6 +106,7 @@ def summarise(
         "planned": settings.trials,
         "interrupted": interrupted,
         "simulated": all(r.simulated for r in results) if results else not settings.source,
+        "live": "://" in settings.source,
         "seed": settings.seed,
         "model": settings.model,
         "style": settings.style,
@@ -125,6 +126,12 @@ def summarise(
         "arm": arm,
         "tick_ms": _tick(results),
     }
+
+
+def who(summary: Mapping[str, Any]) -> str:
+    """Whose hand was met, in words."""
+    kind = "simulated" if summary["simulated"] else "live" if summary["live"] else "recorded"
+    return f"{kind} person"
 
 
 def without_timings(summary: dict[str, Any]) -> dict[str, Any]:

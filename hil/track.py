@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from calibration.personal_set import personal_set
-from hil.console import STDOUT
+from hil.console import STDOUT, counted
 from hil.folders import next_folder
 from hil.page import write_file
 from hil.stream_arm import prepare_tracker
@@ -104,7 +104,7 @@ def print_track(summary: dict[str, Any]) -> None:
     """The summary for people."""
     whose = f", {summary['person']}" if summary["person"] else ""
     print(
-        f"{Path(summary['file']).name}{whose}: {summary['frames']} frames at {summary['rate_hz']:g} Hz, "
+        f"{Path(summary['file']).name}{whose}: {counted(summary['frames'], 'frame')} at {summary['rate_hz']:g} Hz, "
         f"marker set {summary['marker_set']}{', fitted to the person' if summary['fitted'] else ''}"
     )
     residual = summary["residual_mm"]

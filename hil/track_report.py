@@ -17,6 +17,9 @@ from hil.tracked_recording import TrackedRecording
 
 PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
 
+CARRYING_RANGE = 25.0
+"""Degrees by which no carrying angle changes."""
+
 
 def write_track_report(folder: Path, summary: dict[str, Any], track: TrackedRecording, command: Sequence[str]) -> Path:
     """Writes page, numbers and figures into ``folder``; returns the page.
@@ -109,7 +112,7 @@ def _remarks(summary: dict[str, Any]) -> str:
 
 def _angles(summary: dict[str, Any]) -> str:
     if summary["angles_deg"] is None:
-        return "<p>The marker set has no trunk, upper arm, forearm and hand: there are no angles.</p>"
+        return "<p>There are no angles: the marker set or the recording has no trunk, upper arm, forearm and hand.</p>"
     base = summary["angles_relative_to"]
     remark = ""
     if base["markers"] < 3:
@@ -118,6 +121,12 @@ def _angles(summary: dict[str, Any]) -> str:
             f"<p>The first three angles are relative to the {escape(base['segment'].replace('_', ' '))}, which bears "
             f"{markers}: how it is turned is known from the rest of the body alone. A set with three or more markers "
             "on the trunk gives them better.</p>"
+        )
+    carrying = summary["angles_deg"].get("carrying_angle")
+    if carrying is not None and carrying["max"] - carrying["min"] > CARRYING_RANGE:
+        remark += (
+            "<p>A person's carrying angle hardly changes. What it changes here is what the elbow's axis is off by, of "
+            "which these markers say little; pronation and the wrist's angles have their share of it.</p>"
         )
     rows = [
         [

@@ -37,7 +37,7 @@ def summarise_track(person: OnePerson, track: TrackedRecording) -> dict[str, Any
         "missing": [name for m, name in enumerate(track.marker_set.names) if not track.labelled[m]],
         "unused": list(person.unused),
         "angles_relative_to": _base(track),
-        "angles_deg": {name: _angle(track, i) for i, name in enumerate(ANGLES)} if knows_arm(track) else None,
+        "angles_deg": _angles(track) if knows_arm(track) else None,
     }
 
 
@@ -81,6 +81,12 @@ def _spread(metres: Array) -> dict[str, float] | None:
         return None
     middle, high = np.percentile(known, [50.0, 95.0])
     return {"median": round(float(middle), 3), "p95": round(float(high), 3), "max": round(float(known.max()), 3)}
+
+
+def _angles(track: TrackedRecording) -> dict[str, dict[str, float]]:
+    """Of those that are known in any frame."""
+    known = [i for i in range(len(ANGLES)) if np.isfinite(track.angles[:, i]).any()]
+    return {ANGLES[i]: _angle(track, i) for i in known}
 
 
 def _angle(track: TrackedRecording, i: int) -> dict[str, float]:

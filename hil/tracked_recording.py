@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -18,6 +19,9 @@ from mocap_bridge.tracker import ELSEWHERE, Tracker
 from model.rotations import Array
 
 _BLIND = 1e12  # m², variance of an estimate that is not valid
+
+UNKNOWN = math.radians(45.0)
+"""rad: an angle with this standard deviation is not known."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +191,9 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
             arm = estimate(tracked)
             found.arm[number] = arm.head_position, arm.shoulder, arm.elbow, arm.wrist, arm.knuckles
         if (angles := tracker.arm_angles) is not None:
-            found.angles[number], found.deviations[number] = angles.angles, angles.deviations
+            known = angles.deviations < UNKNOWN
+            found.angles[number] = np.where(known, angles.angles, np.nan)
+            found.deviations[number] = np.where(known, angles.deviations, np.nan)
         advance()
     return found
 

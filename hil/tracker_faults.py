@@ -93,7 +93,7 @@ def _known(marker_set: MarkerSet, points: Array) -> TrackedMarkers:
         seen=yes,
         age_ns=np.zeros(count, dtype=np.int64),
         valid=yes,
-        rejected=0,
+        rejected=~yes,
         time_ns=0,
     )
 

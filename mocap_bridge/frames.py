@@ -43,7 +43,7 @@ class TrackedMarkers:
         seen: (M,) bool, the marker was measured (and the measurement accepted) in this frame.
         age_ns: (M,) int, time since the marker was last measured; 0 where ``seen``, the largest integer where never.
         valid: (M,) bool, the estimate is good enough to use.
-        rejected: number of measurements that the tracker did not believe in this frame.
+        rejected: (M,) bool, the marker's label was at a point that was not believed to be the marker in this frame.
         time_ns: source time of the frame, ns.
     """
 
@@ -54,7 +54,7 @@ class TrackedMarkers:
     seen: Bool[np.ndarray, " M"]
     age_ns: Integer[np.ndarray, " M"]
     valid: Bool[np.ndarray, " M"]
-    rejected: int
+    rejected: Bool[np.ndarray, " M"]
     time_ns: int
 
 

@@ -749,7 +749,7 @@ class Followed(NamedTuple):
         covariances: (M, 3, 3) m², of the positions.
         seen: (M,) a point was believed to be the marker.
         valid: (M,) the marker is known well enough to be used, if need be from the set and the markers beside it.
-        rejected: how many labelled points were not believed.
+        rejected: (M,) the marker's label was at a point that was not believed to be it.
     """
 
     positions: Array
@@ -757,7 +757,7 @@ class Followed(NamedTuple):
     covariances: Array
     seen: NDArray[np.bool_]
     valid: NDArray[np.bool_]
-    rejected: int
+    rejected: NDArray[np.bool_]
 
 
 @compiled_entry
@@ -814,7 +814,7 @@ def followed(
     state = _remembered(
         chain, settled(chain, state, points, seen, seconds), points, labelled, seen, rejected, elapsed_ns
     )
-    return state, _shown(chain, state, points, seen, rejected), worked
+    return state, _shown(chain, state, points, seen, doubted), worked
 
 
 @compiled
@@ -882,7 +882,7 @@ def _remembered(
 
 
 @compiled
-def _shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], rejected: int) -> Followed:
+def _shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], doubted: NDArray[np.bool_]) -> Followed:
     """Where every marker is, seen or not."""
     markers, covariances, velocities = expected(chain, state)
     valid = np.empty(len(markers), dtype=np.bool_)
@@ -903,7 +903,7 @@ def _shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], r
             variance += covariances[m, i, i]
             covariances[m, i, i] += own
         valid[m] = variance < 3.0 * USABLE_SIGMA**2
-    return Followed(markers, velocities, covariances, seen, valid, rejected)
+    return Followed(markers, velocities, covariances, seen, valid, doubted)
 
 
 @compiled_entry

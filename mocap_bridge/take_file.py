@@ -132,7 +132,10 @@ def take_to_c3d(raw: Path, path: Path) -> tuple[int, int]:
     temporary = path.with_name(f".{path.name}.writing")
     try:
         with raw.open("rb") as file:
-            if file.read(len(_MAGIC)) != _MAGIC:
+            magic = file.read(len(_MAGIC))
+            if magic != _MAGIC and _MAGIC.startswith(magic):  # the disk was full from the first
+                raise NoFrames(f"{raw} holds no frame")
+            if magic != _MAGIC:
                 raise HighFiveError(f"{raw} is no raw recording of High Five")
             tables, rates, places = _index(file)
             if not places:

@@ -133,7 +133,7 @@ class Tracker:
 
     def _doubts(self, points: Array, labelled: NDArray[np.bool_], found: Followed, elapsed: int) -> NDArray[np.int64]:
         """For how long, ns, each label has been at a point that is not its marker's."""
-        if not found.rejected:
+        if not found.rejected.any():
             return np.zeros_like(self._doubted_ns)
         away = labelled & (np.square(points - found.positions).sum(axis=1) > ELSEWHERE**2)
         return np.where(away, self._doubted_ns + elapsed, np.where(labelled, 0, self._doubted_ns))
@@ -210,6 +210,6 @@ class Tracker:
             seen=none,
             age_ns=np.full(count, NEVER),
             valid=none,
-            rejected=0,
+            rejected=none,
             time_ns=frame.source_time_ns,
         )

@@ -21,7 +21,7 @@ from hil.recording import SessionRecording, read_recording
 from hil.sim.actors import simulate_pair
 from hil.sim.capture import Defects, record_pair
 from hil.simulate import SimulateOptions, simulate
-from hil.summary import without_timings
+from hil.summary import SessionSettings, summarise, without_timings
 from mocap_bridge.c3d import write_c3d
 from model.errors import HighFiveError
 
@@ -207,6 +207,16 @@ def test_ctrl_c_while_other_processes_work_is_one_line(tmp_path: Path) -> None:
     assert "Traceback" not in err
     assert err.splitlines()[-1] == "interrupted"
     assert not (tmp_path / "data" / "trials.csv").exists()
+
+
+def test_a_session_in_which_nothing_was_finished_is_told_without_figures(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    cli._tell(
+        summarise([], SessionSettings(seed=0, model="m", trials=8, source="qtm://here"), interrupted=True), tmp_path
+    )
+    said = capsys.readouterr().out
+    assert "0 high fives with a live person" in said and "interrupted" in said
 
 
 @pytest.mark.slow

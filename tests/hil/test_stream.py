@@ -5,6 +5,7 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +93,7 @@ def test_what_is_recorded_is_whole_after_ctrl_c_and_after_a_kill(vicon: str, tmp
     assert wait_for(raw, 40_000)
     code, _, err = ended(again, signal.SIGINT)
     assert code == 0
-    assert "crash" in err
+    assert "had not been finished" in err
     assert "gaps" in err
     for path in (take, tmp_path / "take-recovered.c3d"):
         recording = read_c3d(path)
@@ -186,7 +187,7 @@ def test_markers_are_counted_in_the_last_second_and_altogether() -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(100, 30), (60, 12), (200, 50)])
 def test_the_screen_fits_and_shows_the_worst_markers(width: int, height: int) -> None:
-    arm = ArmView(1.0, 0.5, np.array([0.5, 0.1, 1.2]), True, 2)
+    arm = ArmView(1.0, 0.5, np.array([0.5, 0.1, 1.2]), True, ("M1", "M2"))
     health = SourceHealth(Connection.STALLED, 1_200_000_000, 240, 7, "nothing [came]")
     view = StreamView("lsl://x", health, 120.0, statistics().snapshot(2_000_000_000), "paper", arm, ("recording",))
     console = Console(width=width, height=height, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
@@ -195,5 +196,7 @@ def test_the_screen_fits_and_shows_the_worst_markers(width: int, height: int) ->
     assert len(shown.splitlines()) <= height
     for text in ("lsl://x", "stalled", "nothing [came]", "M3", "M4", "never", "elbow 57°"):
         assert text in shown
-    assert "hidden: M3 M4" in plain_line(view)
-    assert "2 labels not believed" in plain_line(view)
+    assert "not believed: M1 M2" in plain_line(view)
+    assert "hidden" not in plain_line(view)  # nothing comes
+    live = replace(view, health=SourceHealth(Connection.LIVE, 0, 240, 7, ""))
+    assert "hidden: M3 M4" in plain_line(live)

@@ -80,7 +80,7 @@ def _people(trial: PairTrial) -> tuple[HumanArm, ...]:
     count = positions.shape[1]
     fixed = np.zeros((count, 3, 3)), np.ones(count, bool), np.zeros(count, np.int64), np.ones(count, bool)
     return tuple(
-        estimate(TrackedMarkers(marker_set.names, p, v, *fixed, 0, round(1e9 * i / RATE_HZ)))
+        estimate(TrackedMarkers(marker_set.names, p, v, *fixed, ~fixed[1], round(1e9 * i / RATE_HZ)))
         for i, (p, v) in enumerate(zip(positions, velocities, strict=True))
     )
 

@@ -37,7 +37,7 @@ def tracked(marker_set, time=0.0, step=1e-6):
         seen=np.ones(count, dtype=bool),
         age_ns=np.zeros(count, dtype=np.int64),
         valid=np.ones(count, dtype=bool),
-        rejected=0,
+        rejected=np.zeros(count, dtype=bool),
         time_ns=7,
     )
 

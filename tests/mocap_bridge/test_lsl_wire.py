@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_bridge.wire.lsl import (
@@ -124,13 +124,7 @@ def mutations(count: int) -> None:
             text = rng.choice(
                 [text[:i] + rng.choice(pieces) + text[i + 1 :], text[:i] + text[min(j, i + 40) :], text[:j] + text[i:]]
             )
-        try:
-            layout = parse_description(text, rng.choice([1, 7, 7, 7, 9]))
-        except DescriptionError:
-            continue
-        read += 1
-        assert layout.columns.max() < layout.channels
-        assert len(layout.names) == len(layout.columns) == len(layout.factors)
+        read += digest(text, rng.choice([1, 7, 7, 7, 9]))
     assert read > 0
 
 
@@ -141,6 +135,62 @@ def test_mutated_descriptions_give_a_layout_or_our_own_error() -> None:
 @pytest.mark.slow
 def test_very_many_mutated_descriptions() -> None:
     mutations(100_000)
+
+
+def described(rng: random.Random) -> str:
+    """A description with fields of any kind, some of which make sense, in a tree of any form."""
+    words = ("RFIN_X", "RFIN_Y", "RFIN_Z", "x", "PositionX", "PositionY", "PositionZ", "mm", "m", "A", "frame", "", " ")
+    tags = ("label", "label", "marker", "type", "unit", "object", "channel", "desc", "a-b")
+
+    def text() -> str:
+        if rng.random() < 0.8:
+            return escape(rng.choice(words))
+        return escape(
+            "".join(chr(rng.choice((0, 9, 32, 60, 65, 233, 0x4E00, 0x1F600))) for _ in range(rng.randrange(9)))
+        )
+
+    def element(tag: str, depth: int) -> str:
+        inside = (
+            text() if depth == 0 else "".join(element(rng.choice(tags), depth - 1) for _ in range(rng.randrange(4)))
+        )
+        return f"<{tag}>{inside}</{tag if rng.random() < 0.995 else 'desc'}>"
+
+    channels = "".join(element("channel", 1) for _ in range(rng.randrange(6)))
+    return f"<info><desc><channels>{channels}</channels>{element('desc', 2)}</desc></info>"
+
+
+def digest(text: str, channels: int) -> bool:
+    try:
+        layout = parse_description(text, channels)
+    except DescriptionError:
+        return False
+    assert layout.columns.max() < layout.channels
+    assert len(layout.names) == len(layout.columns) == len(layout.factors)
+    return True
+
+
+@given(st.text(), st.lists(st.dictionaries(st.sampled_from(["label", "marker", "type", "unit"]), st.text())))
+def test_any_description_gives_a_layout_or_our_own_error(text: str, channels: list[dict[str, str]]) -> None:
+    digest(text, 3)
+    digest(xml(channels), len(channels))
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_descriptions_give_a_layout_or_our_own_error() -> None:
+    read, texts = 0, set()
+
+    @settings(max_examples=1_000, deadline=None)
+    @given(st.integers(0, 2**60))
+    def a_hundred_of(seed: int) -> None:
+        nonlocal read
+        rng = random.Random(seed)
+        for number in range(120):
+            text = xml([*channel_descriptions(NAMES[:2])]) if number % 12 == 0 else described(rng)
+            texts.add(hash(text))
+            read += digest(text, rng.choice((1, 3, 6, 7, 2**40)))
+
+    a_hundred_of()
+    assert len(texts) > 100_000 and read > 1_000
 
 
 def test_coordinates_that_are_none_hide_a_marker() -> None:

@@ -173,7 +173,7 @@ def test_a_set_without_head_markers_has_the_head_where_an_upright_trunk_carries_
     count = len(marker_set)
     tracked = TrackedMarkers(
         marker_set.names, points, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.ones(count, dtype=bool),
-        np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), 0, 0,
+        np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool), np.zeros(count, dtype=bool), 0,
     )  # fmt: skip
     found = HumanArmEstimator(marker_set)(tracked)
     np.testing.assert_allclose(found.head_position, usual, atol=2e-3)

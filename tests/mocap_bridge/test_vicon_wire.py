@@ -5,6 +5,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from any_bytes import a_hundred
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -238,15 +239,28 @@ def test_nothing_is_allocated_for_a_count_that_cannot_be():
         tracemalloc.stop()
 
 
+def digest(message):
+    try:
+        packet = decode(message)
+    except ViconWireError:
+        return
+    assert isinstance(packet, Packet)
+
+
 @settings(max_examples=1_000)
 @given(st.binary(max_size=200), st.sampled_from(sorted(Kind)))
 def test_any_bytes_give_values_or_our_own_error(body, kind):
-    for message in (body, block(kind, body)):
-        try:
-            packet = decode(message)
-        except ViconWireError:
-            continue
-        assert isinstance(packet, Packet)
+    digest(body)
+    digest(block(kind, body))
+
+
+@pytest.mark.slow
+@settings(max_examples=1_000, deadline=None)
+@given(st.integers(0, 2**60), st.permutations(sorted(Kind)))
+def test_a_hundred_thousand_times_any_bytes_give_values_or_our_own_error(seed, kinds):
+    for number, body in enumerate(a_hundred(seed)):
+        digest(body)
+        digest(block(kinds[number % len(kinds)], body))
 
 
 def mutated(message, rng):

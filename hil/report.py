@@ -98,7 +98,8 @@ def _subtitle(summary: dict[str, Any]) -> str:
     elif summary["simulated"]:
         mood = "each answered in the emotion of the person"
     else:
-        mood = "answered as " + ", ".join(escape(e) for e in summary["contact_error_mm"]["by_emotion"])
+        emotions = [escape(emotion) for emotion in summary["contact_error_mm"]["by_emotion"]]
+        mood = "answered as " + ", ".join(emotions) if emotions else "none was finished"
     source = f", {escape(summary['source'])}" if summary["source"] else ""
     return f"{trials}{source}, {mood}. Model {escape(str(summary['model']))}, seed {summary['seed']}."
 

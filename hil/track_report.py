@@ -52,7 +52,11 @@ def _page(summary: dict[str, Any], drawings: Sequence[Drawing], command: Sequenc
     sections = [
         _headline(summary),
         _remarks(summary),
-        section("Gaps", figures(drawn, "gaps") or "<p>Every marker was seen, and believed, in every frame.</p>"),
+        section(
+            "Gaps",
+            figures(drawn, "gaps")
+            or "<p>Every marker that the recording has was seen, and believed, in every frame.</p>",
+        ),
         section("Skeleton", figures(drawn, "skeleton")),
         section("Right arm", figures(drawn, "joint_angles") + _angles(summary)),
         section("Residuals", figures(drawn, "residuals")),

@@ -23,6 +23,9 @@ _BLIND = 1e12  # m², variance of an estimate that is not valid
 UNKNOWN = math.radians(45.0)
 """rad: an angle with this standard deviation is not known."""
 
+_DECIDES = [ANGLES.index(name) for name in ("elevation",) * 3 + ("elbow_flexion",) * 3 + ("wrist_flexion",) * 2]
+"""The angle of the same joint without which each of them says no more than what people are like."""
+
 
 @dataclass(frozen=True)
 class TrackedRecording:
@@ -192,6 +195,7 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
             found.arm[number] = arm.head_position, arm.shoulder, arm.elbow, arm.wrist, arm.knuckles
         if (angles := tracker.arm_angles) is not None:
             known = angles.deviations < UNKNOWN
+            known &= known[_DECIDES]
             found.angles[number] = np.where(known, angles.angles, np.nan)
             found.deviations[number] = np.where(known, angles.deviations, np.nan)
         advance()

@@ -313,3 +313,17 @@ def test_frames_of_another_unit_are_not_used_and_told(tmp_path: Path) -> None:
     summary = track(TrackOptions(changed, out=tmp_path / "out"), quiet)
     assert summary["refused_frames"] == 30
     assert summary["residual_mm"]["p95"] < 10.0
+
+
+def test_an_arm_that_nobody_measures_has_no_angles(reach: Reach, tmp_path: Path) -> None:
+    """What people are like, the prior, is no measurement of this one."""
+    whole = read_c3d(reach.path)
+    paper = load_marker_set("paper")
+    arm = [name for name, joint in zip(paper.names, paper.joints, strict=True) if joint.startswith("right_")]
+    hidden = np.array([name.rpartition(":")[2] in arm for name in whole.names])
+    assert hidden.sum() >= 5
+    write_c3d(tmp_path / "no_arm.c3d", replace(whole, valid=whole.valid & ~hidden))
+    result = track(TrackOptions(tmp_path / "no_arm.c3d", out=tmp_path / "out", fit=False), quiet)
+    rows = (tmp_path / "out" / "angles.csv").read_text(encoding="utf-8").splitlines()
+    assert all(set(row.split(",")[1:]) == {""} for row in rows[1:])
+    assert result["angles_deg"] is None

@@ -184,8 +184,8 @@ def test_a_hundred_thousand_descriptions_give_a_layout_or_our_own_error() -> Non
     def a_hundred_of(seed: int) -> None:
         nonlocal read
         rng = random.Random(seed)
-        for number in range(120):
-            text = xml([*channel_descriptions(NAMES[:2])]) if number % 12 == 0 else described(rng)
+        for number in range(140):
+            text = xml([*channel_descriptions(NAMES[:2])]) if number % 14 == 0 else described(rng)
             texts.add(hash(text))
             read += digest(text, rng.choice((1, 3, 6, 7, 2**40)))
 

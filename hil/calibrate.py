@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -15,7 +14,7 @@ from rich.table import Table
 from calibration.personal_set import personal_set
 from calibration.subject import Subject
 from hil.console import STDOUT, counted
-from hil.track_input import OnePerson, fitted_subject, read_person
+from hil.track_input import OnePerson, ProgressBar, fitted_subject, read_person
 from mocap_bridge.marker_set_file import write_marker_set
 from mocap_bridge.marker_sets import MarkerSet
 from model.errors import HighFiveError
@@ -48,13 +47,7 @@ class CalibrateOptions:
     overwrite: bool = False
 
 
-def _no_bar(_label: str, _total: int) -> Callable[[], None]:
-    return lambda: None
-
-
-def calibrate_subject(
-    options: CalibrateOptions, bar: Callable[[str, int], Callable[[], None]] = _no_bar
-) -> dict[str, Any]:
+def calibrate_subject(options: CalibrateOptions, bar: ProgressBar) -> dict[str, Any]:
     """Fits a person's body to a recording and writes her marker set.
 
     Returns:
@@ -69,9 +62,7 @@ def calibrate_subject(
         raise HighFiveError(f"{options.out} is there already; give another --out, or --overwrite")
     person = read_person(options.file, options.person, options.marker_set)
     base = person.marker_set
-    advance = bar("fitting the body", 1)
-    subject = fitted_subject(person)
-    advance()
+    subject = fitted_subject(person, bar)
     own = personal_set(subject, f"{base.name}, {_name(person)}", f"{base.description}, fitted to {_name(person)}")
     residuals = {name: round(MM * float(r), 2) for name, r in zip(own.names, subject.rms, strict=True) if r > 0.0}
     entries = {

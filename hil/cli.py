@@ -118,11 +118,11 @@ def _style(text: str) -> dict[str, float]:
 
 def _tell(summary: dict[str, Any], folder: Path) -> None:
     """The summary for people."""
-    from hil.summary import who  # noqa: PLC0415
+    from hil.summary import kind  # noqa: PLC0415
 
     error, before, tick = summary["contact_error_mm"], summary["uncorrected_error_mm"], summary["tick_ms"]
     high_fives = counted(summary["trials"], "high five")
-    print(f"{high_fives} with a {who(summary)}, {counted(len(error['by_emotion']), 'emotion')}")
+    print(f"{high_fives} with a {kind(summary)} person, {counted(len(error['by_emotion']), 'emotion')}")
     if summary["trials"]:
         print(f"  palm to palm at contact   median {error['median']:.2f} mm, worst {error['max']:.2f} mm")
         print(f"  before correction         median {before['median']:.1f} mm, worst {before['max']:.1f} mm")

@@ -19,7 +19,7 @@ from hil.figures import draw_all
 from hil.film import Strip
 from hil.page import figures, jpeg, render, section, table, write_file
 from hil.sim.rendering import NoPictures
-from hil.summary import SessionSettings, Target, targets, who
+from hil.summary import SessionSettings, Target, kind, targets
 from hil.trial import TrialResult
 
 PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
@@ -86,7 +86,7 @@ def render_page(
         section("Trials", _trials(summary)),
         section("Do it again", _reproduce(summary, settings)),
     ]
-    title = f"High Five: a {who(summary).removesuffix(' person')} session"
+    title = f"High Five: a {kind(summary)} session"
     return render(title, _subtitle(summary), _badges(summary), sections)
 
 
@@ -105,7 +105,7 @@ def _subtitle(summary: dict[str, Any]) -> str:
 
 
 def _badges(summary: dict[str, Any]) -> str:
-    badges = [(who(summary), False)]
+    badges = [(f"{kind(summary)} person", False)]
     badges.append(("physics" if summary["physics"] else "kinematic play-out", False))
     if not summary["corrected"]:
         badges.append(("contact correction off", True))

@@ -29,7 +29,7 @@ from hil.sim.scene import Scene, build_scene
 from hil.summary import SessionSettings, summarise
 from hil.training_data import tell
 from hil.trial import TrialResult, run_trial
-from mocap_bridge.address import FILE, parse_address
+from mocap_bridge.address import is_live
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.marker_sets import MarkerSet, load_marker_set
 from mocap_bridge.sources import C3DSource
@@ -101,7 +101,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[s
     """
     model = load_model(options.model)
     _check_free(folder)
-    if is_live(options.source):
+    if options.source is not None and is_live(options.source):
         with closing(live_source(str(options.source), options.human)) as source:
             return _simulate(options, model, folder, bar, LivePerson(source, str(options.source), _marker_set(options)))
     return _simulate(options, model, folder, bar, None)
@@ -187,11 +187,6 @@ def _partners(options: SimulateOptions, model: HGPDM, bar: ProgressBar, person: 
 
 def _marker_set(options: SimulateOptions) -> MarkerSet | None:
     return load_marker_set(options.marker_set) if options.marker_set else None
-
-
-def is_live(source: str | None) -> bool:
-    """Whether a source is the address of a live system, and not a file."""
-    return source is not None and parse_address(source).scheme != FILE
 
 
 def _shown(source: str | None) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 
 from hil.sim.contact_check import UnwantedContact
 from hil.trial import TrialResult
+from mocap_bridge.address import is_live
 
 MM, MS = 1e3, 1e3
 _FINGERS = ("palm", "thumb", "index", "middle", "ring", "little")
@@ -106,7 +107,7 @@ def summarise(
         "planned": settings.trials,
         "interrupted": interrupted,
         "simulated": all(r.simulated for r in results) if results else not settings.source,
-        "live": "://" in settings.source,
+        "live": bool(settings.source) and is_live(settings.source),
         "seed": settings.seed,
         "model": settings.model,
         "style": settings.style,
@@ -128,10 +129,9 @@ def summarise(
     }
 
 
-def who(summary: Mapping[str, Any]) -> str:
-    """Whose hand was met, in words."""
-    kind = "simulated" if summary["simulated"] else "live" if summary["live"] else "recorded"
-    return f"{kind} person"
+def kind(summary: Mapping[str, Any]) -> str:
+    """Whether the person whose hand was met is ``simulated``, ``live`` or ``recorded``."""
+    return "simulated" if summary["simulated"] else "live" if summary["live"] else "recorded"
 
 
 def without_timings(summary: dict[str, Any]) -> dict[str, Any]:

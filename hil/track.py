@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from hil.console import STDOUT, counted
 from hil.folders import next_folder
 from hil.page import write_file
 from hil.stream_arm import prepare_tracker
-from hil.track_input import OnePerson, fitted_subject, read_person
+from hil.track_input import OnePerson, ProgressBar, fitted_subject, read_person
 from hil.track_report import write_track_report
 from hil.track_summary import angle_rows, summarise_track
 from hil.tracked_recording import TrackedRecording, passes, track_recording
@@ -27,8 +26,6 @@ from mocap_bridge.marker_sets import MarkerSet
 from model.errors import HighFiveError
 
 ANGLES_FILE = "angles.csv"
-
-ProgressBar = Callable[[str, int], Callable[[], None]]
 
 
 @dataclass(frozen=True)
@@ -90,13 +87,11 @@ def _fitted(person: OnePerson, bar: ProgressBar) -> MarkerSet | None:
 
     Where somebody's arms are an eighth shorter than the set's, angles by the set as it is are ten degrees off and more.
     """
-    advance, base = bar("fitting the body", 1), person.marker_set
+    base = person.marker_set
     try:
-        subject = fitted_subject(person)
+        subject = fitted_subject(person, bar)
     except HighFiveError:
         return None
-    finally:
-        advance()
     return personal_set(subject, base.name, base.description)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from mocap_bridge.live import of_another_unit, spans
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording
 from model.errors import HighFiveError
+
+ProgressBar = Callable[[str, int], Callable[[], None]]
+"""Opens a bar with a label and a total; each call of what it returns advances the bar by one."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     return OnePerson(path, prefix, replace(one, valid=one.valid & ~strange[:, None]), marker_set, int(strange.sum()))
 
 
-def fitted_subject(person: OnePerson) -> Subject:
+def fitted_subject(person: OnePerson, bar: ProgressBar) -> Subject:
     """The marker set on this person's own body.
 
     Raises:
@@ -93,7 +97,11 @@ def fitted_subject(person: OnePerson) -> Subject:
     """
     base = person.marker_set
     points, seen = base.arrange(person.recording.names, person.recording.points, person.recording.valid)
-    return fit_subject(avatar_skeleton(), base, points, seen)
+    advance = bar("fitting the body", 1)
+    try:
+        return fit_subject(avatar_skeleton(), base, points, seen)
+    finally:
+        advance()
 
 
 def shows_right_arm(one: Recording, asked: MarkerSet | None) -> bool:

@@ -76,6 +76,15 @@ class Address:
         return f"{self.scheme}://{host}{port}{'?' + options if options else ''}"
 
 
+def is_live(text: str) -> bool:
+    """Whether it is the address of a live system, and not a file.
+
+    Raises:
+        HighFiveError: as :func:`parse_address`.
+    """
+    return parse_address(text).scheme != FILE
+
+
 def parse_address(text: str) -> Address:
     """Reads an address; whether anything is there is not looked at.
 

@@ -21,6 +21,10 @@ SET = "plug_in_gait_upper"
 SIZE = 1.08
 
 
+def quiet(_label, _total):
+    return lambda: None
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("calibrate")
@@ -29,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def result(folder: Path) -> dict:
     simulated_reach(folder / "tall.c3d", name=SET, prefix="tall:", scale=SIZE)
-    return calibrate_subject(CalibrateOptions(folder / "tall.c3d", out=folder / "subject.toml"))
+    return calibrate_subject(CalibrateOptions(folder / "tall.c3d", out=folder / "subject.toml"), quiet)
 
 
 def test_the_persons_size_is_found(result: dict):
@@ -139,7 +143,7 @@ def test_bad_input_is_one_line(run, folder: Path, result: dict):
 )
 def test_real_people_are_of_a_human_size(recordings: Path, tmp_path: Path, file, longest, shortest):
     path = recordings / "markers" / f"{file}.c3d"
-    result = calibrate_subject(CalibrateOptions(path, out=tmp_path / "subject.toml"))
+    result = calibrate_subject(CalibrateOptions(path, out=tmp_path / "subject.toml"), quiet)
     assert shortest < result["segments"]["right_shoulder"]["length_m"] < longest
     assert 0.2 < result["segments"]["right_elbow"]["length_m"] < 0.3
     assert result["residual_mm"] < 7.0

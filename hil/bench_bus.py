@@ -15,7 +15,7 @@ from hil.bench_arm import driver_figures
 from hil.drivers.control_table import load_table
 from hil.drivers.emulated_bus import TURNAROUND_NS
 from hil.drivers.emulator_process import EmulatorProcess
-from hil.drivers.packet import FastStatus, decode_fast_status, sync_read, sync_write
+from hil.drivers.packet import FastStatus, PacketError, decode_fast_status, sync_read, sync_write
 from hil.drivers.rig import load_rig
 from model.errors import HighFiveError
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 WRITTEN, READ = 4, 10
 """Bytes of a servo in one cycle: goal position; current, velocity and position."""
 
-_PATIENCE_S = 0.1
+_PATIENCE_S = 1.0  # a reply that is late where the machine stalls makes a long cycle, not a failed one
 _WARM_UP = 50  # cycles
 
 
@@ -124,12 +124,21 @@ def _raw(port: str, baud_rate: int, servos: list[int], seconds: float) -> tuple[
         while not times or times[-1] < end:
             os.write(descriptor, goals[len(times) % len(goals)] + question)
             if times:  # the reply before is looked at while the next one is on the line
-                failed += len(reply) < whole or len(decode_fast_status(reply, lengths)) < len(servos)
+                failed += not _is_whole(reply, lengths)
             reply = _reply(descriptor, whole)
             times.append(time.perf_counter())
+            if len(reply) < whole:
+                line.reset_input_buffer()  # what is left of it must not be taken for the next one
     if failed >= len(times) - 1:
         raise HighFiveError(f"nothing comes back from {port}")
     return np.diff(times[_WARM_UP:]).tolist(), failed
+
+
+def _is_whole(reply: bytes, lengths: dict[int, int]) -> bool:
+    try:
+        return len(decode_fast_status(reply, lengths)) == len(lengths)
+    except PacketError:
+        return False
 
 
 def _reply(descriptor: int, length: int) -> bytes:

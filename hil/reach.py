@@ -49,7 +49,7 @@ class ReachSettings:
     fade_out: float = 0.5
     landing: float = 0.06
     """Over this last stretch the closing speed runs out, as flesh would take it up."""
-    sure: float = 0.25
+    sure: float = 0.35
     """A clock with a larger standard deviation than this, s, is not read."""
     near: float = 0.08
     """Palms this close meet, where the clock cannot be read."""

@@ -44,7 +44,7 @@ class Points(NamedTuple):
         inputs: (N, q).
         thin: (N, R) a factor with thin · thinᵀ = Y Yᵀ.
         styles: (N, K) style weights, or None.
-        weights: (N,) 1 for points that count and 0 for others.
+        weights: (N,) how much a point counts: its noise is that of the layer over this; 0 for points that do not.
     """
 
     inputs: jax.Array
@@ -189,8 +189,9 @@ def _sum_up(covariance: Covariance, shards: int, parameters: Any, points: Points
 
     def block(total: _Moments, part: Points) -> tuple[_Moments, None]:
         k_uf, k_ff = covariance.cross(parameters, part.inputs, part.styles)
-        b, thin = _lower_product(inverse, k_uf * part.weights), part.thin * part.weights[:, None]
-        here = _Moments(_gram(b), b @ thin, jnp.sum(k_ff * part.weights), jnp.sum(thin**2), jnp.sum(part.weights))
+        root, count = jnp.sqrt(part.weights), jnp.sum(part.weights > 0.0)
+        b, thin = _lower_product(inverse, k_uf * root), part.thin * root[:, None]
+        here = _Moments(_gram(b), b @ thin, jnp.sum(k_ff * part.weights), jnp.sum(thin**2), count * 1.0)
         return jax.tree.map(jnp.add, total, here), None
 
     size, scalar = inverse.shape[0], jnp.zeros(())

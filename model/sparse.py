@@ -116,7 +116,9 @@ def negative_log_likelihood(
 ) -> jax.Array:
     """−log N(Y; 0, Q + noise I) summed over channels, Q = K_fu K_uu⁻¹ K_uf; plus the trace term if ``variational``.
 
-    Points whose ``weights`` (N,) are 0 do not count. The sums over points are taken in ``shards`` equal parts.
+    The noise of a point is ``noise`` over its entry of ``weights`` (N,), and one of weight 0 does not count; the value
+    lacks what does not depend on the parameters, −D/2 Σ log weight. The sums over points are taken in ``shards`` equal
+    parts.
     """
     weights = jnp.ones(inputs.shape[0]) if weights is None else weights
     points = Points(inputs, targets.thin, None if layer.style is None else styles, weights)
@@ -137,24 +139,30 @@ def fit(
     styles: jax.Array | None = None,
     offset: jax.Array | None = None,
     scale: jax.Array | None = None,
+    weights: jax.Array | None = None,
 ) -> Posterior:
-    """The posterior of a layer given inputs (N, q) and values (N, D); it predicts ``offset + scale · value``."""
+    """The posterior of a layer given inputs (N, q) and values (N, D); it predicts ``offset + scale · value``.
+
+    The noise of a point is ``noise`` over its entry of ``weights`` (N,).
+    """
     k_uu, (k_uf, _) = inducing_covariance(layer), cross_covariance(layer, inputs, styles)
     size, channels = k_uu.shape[0], values.shape[1]
     lower = jnp.linalg.cholesky(k_uu)
     inverse = solve_triangular(lower, jnp.eye(size), lower=True)
+    if weights is not None:
+        k_uf, values = k_uf * jnp.sqrt(weights), values * jnp.sqrt(weights)[:, None]
     projected = inverse @ k_uf
     inner = jnp.linalg.cholesky(jnp.eye(size) + projected @ projected.T / noise)
     inner_inverse = solve_triangular(inner, inverse, lower=True)
     scale = jnp.ones(channels) if scale is None else scale
     offset = jnp.zeros(channels) if offset is None else offset
-    weights = inner_inverse.T @ (inner_inverse @ (k_uf @ values)) / noise * scale
+    mean = inner_inverse.T @ (inner_inverse @ (k_uf @ values)) / noise * scale
     reduction = inverse.T @ inverse - inner_inverse.T @ inner_inverse
     between = style = None
     if layer.style is not None:
         between = kernels.style_covariance(layer.style)
         style = layer.style.inducing @ between
-    return Posterior(layer.kernel, layer.inducing, style, between, weights, offset, reduction, noise, scale)
+    return Posterior(layer.kernel, layer.inducing, style, between, mean, offset, reduction, noise, scale)
 
 
 def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:

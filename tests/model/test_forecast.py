@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from model import sparse
 from model.dataset import KNUCKLES, hand_history
 from model.features import fit_feature_map
-from model.forecast import KNOTS, REGION, ContactLayer, _scales, approaches, fit_contact_layer
+from model.forecast import KNOTS, REGION, ContactLayer, _scales, approaches, fit_contact_layer, precision
 from model.trials import Trial
 
 RATE = 60.0
@@ -68,6 +68,13 @@ def test_regions_hold_what_they_promise_of_people_never_seen(fitted) -> None:
         error = (forecast - truth)[:3]
         inside.append(error @ np.linalg.solve(covariance[:3, :3], error) < chi2.ppf(REGION, 3))
     assert 0.8 < np.mean(inside) <= 0.98
+
+
+def test_a_frame_counts_for_less_the_further_off_its_contact_is() -> None:
+    counts = precision(np.array([-0.3, 0.0, 0.05, 0.3, 0.9]))
+    assert counts[0] == counts[3] == 1.0
+    assert np.all(np.diff(counts[1:]) < 0.0)
+    assert counts[1] == pytest.approx(49.0)  # its noise is a seventh
 
 
 @pytest.mark.parametrize("true", [0.2, 1.0, 5.0])

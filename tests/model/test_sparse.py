@@ -65,7 +65,28 @@ def test_all_points_inducing_is_the_exact_process(setting):
     np.testing.assert_allclose(doubts, np.tile(variances[:, None] + NOISE, 5), atol=1e-4)
 
 
-def test_gradient_equals_finite_differences(setting):
+def test_points_of_their_own_noise_are_the_exact_process_with_that_noise(setting):
+    inputs, styles, values, kernel = setting
+    every = layer(kernel, inputs, styles, slice(None))
+    full = dense(kernel, every.style, inputs, styles, inputs, styles)
+    weights = np.random.default_rng(6).uniform(0.1, 9.0, 40)
+    weights[::7] = 0.0
+    known = weights > 0.0
+    noise = np.diag(NOISE / weights[known])
+    arguments = every, inputs, Targets(jnp.asarray(values), 5, 0.0), jnp.asarray(NOISE), jnp.asarray(styles), True
+    got = sparse.negative_log_likelihood(*arguments, weights=jnp.asarray(weights))
+    expected = exact.negative_log_likelihood(full[known][:, known] + noise, values[known])
+    np.testing.assert_allclose(got, expected + 2.5 * np.log(weights[known]).sum(), rtol=1e-3)
+
+    new, mixed = np.random.default_rng(7).normal(size=(6, 3)), np.tile([0.5, 0.5], (6, 1))
+    posterior = sparse.fit(every, *map(jnp.asarray, (inputs, values, NOISE, styles)), weights=jnp.asarray(weights))
+    cross = dense(kernel, every.style, new, mixed, inputs[known], styles[known])
+    means = cross @ np.linalg.solve(full[known][:, known] + noise, values[known])
+    np.testing.assert_allclose(sparse.means(posterior, jnp.asarray(new), jnp.asarray(mixed)), means, atol=1e-4)
+
+
+@pytest.mark.parametrize("weights", [None, np.linspace(0.0, 3.0, 40)])
+def test_gradient_equals_finite_differences(setting, weights):
     inputs, styles, values, kernel = setting
     some, targets = layer(kernel, inputs, styles, slice(0, 12)), Targets(jnp.asarray(values), 5, 0.3)
     flat, unravel = jax.flatten_util.ravel_pytree((some, jnp.asarray(inputs)))
@@ -73,7 +94,7 @@ def test_gradient_equals_finite_differences(setting):
     def value(vector):
         parameters, points = unravel(vector)
         noise = sparse.noise_variance(parameters.raw_noise, (0.05, 0.5))
-        return sparse.negative_log_likelihood(parameters, points, targets, noise, jnp.asarray(styles), True)
+        return sparse.negative_log_likelihood(parameters, points, targets, noise, jnp.asarray(styles), True, weights)
 
     value = jax.jit(value)
     gradient = jax.grad(value)(flat)

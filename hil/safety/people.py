@@ -18,6 +18,9 @@ from model.rotations import Array
 SMOOTHING_S = 0.05
 """Time constant of the head's velocity, s: a millimetre of jitter at 120 Hz would be 0.12 m/s without."""
 
+BORDER = 0.05
+"""m: who is this near the zone around a head counts the less as passing by, at its border as going straight in."""
+
 STRAIGHT = 0.98
 """Share of a limit of the plate that is used: within a tick the plate moves on a bent line."""
 
@@ -88,20 +91,27 @@ def remembered(limits: Contact, before: Remembered, human: Human, points: Points
     return Remembered(head, velocity, max(seen_ns, before.seen_ns), line)
 
 
-def allowed_speed(limit: float, fleeing: float, way: float, braking: float) -> float:
+def allowed_speed(limit: float, fleeing: float, way: float, braking: float, straight: float = 1.0) -> float:
     """How fast, m/s, the plate may go towards something, so that it can still be slow enough when it gets there.
 
-    There it may have ``limit`` + ``fleeing``, but not less than 0. Until then, ``way`` / (a - ``fleeing``) s away at a
-    speed a, it can lose ``braking`` times as much: the answer is the root of (a - there) (a - fleeing) = braking · way.
+    There it may have ``limit`` + ``fleeing``, but not less than 0. Of a speed a the share ``straight`` leads there.
+    Until then, ``way`` / (straight a - ``fleeing``) s away, it can lose ``braking`` times as much: the answer is the
+    root of (a - there) (straight a - fleeing) = braking · way.
 
     Args:
         limit: m/s, largest closing speed at the end of the way.
         fleeing: m/s, how fast the other one moves away; negative where it comes nearer.
         way: m, left until ``limit`` holds.
         braking: m/s².
+        straight: cosine of the angle between its way and the line between them, 0 to 1.
     """
     there = max(0.0, limit + fleeing)
-    return 0.5 * (there + fleeing + math.sqrt((there - fleeing) ** 2 + 4.0 * braking * max(way, 0.0)))
+    loss = braking * max(way, 0.0)
+    root = math.sqrt((straight * there - fleeing) ** 2 + 4.0 * straight * loss)
+    if straight > 1e-9 and straight * there + fleeing > 0.0:  # of two forms the one without a difference of equals
+        return (straight * there + fleeing + root) / (2.0 * straight)
+    slack = root - straight * there - fleeing
+    return 2.0 * (loss - there * fleeing) / slack if slack > 0.0 else math.inf if loss > 0.0 else there
 
 
 def gap_to_hand(human: Human, points: Points) -> float:
@@ -144,7 +154,8 @@ def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: 
     """How much of the points' velocities (P, 3), m/s, may be kept so that they are slow near the head.
 
     Inside the zone a point is no faster than the limit, whatever its direction, less what the head itself comes nearer;
-    outside it can still brake before the zone. A point outside that moves away is left alone.
+    outside it can still brake before the zone, which one that passes by comes near more slowly. A point outside that
+    moves away is left alone.
     """
     if seen.head is None:
         return 0.0
@@ -160,8 +171,14 @@ def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: 
                 continue
             fleeing = min(0.0, _dot(away, head_velocity) / max(distance, 1e-9))
             way = distance - limits.radius - (speed - fleeing) * dt
-            share = min(share, _share(allowed_speed(limit, fleeing, way, limits.braking), speed))
+            straight = _dot(away, velocity) / max(distance * speed, 1e-9)
+            share = min(share, _share(speed_near_face(limit, fleeing, way, limits.braking, straight), speed))
     return share
+
+
+def speed_near_face(limit: float, fleeing: float, way: float, braking: float, straight: float) -> float:
+    """How fast, m/s, a point may be that is ``way`` m outside the zone around a head; see :func:`allowed_speed`."""
+    return allowed_speed(limit, fleeing, way, braking, min(max(straight, 1.0 - way / BORDER, 0.0), 1.0))
 
 
 def unseen_person_share(limits: Face, velocities: Array) -> float:

@@ -530,6 +530,7 @@ class Task(NamedTuple):
         cap: m/s, largest speed relative to that palm where the plate touches it; infinite: no palm.
         rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
         head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
+        face: (3,) m/s that the plate may have near that head, m from its centre where it may, m/s² to get there.
         effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
         seconds: s between knots.
     """
@@ -555,6 +556,7 @@ class Task(NamedTuple):
     rest: Array
     rest_weight: float
     head: Array
+    face: Array
     effort: float
     calm: float
     seconds: float
@@ -574,6 +576,7 @@ class Aim(NamedTuple):
         caps: (N,) m/s, largest speed at which plate and palm may close in where they are near; infinite: no palm.
         rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
         head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
+        face: (3,) m/s that the plate may have near that head, m from its centre where it may, m/s² to get there.
         effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
     """
 
@@ -590,6 +593,7 @@ class Aim(NamedTuple):
     rest: Array
     rest_weight: float
     head: Array
+    face: Array
     effort: float
     calm: float
 
@@ -605,6 +609,8 @@ YIELD = 6.0
 """m/s²: a plate that is not yet near the hand may be faster, by what this takes off on the way there."""
 NEAR, TOUCHING = 0.15, 0.03
 """m from the hand at which its cap holds; nearer than the second the line between them is the normal that is wanted."""
+BORDER = 0.05
+"""m from the zone around a head within which passing by counts the less."""
 HARD_GAP = 0.015
 """m of gap that no step goes below."""
 SPARED = 3
@@ -680,6 +686,18 @@ def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
                 faster = np.empty(6)
                 _along(line, of_point, faster)
                 _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
+    if aim.head[3] > 0.0:
+        for r in range(3):
+            line[r] = aim.head[r] - point[r]
+        over, fast = _over_near_face(aim.face, line, plate)
+        if over > 0.0:
+            cost += 0.5 * CAP_WEIGHT * over**2
+            if slopes:
+                faster = np.empty(6)
+                for r in range(3):
+                    plate[r] /= fast
+                _along(plate, of_point, faster)
+                _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
     for j in range(6):
         away = aim.rest_weight * (joints[j] - aim.rest[j])
         cost += 0.5 * away * (joints[j] - aim.rest[j])
@@ -702,6 +720,26 @@ def _state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
                 if slopes:
                     _add_square(GAP_WEIGHT, error, wider[b, kind], by_joints, joints_twice)
     return cost
+
+
+@compiled
+def _over_near_face(face: Array, line: Array, plate: Array) -> tuple[float, float]:
+    """m/s by which a plate of velocity ``plate`` (3,) is too fast for a head ``line`` (3,) m away; and its speed.
+
+    As :func:`hil.safety.people.face_zone_share` has it, for a head at rest.
+    """
+    away = fast = along = 0.0
+    for r in range(3):
+        away += line[r] ** 2
+        fast += plate[r] ** 2
+        along += line[r] * plate[r]
+    away, fast = math.sqrt(away), math.sqrt(fast)
+    way = max(0.0, away - face[1])
+    straight = max(along / max(away * fast, 1e-9), 1.0 - way / BORDER)
+    if straight <= 1e-3 or fast <= face[0]:
+        return 0.0, fast
+    there = straight * face[0]
+    return fast - 0.5 * (there + math.sqrt(there**2 + 4.0 * straight * face[2] * way)) / straight, fast
 
 
 @compiled
@@ -1064,6 +1102,8 @@ BEFORE = 0.05
 """Share of the normal's weight that counts before."""
 BEFOREHAND = 0.15
 """m/s by which the place in front of the hand is less strict for each s before the contact."""
+WAITED = 0.05
+"""m: a hand that is further than this from where it will be met is waited for this far before."""
 STYLE_KNOT = 0.05
 """s of the path that count as one knot."""
 
@@ -1074,7 +1114,7 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
     aim = Aim(
         task.seconds, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.empty((count, 3)), np.zeros(count),
         np.zeros((count, 3)), np.zeros(count), np.empty((count, 3)), np.empty((count, 3)),
-        np.full(count, task.cap), task.rest, task.rest_weight, task.head, task.effort, task.calm,
+        np.full(count, task.cap), task.rest, task.rest_weight, task.head, task.face, task.effort, task.calm,
     )  # fmt: skip
     sure, lower, column = np.zeros((3, 3)), np.zeros((3, 3)), np.empty(3)
     for r in range(3):
@@ -1093,7 +1133,7 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
     length, calm = max(settled, task.seconds), 3.0 * FADING
     end, pace = np.empty(3), np.empty(3)
     if settled < math.inf:
-        _met_hand(task, max(settled, 0.0), end, pace)
+        _awaited(task, max(settled, 0.0), end, pace)
     for k in range(count):
         t = (k + 1) * task.seconds
         fading = math.exp(-t / calm)
@@ -1103,6 +1143,8 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
             aim.hand_velocities[k, r] = task.hand_velocity[r] * fading
         if task.time == math.inf:
             continue
+        if task.cap < math.inf:
+            _met_hand(task, t, aim.hands[k], aim.hand_velocities[k])
         past = t - task.time
         aim.normal_weights[k] = BEFORE * task.firm
         if t - settled < -0.5 * task.seconds:  # on the way
@@ -1118,13 +1160,32 @@ def _aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
         if abs(past) < 1.5 * task.seconds:
             aim.velocity_weights[k] = MEETING_WEIGHT
         through = task.press if task.pressed else min(task.closing * past, task.press)
-        _met_hand(task, t, aim.points[k], aim.velocities[k])
+        _awaited(task, t, aim.points[k], aim.velocities[k])
         for r in range(3):
             aim.points[k, r] += max(through, -task.standoff) * task.normal[r]
             aim.velocities[k, r] = task.braked[r] + task.closing * task.normal[r]
             for c in range(3):
                 aim.point_weights[k, r, c] = sure[r, c] * doubt / (doubt + (BEFOREHAND * min(past, 0.0)) ** 2)
     return aim
+
+
+@compiled
+def _awaited(task: Task, t: float, place: Array, pace: Array) -> None:
+    """Writes where the plate is in front of, (3,) m, and its velocity (3,): the hand, when it is near the contact.
+
+    A plate cannot go with a hand that comes fast; it waits where they will meet.
+    """
+    _met_hand(task, t, place, pace)
+    if t >= task.time:
+        return
+    away = 0.0
+    for r in range(3):
+        away += (place[r] - task.point[r]) ** 2
+    away = math.sqrt(away)
+    if away > WAITED:
+        for r in range(3):
+            place[r] = task.point[r] + WAITED / away * (place[r] - task.point[r])
+            pace[r] *= (WAITED / away) ** 2
 
 
 @compiled

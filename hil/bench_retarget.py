@@ -13,9 +13,11 @@ import numpy as np
 
 from hil import arm_motion
 from hil.partners import Partner, simulated_partners
+from hil.profiles import minimum_jerk
 from hil.reach import Phase
 from hil.retarget import PalmGoal, Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
+from hil.safety.people import speed_near_face
 from hil.servo_arm import solve
 from hil.session import RATE_HZ, Session, Tick
 from hil.sim.scene import build_scene
@@ -128,7 +130,8 @@ def avatar_met(asked: Asked) -> Met:
 def possible(asked: Asked, retarget: Retarget) -> bool:
     """Whether the plate can be where the palms met, in the time that was left when the arm came to know of it.
 
-    The time is that of the quickest minimum-jerk movement from the ready posture inside speed and torque.
+    The time is that of the quickest minimum-jerk movement from the ready posture inside speed and torque, made slower
+    where it leads near the person's face.
     """
     place, began = asked.person[asked.due], [i for i, goal in enumerate(asked.goals) if goal.contact is not None]
     goal = asked.goals[asked.due].contact
@@ -136,7 +139,26 @@ def possible(asked: Asked, retarget: Retarget) -> bool:
         return False
     joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)
     given = (asked.due - began[0]) * TICK - retarget.settings.lag
-    return miss < 0.01 and float(arm_motion.quickest(retarget.arm.packed, retarget.ready, joints)) < given
+    seconds = float(arm_motion.quickest(retarget.arm.packed, retarget.ready, joints))
+    head = asked.goals[asked.due].head
+    return (
+        miss < 0.01 and seconds * (1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)) < given
+    )
+
+
+def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: Array) -> float:
+    """How many times as long a minimum-jerk movement of ``seconds`` takes that keeps slow near a head at rest."""
+    s, steps = retarget.settings, 200
+    shares = minimum_jerk(np.linspace(0.0, 1.0, steps + 1))
+    places = np.array([retarget.arm.plate_at(retarget.ready + a * (joints - retarget.ready)).position for a in shares])
+    longer = []
+    for place, way in zip(places[:-1], np.diff(places, axis=0), strict=True):
+        length, away = float(np.linalg.norm(way)), head - place
+        distance = float(np.linalg.norm(away))
+        straight = float(away @ way) / max(length * distance, 1e-12)
+        most = speed_near_face(s.face_speed, 0.0, distance - s.face_radius, s.face_braking, straight)
+        longer.append(max(1.0, length * steps / seconds / most))
+    return float(np.mean(longer))
 
 
 def judged(asked: Asked, places: Array, normals: Array, reachable: bool, sacrifice: Sacrifice) -> Met:

@@ -42,9 +42,11 @@ class RetargetSettings:
     contact_speed: float = 0.78
     """Largest speed of the plate relative to the hand that it meets (ISO/TS 15066 by a two-body model)."""
     face_speed: float = 0.22
-    """The same, where the head is near."""
-    face_radius: float = 0.25
-    """A contact so near the head's centre is in the face zone."""
+    """Largest speed of the plate near the head, ..."""
+    face_radius: float = 0.30
+    """... which is so near its centre, ..."""
+    face_braking: float = 4.0
+    """... and what it can lose of more on the way there, m/s²."""
     head_radius: float = 0.14
     """No part of the arm plans to come nearer the head's centre than this and a margin."""
     care: float = 0.8
@@ -53,6 +55,8 @@ class RetargetSettings:
     """Deviation of the place of contact that the plan does not tell from none."""
     loose: float = 0.08
     """Deviation from the scaled path that costs as much as one standard deviation of the place of contact."""
+    leisurely: float = 0.3
+    """m/s: where the plate has to be faster than this on average it hurries, and the path counts less."""
     turned: float = 0.15
     """rad, the same for the direction in which the plate faces at contact, ..."""
     turning: float = 1.5
@@ -74,7 +78,7 @@ class RetargetSettings:
     near: float = 0.10
     waiting: float = 0.15
     """A hand that could not be met in time is followed only if it is this near and no faster than this, m/s."""
-    press: float = 0.018
+    press: float = 0.025
     most_press: float = 0.02
     """The plate aims so far through the hand as the two close in this time, s, but no further than this, m, and so far
     once it is late: a hand that is not met goes back, and the contact is then missed altogether."""
@@ -87,7 +91,10 @@ class RetargetSettings:
     """A commanded plate this near the place of contact is there."""
     settle: float = 0.15
     """So long before contact the plate is in front of the hand, ..."""
-    standoff: float = 0.025
+    beforehand: float = 0.25
+    """... where it has to hurry up to so much longer: a fast hand is near before contact, and near it the plate may
+    hardly move, ..."""
+    standoff: float = 0.02
     """... this far away, and goes with it: neither the place nor the time of contact is known well before, but where
     the hand is is, and near it the plate may not make up for what is missing."""
     yielding: float = 0.93
@@ -221,6 +228,8 @@ class Retarget:
         ready_plate = arm.plate_at(self.ready)
         self._ready_normal = ready_plate.normal
         self._low, self._high = arm.packed.low, arm.packed.high
+        s = self.settings
+        self._face = np.array([s.yielding * s.face_speed, s.face_radius, s.yielding * s.face_braking])
         self._sag = np.array(self.settings.sag) if self.settings.sag else None
         self._nobody = PalmPose(ready_plate.position, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3))
         self.step(self.start(), PalmGoal(self._nobody))
@@ -296,24 +305,33 @@ class Retarget:
         hand, hand_velocity, cap = _NOWHERE, _NOWHERE, math.inf
         if person is not None:
             hand, hand_velocity = person.position + s.lag * person.velocity, person.velocity
-            cap = s.yielding * self._cap(goal)
+            cap = s.yielding * s.contact_speed
         if contact is None:
             return Task(
                 math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOWHERE,
-                _NOWHERE, 1.0, hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, 10.0 * s.effort, s.calm, 0.05,
+                _NOWHERE, 1.0, hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, self._face,
+                10.0 * s.effort, s.calm, 0.05,
             )  # fmt: skip
         time = contact.time - s.lag
         closing, braked = self._meeting_speed(goal)
         normal, firm = self._normal(contact)
         scale = 1.0 if state.scale is None else state.scale
         press = s.most_press if state.late > 0.0 else min(s.press * closing, s.most_press)
+        freedom = self._hurry(state, contact) ** 4
         return Task(
             time, contact.point, normal, contact.covariance, s.sharpness, firm,
-            closing, s.settle, s.standoff, press, state.late > 0.0,
-            scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose,
+            closing, s.settle + s.beforehand * (1.0 - 1.0 / freedom), s.standoff, press, state.late > 0.0,
+            scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose * freedom,
             hand, hand_velocity, braked, cap,
-            self.ready, 1e-3, head, s.effort, s.calm, min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot),
+            self.ready, 1e-3, head, self._face, s.effort, s.calm,
+            min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot),
         )  # fmt: skip
+
+    def _hurry(self, state: RetargetState, contact: ExpectedContact) -> float:
+        """How many times faster than leisurely the plate has to be; at least 1."""
+        s = self.settings
+        way = float(np.linalg.norm(self.arm.plate_at(state.joints).position - contact.point))
+        return max(1.0, way / max(contact.time - s.lag - s.settle, 0.05) / s.leisurely)
 
     def _normal(self, contact: ExpectedContact) -> tuple[Array, float]:
         """Where the plate shall face (3,), and how much that counts."""
@@ -322,15 +340,6 @@ class Retarget:
         normal = (1.0 - share) * self._ready_normal + share * contact.normal
         normal /= max(math.sqrt(normal @ normal), 0.1)
         return normal, 1.0 / (s.turned + s.turning * contact.time) ** 2
-
-    def _cap(self, goal: PalmGoal) -> float:
-        """Largest relative speed, m/s, at the place where the palms will meet, or at the hand."""
-        s = self.settings
-        where = goal.contact.point if goal.contact is not None else goal.person.position if goal.person else None
-        if goal.head is None or where is None:
-            return s.contact_speed
-        away = where - goal.head
-        return s.face_speed if math.sqrt(away @ away) < s.face_radius else s.contact_speed
 
     def _meeting_speed(self, goal: PalmGoal) -> tuple[float, Array]:
         """m/s, at which the plate closes on the hand along its normal, and the hand's velocity (3,) then."""
@@ -341,7 +350,9 @@ class Retarget:
         share = min(max(1.0 - goal.contact.time / 0.3, 0.0), 1.0)  # the hand will have braked until then
         hand = share * goal.person.velocity
         own = min(max(float(goal.palm.velocity @ normal), self.settings.slowest), 1.0)
-        most = 0.75 * self.settings.care * self._cap(goal)
+        most = 0.75 * self.settings.care * self.settings.contact_speed
+        if goal.head is not None and float(np.linalg.norm(goal.contact.point - goal.head)) < self.settings.face_radius:
+            most = self.settings.care * self.settings.face_speed
         return min(max(own - float(hand @ normal), min(self.settings.slowest, most)), most), hand
 
     def _accounted(

@@ -20,6 +20,8 @@ from model.rotations import Array
 
 SURE = 0.25
 """A forecast whose time is no surer than this, s, does not set the arm off before the session's own approach."""
+PLACED = 0.3
+"""Unless its place is surer than this, m, in all directions together."""
 EARLY = 0.9
 """Nor one of a contact later than this, s."""
 LOST = 1.0
@@ -52,12 +54,17 @@ def _contact(tick: Tick, person: PalmPose) -> ExpectedContact | None:
         return ExpectedContact(person.position, SEEN**2 * np.eye(3), -person.normal, 0.0)
     if phase is Phase.APPROACH:
         time = until_touch(tick.target, forecast)
-    elif phase is Phase.IDLE and forecast and forecast.deviation < SURE and 0.0 < forecast.time < EARLY:
+    elif phase is Phase.IDLE and forecast and 0.0 < forecast.time < EARLY and _says_enough(forecast):
         time = _corrected(forecast.time)
     else:
         return None
     point, covariance = meeting(person, time, forecast)
     return ExpectedContact(point, covariance, -person.normal, time)
+
+
+def _says_enough(forecast: ContactForecast) -> bool:
+    """Surely enough when, or where: who knows the place may go there and wait."""
+    return forecast.deviation < SURE or float(np.trace(forecast.covariance[:3, :3])) < PLACED**2
 
 
 def _forecast(tick: Tick) -> ContactForecast | None:

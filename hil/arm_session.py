@@ -96,7 +96,7 @@ def ready_arm(options: ArmOptions) -> Iterator[ArmLoop]:
         raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
     if not options.emulated and not options.armed:
         raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
-    retarget = Retarget(default_arm(), READY, retarget_settings(rig))
+    retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits))
     estop = Latch()
     with ExitStack() as stack:
         port = options.port
@@ -146,17 +146,24 @@ def full_errors(rig: Rig) -> Array:
     return np.array([FULL_GAIN / joint.position_p_gain * math.tau / COUNTS for joint in rig.joints])
 
 
-def retarget_settings(rig: Rig, on_the_way: float = ON_THE_WAY) -> RetargetSettings:
+def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) -> RetargetSettings:
     """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
     have a torque–speed line.
 
     A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way``:
-    s that a command takes to the servos.
+    s that a command takes to the servos. The plan keeps the limits near the person by itself.
     """
     full = full_errors(rig)
     no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
     stall = np.array([count * servo.stall for servo, count in measures.SERVOS])
-    return RetargetSettings(lag=float(np.median(full / no_load)) + on_the_way, sag=tuple((full / stall).tolist()))
+    return RetargetSettings(
+        lag=float(np.median(full / no_load)) + on_the_way,
+        sag=tuple((full / stall).tolist()),
+        contact_speed=limits.contact.speed,
+        face_speed=limits.face.speed,
+        face_radius=limits.face.radius,
+        face_braking=limits.face.braking,
+    )
 
 
 def at_their_time(frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:

@@ -85,11 +85,9 @@ def twin_loop() -> ArmLoop:
     """The twin at rest, ready to play."""
     rig = load_rig()
     twin = TwinArm(mounted_arm(), full_errors(rig))
-    settings = retarget_settings(rig, on_the_way=0.0)
-    return ArmLoop(
-        twin, Retarget(default_arm(), READY, settings), load_limits(), lambda: Check(twin.clock(), ()), Latch(),
-        twin.clock, twin.pause,
-    )  # fmt: skip
+    limits = load_limits()
+    retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits, on_the_way=0.0))
+    return ArmLoop(twin, retarget, limits, lambda: Check(twin.clock(), ()), Latch(), twin.clock, twin.pause)
 
 
 def contact_figures(met: Sequence[Met]) -> dict[str, Any]:

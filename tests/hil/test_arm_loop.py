@@ -38,7 +38,7 @@ def loop() -> ArmLoop:
 
 
 def over(twin: TwinArm, estop: Latch | None = None, mismatches: tuple[str, ...] = ()) -> ArmLoop:
-    retarget = Retarget(default_arm(), READY, retarget_settings(load_rig(), on_the_way=0.0))
+    retarget = Retarget(default_arm(), READY, retarget_settings(load_rig(), load_limits(), on_the_way=0.0))
     return ArmLoop(
         twin, retarget, LIMITS, lambda: Check(twin.clock(), mismatches), estop or Latch(), twin.clock, twin.pause
     )

@@ -12,6 +12,7 @@ from hil.reach import Phase, ReachSettings, ReachTarget
 from hil.retarget import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
 from hil.retarget_goal import until_touch
 from hil.rig_reach import cell_point, facing
+from hil.safety.people import speed_near_face
 from hil.servo_arm import READY, ServoArm, default_arm, solve
 from hil.sim.actors import CELLS
 from mocap_bridge.frames import PalmPose
@@ -140,6 +141,28 @@ def test_near_a_face_the_hand_is_met_gently(arm: ServoArm, retarget: Retarget) -
     for state in played(retarget, goals)[round(1.5 / TICK) - 2 : round(1.5 / TICK) + 1]:
         plate = arm.plate_at(state.joints)
         assert np.linalg.norm(plate.jacobian @ state.speeds) < 0.22
+
+
+def test_the_plan_slows_down_before_a_face_by_itself(arm: ServoArm, retarget: Retarget) -> None:
+    """As the envelope would make it, which then has little left to do; who does not know of the face is too fast."""
+    settings, point = retarget.settings, cell_point("C2")
+    head = point + 0.25 * facing()
+
+    def excess(goals: list[PalmGoal]) -> float:
+        most = 0.0
+        for state in played(retarget, goals):
+            plate = arm.plate_at(state.joints)
+            velocity, away = plate.jacobian @ state.speeds, head - plate.position
+            speed, distance = float(np.linalg.norm(velocity)), float(np.linalg.norm(away))
+            way, straight = distance - settings.face_radius, float(away @ velocity) / max(distance * speed, 1e-9)
+            allowed = speed_near_face(settings.face_speed, 0.0, way, settings.face_braking, straight)
+            most = max(most, speed - allowed)
+        return most
+
+    goals = approach(point, 1.0)
+    knowing = excess([PalmGoal(goal.palm, goal.person, head, goal.contact) for goal in goals])
+    assert knowing < 0.12
+    assert excess(goals) > 3.0 * knowing, knowing
 
 
 def test_a_head_is_gone_round(arm: ServoArm, retarget: Retarget) -> None:

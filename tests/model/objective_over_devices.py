@@ -14,7 +14,9 @@ import numpy as np
 def main(name: str, processes: int, number: int, address: str) -> None:
     if processes > 1:
         jax.config.update("jax_cpu_collectives_implementation", "gloo")
-        jax.distributed.initialize(address, processes, number)
+        jax.distributed.initialize(
+            address, processes, number, initialization_timeout=900, heartbeat_timeout_seconds=900
+        )
     # Only now: these imports ask JAX for its devices.
     from made_up import EMOTIONS, made_up_trial  # noqa: PLC0415
 

@@ -16,7 +16,7 @@ test: $(READY)  ## fast tests
 	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 slow: $(READY)  ## tests that take long
-	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 -m "slow and not realtime"
+	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime"
 	$(BIN)/python -m pytest -m "slow and realtime"
 
 check: $(READY)  ## style, types and fast tests

@@ -1,10 +1,12 @@
 """Shared fixtures."""
 
 import os
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from jaxtyping import install_import_hook
+from stall_watch import STILL_S, StallWatch
 
 # What is compiled is kept: for the other workers, for the commands that tests start, and for the next run.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"))
@@ -28,3 +30,18 @@ def recordings() -> Path:
     if not RECORDINGS.is_dir():
         pytest.skip("the recordings are not beside this checkout (../shared/data)")
     return RECORDINGS
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """A test by the clock that fails while the machine stands still has found out nothing, and says so."""
+    if item.get_closest_marker("realtime") is None:
+        return (yield)
+    with StallWatch() as watch:
+        try:
+            return (yield)
+        except Exception as error:
+            longest = watch.longest()
+            if longest > STILL_S:
+                pytest.skip(f"the machine stood still for {1e3 * longest:.0f} ms: {type(error).__name__}")
+            raise

@@ -8,7 +8,9 @@ from types import TracebackType
 
 NAP_S = 0.002
 STILL_S = 0.04
-"""s; a machine that stood still for longer cannot be held to a clock of 120 Hz, and the arm's own rules stop it."""
+"""s; an arm whose servos are silent for not much longer is stopped by its own rule."""
+SILENT = ("has not answered for", ": no answer; nothing is switched on")
+"""What that rule, and the look at the servos before the start, say then."""
 
 
 class StallWatch:

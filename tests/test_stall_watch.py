@@ -1,4 +1,4 @@
-"""The watch sees a standstill, and only that is an excuse."""
+"""The watch sees a standstill."""
 
 import os
 import signal

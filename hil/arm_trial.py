@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hil.arm_loop import ArmLoop, ArmTick
-from hil.bench_retarget import Asked, Met, asked_in, judged, possible
+from hil.bench_retarget import Asked, Met, asked_in, judged, notice
 from hil.drivers.arm_process import Cycle
 from hil.retarget import Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
@@ -124,7 +124,7 @@ def arm_trial(
     places, normals = np.array([p.position for p in poses]), np.array([p.normal for p in poses])
     velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
     plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
-    met = judged(asked, places, normals, possible(asked, retarget), given_up)
+    met = judged(asked, places, normals, notice(asked, retarget), given_up)
     return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due)
 
 

@@ -44,13 +44,14 @@ PLAYERS = ("avatar", "twin", "rig")
 @dataclass(frozen=True)
 class ContactOptions:
     """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, and what it is
-    compared with."""
+    compared with, and where the map of it is drawn."""
 
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
     players: tuple[str, ...] = PLAYERS
     seed: int = 0
     baseline: Path | None = None
+    picture: Path | None = None
 
 
 def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
@@ -61,7 +62,8 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
         ``unreachable`` (not in the other figures), ``missed``; of the rig also ``stops``; and ``rows``.
 
     Raises:
-        HighFiveError: there is no such player, emotion or cell, the baseline cannot be read, or the arm was stopped.
+        HighFiveError: there is no such player, emotion or cell, the baseline cannot be read, the picture not written,
+            or the arm was stopped.
     """
     for what, asked_for, known in (
         ("player", options.players, PLAYERS),
@@ -70,6 +72,11 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     ):
         if strange := [name for name in asked_for if name not in known]:
             raise HighFiveError(f"unknown {what} {strange[0]!r}; there are {', '.join(known)}")
+    if options.picture is not None:
+        if set(options.players) <= {"avatar"}:
+            raise HighFiveError("the map shows what an arm can do; let twin or rig play too")
+        if not options.picture.parent.is_dir():
+            raise HighFiveError(f"cannot draw {options.picture}: there is no folder {options.picture.parent}")
     before = {} if options.baseline is None else read_baseline(options.baseline)
     asked = asked_of_arm(model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar)
     result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed}
@@ -78,6 +85,10 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
         met, commanded = _played_by(player, asked, bar)
         result[player] = contact_figures(met) | commanded
         rows += [_row(player, one, before) for one in met]
+    if options.picture is not None:
+        from hil.contact_map import draw_contact_map  # noqa: PLC0415 (matplotlib takes a second)
+
+        draw_contact_map(options.picture, rows)
     return result | {"rows": rows}
 
 
@@ -203,7 +214,7 @@ def _approaching(tick: ArmTick, plate: PalmPose) -> float:
 
 
 def _row(player: str, met: Met, before: Mapping[str, float]) -> dict[str, Any]:
-    error = round(MS * met.error, 2)
+    error, had = round(MS * met.error, 2), met.notice
     earlier = before.get(_key(player, met.emotion, met.cell))
     return {
         "player": player,
@@ -215,6 +226,9 @@ def _row(player: str, met: Met, before: Mapping[str, float]) -> dict[str, Any]:
         "speed": round(met.speed, 3),
         "touched": met.touched,
         "possible": met.possible,
+        "needed_s": None if had is None or not had.reached else round(had.needed, 3),
+        "given_s": None if had is None else round(had.given, 3),
+        "place_known_s": None if had is None else round(had.known, 3),
     }
 
 

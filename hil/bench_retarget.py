@@ -33,6 +33,10 @@ SKIN = 0.002
 """Palm and plate this near, m along the plate's normal, touch."""
 ASTRAY = 0.10
 """Palms that pass further than this, m, beside the plate have not met it."""
+KNOWN = 0.05
+"""m: who knows the place so well may set off for it."""
+REACHED = 0.01
+"""m: a plate that can come so near reaches the place."""
 EARLIEST = 0.25
 """s before the session's own contact from which on a touch counts as this high five's."""
 
@@ -61,6 +65,29 @@ class Asked:
 
 
 @dataclass(frozen=True)
+class Notice:
+    """Whether the arm could be there in time.
+
+    Attributes:
+        reached: some posture has the plate where the palms met.
+        needed: s, of the quickest minimum-jerk movement there from the ready posture inside speed and torque, made
+            slower where it leads near the person's face; infinite where it is not reached.
+        given: s from when the arm first knew of a contact to the contact, less its lag.
+        known: s from when the place was foretold to 5 cm, from then on, to the contact.
+    """
+
+    reached: bool
+    needed: float
+    given: float
+    known: float
+
+    @property
+    def possible(self) -> bool:
+        """The place can be reached, and in the time that was left when the arm came to know of a contact."""
+        return self.reached and self.needed < self.given
+
+
+@dataclass(frozen=True)
 class Met:
     """How one high five went.
 
@@ -71,7 +98,7 @@ class Met:
         late: s after the session's own contact; NaN where they did not touch.
         later: s after the palms met originally.
         speed: m/s, of the plate relative to the hand as they touched.
-        possible: the place can be reached, and in the time that was left when the arm came to know of it.
+        notice: that the arm had; None of an avatar, which can be anywhere at once.
         sacrifice: what the retargeting gave up.
     """
 
@@ -82,8 +109,13 @@ class Met:
     late: float
     later: float
     speed: float
-    possible: bool
+    notice: Notice | None
     sacrifice: Sacrifice
+
+    @property
+    def possible(self) -> bool:
+        """It could be there in time."""
+        return self.notice is None or self.notice.possible
 
 
 def asked_of_arm(
@@ -124,26 +156,27 @@ def asked_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Asked:
 
 def avatar_met(asked: Asked) -> Met:
     """The avatar itself, judged as the arm is."""
-    return judged(asked, asked.avatar, asked.avatar_normals, True, Sacrifice())
+    return judged(asked, asked.avatar, asked.avatar_normals, None, Sacrifice())
 
 
-def possible(asked: Asked, retarget: Retarget) -> bool:
-    """Whether the plate can be where the palms met, in the time that was left when the arm came to know of it.
-
-    The time is that of the quickest minimum-jerk movement from the ready posture inside speed and torque, made slower
-    where it leads near the person's face.
-    """
-    place, began = asked.person[asked.due], [i for i, goal in enumerate(asked.goals) if goal.contact is not None]
-    goal = asked.goals[asked.due].contact
-    if goal is None or not began:
-        return False
+def notice(asked: Asked, retarget: Retarget) -> Notice:
+    """What the arm could do about this high five, and how long before it knew."""
+    place, goal = asked.person[asked.due], asked.goals[asked.due].contact
+    if goal is None:
+        return Notice(False, np.inf, 0.0, 0.0)
+    off = [
+        np.inf if one.contact is None else float(np.linalg.norm(one.contact.point - place))
+        for one in asked.goals[: asked.due]
+    ]
+    began = next((i for i, distance in enumerate(off) if np.isfinite(distance)), asked.due)
+    astray = max((i for i, distance in enumerate(off) if distance > KNOWN), default=-1)
+    given, known = (asked.due - began) * TICK - retarget.settings.lag, (asked.due - 1 - astray) * TICK
     joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)
-    given = (asked.due - began[0]) * TICK - retarget.settings.lag
-    seconds = float(arm_motion.quickest(retarget.arm.packed, retarget.ready, joints))
-    head = asked.goals[asked.due].head
-    return (
-        miss < 0.01 and seconds * (1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)) < given
-    )
+    if miss >= REACHED:
+        return Notice(False, np.inf, given, known)
+    seconds, head = float(arm_motion.quickest(retarget.arm.packed, retarget.ready, joints)), asked.goals[asked.due].head
+    longer = 1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)
+    return Notice(True, seconds * longer, given, known)
 
 
 def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: Array) -> float:
@@ -161,7 +194,7 @@ def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: A
     return float(np.mean(longer))
 
 
-def judged(asked: Asked, places: Array, normals: Array, reachable: bool, sacrifice: Sacrifice) -> Met:
+def judged(asked: Asked, places: Array, normals: Array, had: Notice | None, sacrifice: Sacrifice) -> Met:
     """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand."""
     apart = asked.person - places
     gap, distance = np.einsum("ti,ti->t", apart, normals), np.linalg.norm(apart, axis=1)
@@ -172,4 +205,4 @@ def judged(asked: Asked, places: Array, normals: Array, reachable: bool, sacrifi
     tick = first + int(touching[0] if touched else distance[first : last + 1].argmin())
     speed = float(np.linalg.norm(apart[tick] - apart[tick - 1]) / TICK)
     late, later = ((tick - asked.due) * TICK, (tick - asked.met) * TICK) if touched else (np.nan, np.nan)
-    return Met(asked.emotion, asked.cell, float(distance[tick]), touched, late, later, speed, reachable, sacrifice)
+    return Met(asked.emotion, asked.cell, float(distance[tick]), touched, late, later, speed, had, sacrifice)

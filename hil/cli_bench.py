@@ -126,6 +126,9 @@ def bench_contact(
     baseline: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="An earlier --json, to show what changed.")
     ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the map of what the arm could do, and did.")
+    ] = None,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -134,7 +137,7 @@ def bench_contact(
     from hil.simulate import DEFAULT_MODEL  # noqa: PLC0415
     from model.store import load_model  # noqa: PLC0415
 
-    options = ContactOptions(tuple(emotion or ()), tuple(cell or ()), tuple(player or PLAYERS), seed, baseline)
+    options = ContactOptions(tuple(emotion or ()), tuple(cell or ()), tuple(player or PLAYERS), seed, baseline, picture)
     with progress_bars() as bar:
         result = bench_contact(options, load_model(DEFAULT_MODEL), bar)
     print_result(result, json, print_contact)

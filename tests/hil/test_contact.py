@@ -5,14 +5,18 @@ all high fives, for the rig (``--player rig``) of those that its test plays, the
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hil.bench_contact import ContactOptions, bench_contact
+from hil.bench_contact import ContactOptions, bench_contact, twin_loop
+from hil.bench_retarget import asked_of_arm, notice
+from hil.session import RATE_HZ
 from hil.simulate import DEFAULT_MODEL
+from model.errors import HighFiveError
 from model.store import load_model
 
 BASELINE = Path(__file__).with_name("contact_baseline.json")
@@ -81,6 +85,41 @@ def test_the_emulated_rig_meets_hands_as_near_as_recorded() -> None:
         if not further_off(list(best.values())):
             break
     check({"rows": list(best.values())}, "rig")
+
+
+def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
+    """One high five, and the same with a hand that is out of reach, or known of too late."""
+    asked = asked_of_arm(load_model(DEFAULT_MODEL), ["sad"], ["B2"], 3, quiet)[0]
+    retarget = twin_loop().retarget
+    had = notice(asked, retarget)
+    assert had.possible
+    assert had.known < had.given
+    away = [
+        None if goal.contact is None else replace(goal.contact, point=goal.contact.point + 1.0) for goal in asked.goals
+    ]
+    far = replace(
+        asked,
+        person=asked.person + 1.0,
+        goals=tuple(replace(goal, contact=contact) for goal, contact in zip(asked.goals, away, strict=True)),
+    )
+    assert not notice(far, retarget).reached
+    assert notice(far, retarget).known == had.known
+    late = asked.due - round(0.5 * had.needed * RATE_HZ)
+    unknown = tuple(replace(goal, contact=None) for goal in asked.goals[:late]) + asked.goals[late:]
+    assert not notice(replace(asked, goals=unknown), retarget).possible
+    rows = bench_contact(
+        ContactOptions(("sad",), ("B2",), ("twin",), picture=tmp_path / "map.png"), load_model(DEFAULT_MODEL), quiet
+    )["rows"]
+    assert 0.0 < rows[0]["needed_s"] < rows[0]["given_s"]
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("player", "picture", "said"), [("avatar", "map.png", "let twin or rig"), ("twin", "none/map.png", "no folder")]
+)
+def test_a_map_that_cannot_be_drawn_is_told_before_anything_is_run(player, picture, said, tmp_path: Path) -> None:
+    with pytest.raises(HighFiveError, match=said):
+        bench_contact(ContactOptions(players=(player,), picture=tmp_path / picture), load_model(DEFAULT_MODEL), quiet)
 
 
 def test_a_worse_contact_fails_with_a_table() -> None:

@@ -45,6 +45,7 @@ class ArmTick:
         goal: what was asked.
         wanted: (J,) rad, where retargeting wanted the joints a lag later.
         report: of the envelope; ``report.sent`` is what went to the driver.
+        retarget_ms: what retargeting took, ms.
         step_ms: what retargeting and envelope took, ms.
     """
 
@@ -52,6 +53,7 @@ class ArmTick:
     goal: PalmGoal
     wanted: Array
     report: Report
+    retarget_ms: float
     step_ms: float
 
 
@@ -177,7 +179,9 @@ class ArmLoop:
         if self._state is None and arm is not None:
             self._state = self.retarget.start(arm.positions)
         state = self._state or self.retarget.start()
+        planning = time.perf_counter_ns()
         state, step = self.retarget.step(state, goal)
+        retarget_ms = 1e-6 * (time.perf_counter_ns() - planning)
         inputs = Inputs(step.joints, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns)
         self._standing, command, report = envelope.step(
             self._limits, self.retarget.arm.points, self._standing, inputs, begun
@@ -185,7 +189,8 @@ class ArmLoop:
         if command is not None:
             self._arm.drive(self._beyond(command, step, report))
         self._state = self._followed(state, step.joints, report)
-        return ArmTick(self._frame_ns, goal, step.joints, report, 1e-6 * (time.perf_counter_ns() - started))
+        step_ms = 1e-6 * (time.perf_counter_ns() - started)
+        return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
     def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
         """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early where it is stopped.

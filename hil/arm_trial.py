@@ -189,12 +189,13 @@ def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
         "max_relative_speed": max((round(trial.met.speed, 3) for trial in trials if trial.met.touched), default=None),
         "missed": len(able) - len(touched),
         "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in trials if not trial.met.possible],
-        "following_error_mrad": _percentiles(MS * following.max(axis=1) if len(following) else np.zeros(0)),
+        "following_error_mrad": percentiles(MS * following.max(axis=1) if len(following) else np.zeros(0)),
         "cycles": sum(len(trial.cycles) for trial in trials),
         "missed_cycles": int((periods > MISSED * period).sum()),
-        "period_jitter_ms": _percentiles(np.abs(periods - period)),
-        "cycle_ms": _percentiles(np.array([1e-6 * c.took_ns for trial in trials for c in trial.cycles])),
-        "step_ms": _percentiles(np.array([tick.step_ms for trial in trials for tick in trial.ticks])),
+        "period_jitter_ms": percentiles(np.abs(periods - period)),
+        "cycle_ms": percentiles(np.array([1e-6 * c.took_ns for trial in trials for c in trial.cycles])),
+        "retarget_ms": percentiles(np.array([tick.retarget_ms for trial in trials for tick in trial.ticks])),
+        "step_ms": percentiles(np.array([tick.step_ms for trial in trials for tick in trial.ticks])),
         "largest_current_A": max((round(float(np.abs(t.currents).max()), 2) for t in trials), default=None),
         "unanswered": sum(not bool(c.state.answered.all()) for trial in trials for c in trial.cycles),
         "rules": dict(sum((trial.acted for trial in trials), Counter())),
@@ -226,7 +227,8 @@ def _extent(values: Sequence[float]) -> dict[str, float | None]:
     return {"median": round(float(np.median(values)), 2), "max": round(float(np.max(values)), 2)}
 
 
-def _percentiles(values: Array) -> dict[str, float | None]:
+def percentiles(values: Array) -> dict[str, float | None]:
+    """``p50``, ``p99`` and ``max`` of values (N,); None of none."""
     if not len(values):
         return {"p50": None, "p99": None, "max": None}
     p50, p99 = np.percentile(values, [50, 99])

@@ -16,7 +16,7 @@ import numpy as np
 
 from hil.arm_loop import ArmLoop, ArmTick
 from hil.arm_session import ArmOptions, full_errors, ready_arm, retarget_settings
-from hil.arm_trial import MS, ArmTrial, played
+from hil.arm_trial import MS, ArmTrial, percentiles, played
 from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met
 from hil.drivers.latch import Latch
 from hil.drivers.rig import load_rig
@@ -157,6 +157,11 @@ def print_contact(result: Mapping[str, Any]) -> None:
             f"relative speed up to {of['max_relative_speed']} m/s, {len(of['missed'])} missed, "
             f"{len(of['unreachable'])} not possible"
         )
+        if "retarget_ms" in of:
+            print(
+                f"{'':{len(player)}}  retargeting {of['retarget_ms']['p50']} / {of['retarget_ms']['p99']} ms, with the "
+                f"envelope {of['step_ms']['p50']} / {of['step_ms']['p99']} ms (p50 / p99 of a tick)"
+            )
 
 
 def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Met], dict[str, Any]]:
@@ -197,11 +202,11 @@ def _commanded(trials: Sequence[ArmTrial]) -> dict[str, Any]:
         for tick, plate in zip(trial.ticks, trial.plates, strict=True)
         if tick.report.closing_speed is not None and (tick.report.gap or 0.0) < limits.near
     ]
-    steps = [tick.step_ms for trial in trials for tick in trial.ticks]
-    p50, p99 = np.percentile(steps or [np.nan], [50, 99])
+    ticks = [tick for trial in trials for tick in trial.ticks]
     return {
         "commanded_closing_speed": round(max(closing, default=0.0), 3),
-        "step_ms": {"p50": round(float(p50), 3), "p99": round(float(p99), 3)},
+        "retarget_ms": percentiles(np.array([tick.retarget_ms for tick in ticks])),
+        "step_ms": percentiles(np.array([tick.step_ms for tick in ticks])),
     }
 
 

@@ -93,7 +93,8 @@ def silent_servo(servo: Servo, watch: Watch, now_ns: int) -> str:
     silent = (now_ns - last) * 1e-9
     if silent <= servo.silent_s:
         return ""
-    return f"{JOINTS[watch.heard_ns.index(last)]} has not answered for {1e3 * silent:.0f} ms"
+    longest = [joint for joint, heard in zip(JOINTS, watch.heard_ns, strict=True) if heard == last]
+    return f"{', '.join(longest)} {'has' if len(longest) == 1 else 'have'} not answered for {1e3 * silent:.0f} ms"
 
 
 def following(servo: Servo, watch: Watch, now_ns: int) -> str:

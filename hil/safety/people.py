@@ -106,7 +106,9 @@ def allowed_speed(limit: float, fleeing: float, way: float, braking: float, stra
         straight: cosine of the angle between its way and the line between them, 0 to 1.
     """
     there = max(0.0, limit + fleeing)
-    loss = braking * max(way, 0.0)
+    if way <= 0.0:
+        return there
+    loss = braking * way
     root = math.sqrt((straight * there - fleeing) ** 2 + 4.0 * straight * loss)
     if straight > 1e-9 and straight * there + fleeing > 0.0:  # of two forms the one without a difference of equals
         return (straight * there + fleeing + root) / (2.0 * straight)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -9,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_commands import start
+from live_commands import ended, start, wait_for
 from trial_results import simulated_result
 
 from hil import cli
-from hil.arm_session import ArmOptions, ready_arm
+from hil.arm_session import PLANT, ArmOptions, ready_arm
+from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 from hil.recording import SessionRecorder, read_recording
 from hil.rig_play import FORESEEN, recorded_high_fives
 from hil.session import RATE_HZ
@@ -149,3 +151,35 @@ def test_an_emergency_stop_ends_the_session_and_keeps_what_was_played(how: str, 
     assert summary["interrupted"]
     assert "emergency stop" in error
     assert summary["trials"] >= 1
+
+
+@pytest.mark.slow
+@clockwork
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("dead=4", r"elbow[\w, ]* not answered for"),
+        ("unplug", "not answered for"),
+        ("overload=2", "the servo of shoulder reports overload"),
+    ],
+)
+def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(
+    fault: str, said: str, tmp_path: Path
+) -> None:
+    """The arm stands, one line says why, and the high five before it is in a recording that is whole."""
+    out = tmp_path / "session"
+    with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
+        process = start("simulate", "--rig", emulator.port, "--arm", "--trials", 2, "--emotion", "neutral",
+                        "--no-pictures", "--out", out, "--json")  # fmt: skip
+        if wait_for(out / "session.mcap", 100_000, 120.0):
+            time.sleep(1.5)  # in the second high five
+            emulator.set_faults(fault)
+        code, output, error = ended(process, within=120.0)
+    assert code == 1, error
+    assert len(re.findall(f"^the arm was stopped: .*({said})", error, re.MULTILINE)) == 1, error
+    summary = json.loads(output)
+    assert re.search(said, summary["arm"]["stopped"])
+    recording = read_recording(out / "session.mcap")
+    assert recording.complete
+    assert len(recording.channels["/contact"]) == summary["trials"] >= 1
+    assert {message.data["state"] for message in recording.channels["/safety"]} & {"stopping", "stopped"}

@@ -160,7 +160,7 @@ def test_one_servo_that_does_not_answer() -> None:
 
 
 def test_no_servo_that_answers() -> None:
-    stops(moving(), Rule.SILENT_SERVO, "has not answered", ticks=20, arm=None)
+    stops(moving(), Rule.SILENT_SERVO, "wrist_rotate have not answered", ticks=20, arm=None)
 
 
 def test_one_lost_reply_stops_nothing() -> None:

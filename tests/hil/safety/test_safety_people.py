@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, kinematics, plate
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hil.safety.limits import lowered
@@ -238,6 +238,7 @@ def test_it_is_slow_while_nobody_knows_where_the_person_is() -> None:
     braking=st.floats(0.5, 10.0),
     straight=st.floats(0.0, 1.0) | st.just(1.0),
 )
+@example(limit=0.5, hand=1.0, way=0.0, braking=1.0, straight=0.5)
 @settings(deadline=None)
 def test_a_plate_at_the_allowed_speed_can_still_brake(
     limit: float, hand: float, way: float, braking: float, straight: float

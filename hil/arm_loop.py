@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,7 @@ from hil.drivers.latch import Latch
 from hil.drivers.values import JointCommand
 from hil.retarget import ArmStep, PalmGoal, Retarget, RetargetState, Sacrifice
 from hil.safety import envelope
-from hil.safety.limits import Limits
+from hil.safety.limits import JOINTS, Limits
 from hil.safety.people import Human
 from hil.safety.startup import Check
 from hil.safety.states import HALTED, State
@@ -31,6 +31,11 @@ OFF_COURSE = 0.03
 
 MOST_SAG = 0.1
 """rad, most that a servo's goal goes beyond where the joint shall be, because it gives way."""
+SAG_SPEED, SAG_ACCELERATION, SAG_TIME = 1.0, 20.0, 0.03
+"""rad/s and rad/s², most by which that changes, and s in which it gets there: planned torques jump, goals must not."""
+
+LONGEST_TICK = 0.05
+"""s: after a longer pause the offset begins anew where it was."""
 
 REST_S = 15.0
 """At most so long the arm takes to come to rest, s."""
@@ -83,6 +88,49 @@ class Driver(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Sag:
+    """By how much goals go beyond where the joints shall be, and how that changed last.
+
+    Attributes:
+        offsets, rates: (J,) rad and rad/s.
+        positions, speeds: (J,) rad and rad/s, of the command without it; None before the first.
+        time_ns: monotonic clock, of that command.
+    """
+
+    offsets: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
+    rates: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
+    positions: Array | None = None
+    speeds: Array | None = None
+    time_ns: int = 0
+
+    def towards(self, wanted: Array, positions: Array, limits: Limits, now_ns: int) -> Sag:
+        """One tick later.
+
+        With what the command (J,), rad, does by itself, the goal stays inside position, speed and acceleration limits:
+        the offset has what room the command leaves. Where a joint's stop is near, position comes before acceleration.
+        """
+        dt = 1e-9 * (now_ns - self.time_ns)
+        if self.positions is None or not 0.0 < dt < LONGEST_TICK:
+            return replace(self, rates=np.zeros_like(self.rates), positions=positions, speeds=None, time_ns=now_ns)
+        speeds = (positions - self.positions) / dt
+        pushes = np.zeros_like(speeds) if self.speeds is None else (speeds - self.speeds) / dt
+        low, high, fastest, push = (
+            np.array([getattr(joint, name) for joint in limits.joints])
+            for name in ("lowest", "highest", "speed", "acceleration")
+        )
+        wanted = np.clip(wanted, np.minimum(low - positions, 0.0), np.maximum(high - positions, 0.0))
+        rates = np.clip((wanted - self.offsets) / SAG_TIME, -SAG_SPEED, SAG_SPEED)
+        down = np.clip(-push - pushes, -SAG_ACCELERATION, 0.0)
+        up = np.clip(push - pushes, 0.0, SAG_ACCELERATION)
+        rates = self.rates + np.clip(rates - self.rates, dt * down, dt * up)
+        rates = np.clip(rates, np.minimum(-fastest - speeds, 0.0), np.maximum(fastest - speeds, 0.0))
+        offsets = np.clip(
+            self.offsets + dt * rates, np.minimum(low - positions, 0.0), np.maximum(high - positions, 0.0)
+        )
+        return Sag(offsets, (offsets - self.offsets) / dt, positions, speeds, now_ns)
+
+
 class ArmLoop:
     """Retargeting, envelope and driver in a row. One owner, one thread."""
 
@@ -115,7 +163,7 @@ class ArmLoop:
         self._standing = standing(clock())
         self._state: RetargetState | None = None
         self._told: Array | None = None
-        retarget.arm.points(retarget.ready)  # compiled before it is needed
+        self._sag = Sag()
 
     def begin(self) -> None:
         """Has everything checked; then the arm follows, from where it stands.
@@ -187,7 +235,7 @@ class ArmLoop:
             self._limits, self.retarget.arm.points, self._standing, inputs, begun
         )
         if command is not None:
-            self._arm.drive(self._beyond(command, step, report))
+            self._arm.drive(self._beyond(command, step, report, begun))
         self._state = self._followed(state, step.joints, report)
         step_ms = 1e-6 * (time.perf_counter_ns() - started)
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
@@ -236,12 +284,14 @@ class ArmLoop:
             return None
         return replace(self._human, age_ns=max(0, now_ns - self._seen_ns))
 
-    def _beyond(self, command: JointCommand, step: ArmStep, report: Report) -> JointCommand:
+    def _beyond(self, command: JointCommand, step: ArmStep, report: Report, now_ns: int) -> JointCommand:
         """The command with what each joint gives way to its torque added, so that it is where the envelope wants it."""
         sag = np.array(self.retarget.settings.sag or 0.0)
         on_course = report.state is State.TRACKING and np.abs(command.positions - step.joints).max() < OFF_COURSE
         torques = step.torques if on_course else self.retarget.arm.gravity(command.positions)
-        return replace(command, positions=command.positions + np.clip(sag * torques, -MOST_SAG, MOST_SAG))
+        wanted = np.clip(sag * torques, -MOST_SAG, MOST_SAG)
+        self._sag = self._sag.towards(wanted, command.positions, self._limits, now_ns)
+        return replace(command, positions=command.positions + self._sag.offsets)
 
     def _followed(self, state: RetargetState, asked: Array, report: Report) -> RetargetState:
         """The plan's state, from where the joints were really told to go."""

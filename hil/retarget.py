@@ -21,7 +21,7 @@ import numpy as np
 from hil import arm_motion
 from hil.arm_motion import Planned, Task
 from hil.profiles import minimum_jerk
-from hil.servo_arm import JOINTS, ServoArm
+from hil.servo_arm import JOINTS, ServoArm, solve
 from mocap_bridge.frames import PalmPose
 from model.rotations import Array
 
@@ -232,6 +232,11 @@ class Retarget:
         self._face = np.array([s.yielding * s.face_speed, s.face_radius, s.yielding * s.face_braking])
         self._sag = np.array(self.settings.sag) if self.settings.sag else None
         self._nobody = PalmPose(ready_plate.position, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3))
+        # What a tick and the judgement of a high five call: with torque on, nobody may wait until it is compiled.
+        arm.points(self.ready)
+        arm.gravity(self.ready)
+        solve(arm, ready_plate.position, ready_plate.normal, self.ready)
+        arm_motion.quickest(arm.packed, self.ready, self.ready)
         self.step(self.start(), PalmGoal(self._nobody))
 
     def start(self, joints: Array | None = None) -> RetargetState:

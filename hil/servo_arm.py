@@ -103,20 +103,20 @@ class ServoArm:
 
     def plate_at(self, joints: Array) -> PlatePose:
         """Forward kinematics of joints (J,), rad."""
-        return PlatePose(*arm_motion.plate_pose(self.packed, np.asarray(joints, float)))
+        return PlatePose(*arm_motion.plate_pose(self.packed, np.ascontiguousarray(joints, float)))
 
     def points(self, joints: Array) -> tuple[Array, Array]:
         """What may meet a person, the plate's middle first: places (P, 3), m, and Jacobians (P, 3, J), m/rad."""
-        return arm_motion.points_of_interest(self.packed, np.asarray(joints, float))
+        return arm_motion.points_of_interest(self.packed, np.ascontiguousarray(joints, float))
 
     def gravity(self, joints: Array) -> Array:
         """Torques (J,), N·m, that hold the arm still."""
-        return arm_motion.dynamics(self.packed, np.asarray(joints, float), np.zeros(JOINTS))[1]
+        return arm_motion.dynamics(self.packed, np.ascontiguousarray(joints, float), np.zeros(JOINTS))[1]
 
     def clearance(self, joints: Array, head: Array | None = None, radius: float = 0.0) -> float:
         """Smallest gap, m, of a posture to floor, mount, the arm itself and a head: centre (3,) m, radius m."""
         ball = np.zeros(4) if head is None else np.array([*head, radius])
-        return float(arm_motion.clearance(self.packed, np.asarray(joints, float), ball))
+        return float(arm_motion.clearance(self.packed, np.ascontiguousarray(joints, float), ball))
 
     def margins(self, joints: Array) -> Array:
         """Distance (J,), rad, of each joint from its nearer limit."""

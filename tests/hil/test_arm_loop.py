@@ -1,11 +1,17 @@
 """The arm's loop over the twin: retargeting, envelope and servos in a row, in time that is told."""
 
 import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from hil.arm_loop import ArmLoop
+from hil.arm_loop import MOST_SAG, ArmLoop, Sag
 from hil.arm_session import full_errors, retarget_settings
 from hil.arm_trial import arm_summary, played
 from hil.bench_contact import twin_loop
@@ -88,6 +94,53 @@ def test_what_is_sent_keeps_the_limits(loop: ArmLoop) -> None:
     assert max(closing) <= LIMITS.contact.speed + 1e-9
 
 
+def test_what_goes_over_the_bus_keeps_the_limits_too(loop: ArmLoop) -> None:
+    """With what is added because the joints give way; high five after high five."""
+    played(still_hand("B2"), loop)
+    trial = played(still_hand("A3"), loop)
+    goals = trial.sent[np.isfinite(trial.sent).all(axis=1)]
+    assert len(goals) > 100
+    assert (goals >= LIMITS.lowest - 1e-9).all()
+    assert (goals <= LIMITS.highest + 1e-9).all()
+    assert (np.abs(np.diff(goals, axis=0)) * RATE_HZ <= LIMITS.speed * 1.01).all()
+    most = np.array([joint.acceleration for joint in LIMITS.joints])
+    assert (np.abs(np.diff(goals, 2, axis=0)) * RATE_HZ**2 <= most * 1.01).all()
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=40)
+def test_an_offset_never_breaks_a_limit_and_gets_where_it_is_wanted(seed: int) -> None:
+    """Commands that use their limits up, and offsets that jump; then both are let be."""
+    rng, sag, now, tick = np.random.default_rng(seed), Sag(), 0, 1.0 / RATE_HZ
+    most = np.array([joint.acceleration for joint in LIMITS.joints])
+    low, high = LIMITS.lowest, LIMITS.highest
+    positions, speeds, wanted, goals = rng.uniform(low, high), np.zeros(6), np.zeros(6), []
+    for step in range(400):
+        wanted = rng.uniform(-MOST_SAG, MOST_SAG, 6) if step < 300 else wanted
+        if step < 300:
+            pushed = speeds + rng.choice([-1.0, 0.0, 1.0], 6) * most * tick
+            speeds = np.clip(pushed, -LIMITS.speed, LIMITS.speed)
+            inside = (positions + tick * speeds > low) & (positions + tick * speeds < high)
+            speeds = np.where(inside, speeds, 0.0)
+        else:
+            speeds = np.zeros(6)
+        positions, now = positions + tick * speeds, now + round(1e9 * tick)
+        before = sag
+        sag = sag.towards(wanted, positions, LIMITS, now)
+        goals.append(positions + sag.offsets)
+        pushes = np.abs(0.0 if before.speeds is None or sag.speeds is None else sag.speeds - before.speeds) / tick
+        if step > 2:
+            rates = (goals[-1] - goals[-2]) / tick
+            change = np.abs(rates - (goals[-2] - goals[-3]) / tick) / tick
+            assert (np.abs(rates) <= LIMITS.speed + 1e-6).all()
+            stopped = (goals[-1] <= low) | (goals[-1] >= high) | (goals[-2] <= low) | (goals[-2] >= high)
+            assert (stopped | (change <= np.maximum(most, pushes) * 1.001 + 1e-6)).all()
+            assert (goals[-1] >= low - 1e-9).all()
+            assert (goals[-1] <= high + 1e-9).all()
+    inside = np.clip(positions + wanted, low, high)
+    np.testing.assert_allclose(goals[-1], inside, atol=2e-3)
+
+
 def test_a_joint_is_where_the_envelope_wants_it_although_it_gives_way(loop: ArmLoop) -> None:
     """The servos answer to the error only: gravity alone would leave the shoulder lower."""
     waiting = still_hand("B2").goals[0]
@@ -98,6 +151,18 @@ def test_a_joint_is_where_the_envelope_wants_it_although_it_gives_way(loop: ArmL
     alone = np.array(loop.retarget.settings.sag) * default_arm().gravity(actual)
     assert np.abs(alone).max() > np.radians(0.5)
     assert np.abs(actual - sent.positions).max() < 0.2 * np.abs(alone).max()
+
+
+def test_nothing_is_compiled_any_more_once_the_arm_is_ready() -> None:
+    """With torque on nobody waits: the servos' watchdogs and the rule for late commands take a pause for a fault."""
+    lines = (
+        "from hil import arm_motion",
+        "from test_arm_loop import played, still_hand, twin_loop",
+        "count = lambda: {n: len(f.signatures) for n, f in vars(arm_motion).items() if hasattr(f, 'signatures')}",
+        "loop = twin_loop(); before = count(); played(still_hand('B2'), loop); assert before == count(), count()",
+    )
+    where = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True, env=os.environ | {"PYTHONPATH": where})
 
 
 def test_nothing_moves_while_the_check_finds_something() -> None:

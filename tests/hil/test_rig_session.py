@@ -166,15 +166,14 @@ def test_an_emergency_stop_ends_the_session_and_keeps_what_was_played(how: str, 
 def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(
     fault: str, said: str, tmp_path: Path
 ) -> None:
-    """The arm stands, one line says why, and the high five before it is in a recording that is whole."""
-    out = tmp_path / "session"
-    with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
-        process = start("simulate", "--rig", emulator.port, "--arm", "--trials", 2, "--emotion", "neutral",
-                        "--no-pictures", "--out", out, "--json")  # fmt: skip
-        if wait_for(out / "session.mcap", 100_000, 120.0):
-            time.sleep(1.5)  # in the second high five
-            emulator.set_faults(fault)
-        code, output, error = ended(process, within=120.0)
+    """The arm stands, one line says why, and the high five before it is in a recording that is whole.
+
+    A machine that stands still may stop the arm before the fault does: then once more.
+    """
+    for attempt in range(3):
+        code, output, error = broken_session(fault, out := tmp_path / str(attempt))
+        if re.search(said, error):
+            break
     assert code == 1, error
     assert len(re.findall(f"^the arm was stopped: .*({said})", error, re.MULTILINE)) == 1, error
     summary = json.loads(output)
@@ -183,3 +182,14 @@ def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(
     assert recording.complete
     assert len(recording.channels["/contact"]) == summary["trials"] >= 1
     assert {message.data["state"] for message in recording.channels["/safety"]} & {"stopping", "stopped"}
+
+
+def broken_session(fault: str, out: Path) -> tuple[int, str, str]:
+    """A session of two high fives, with a fault of the bus in the second."""
+    with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
+        process = start("simulate", "--rig", emulator.port, "--arm", "--trials", 2, "--emotion", "neutral",
+                        "--no-pictures", "--out", out, "--json")  # fmt: skip
+        if wait_for(out / "session.mcap", 100_000, 120.0):
+            time.sleep(1.5)  # in the second high five
+            emulator.set_faults(fault)
+        return ended(process, within=120.0)

@@ -38,6 +38,10 @@ REOPEN_S = 0.2
 ROWS = 1024
 """Cycles that the ring holds: eight seconds."""
 
+_WRITING_NS = 1_000_000
+"""So long a command that is being written is waited for, ns; then the one before holds. A host that was interrupted
+may never finish it."""
+
 _TEXT = 200  # bytes of the message about what is wrong
 
 
@@ -202,19 +206,23 @@ class ArmProcess:
     def drive(self, command: JointCommand) -> None:
         """Gives a command to an arm that is engaged. It holds until the next one, and has to be followed by one within
         :data:`HOST_SILENT_NS`."""
-        head = self._shared.head
-        head["written"] += 1
+        head, writing = self._shared.head, self._begin_writing()
         head["positions"][0], head["currents"][0] = command.positions, command.currents
         head["given_ns"][0] = time.monotonic_ns()
         head["drive"][0] = 1
-        head["written"] += 1
+        head["written"][0] = writing + 1
 
     def stop(self) -> None:
         """Tells the arm to stay where it is and sends no more goals; torque stays on, and the watchdogs quiet."""
-        head = self._shared.head
-        head["written"] += 1
+        head, writing = self._shared.head, self._begin_writing()
         head["drive"][0] = 0
-        head["written"] += 1
+        head["written"][0] = writing + 1
+
+    def _begin_writing(self) -> int:
+        """Makes the number odd; it is already where an interrupt cut the last command short."""
+        writing = int(self._shared.head["written"][0]) | 1
+        self._shared.head["written"][0] = writing
+        return writing
 
     def newest(self) -> Cycle | None:
         """The last cycle; None before the first."""
@@ -281,6 +289,7 @@ class _Loop:
         self._period_ns = round(1e9 / rate_hz)
         self._joints = JointBus(bus, rig)
         self._engaged = False
+        self._newest: tuple[JointCommand | None, int] = None, 0
         self._mode = Mode.STARTING
 
     def run(self) -> None:
@@ -358,17 +367,18 @@ class _Loop:
         self._held.send(read_back(self._bus, self._rig))
 
     def _wanted(self) -> tuple[JointCommand | None, int]:
-        """The newest command, whole, and when it was given; None if there is none."""
+        """The newest command that is whole, and when it was given; None if there is none."""
         head = self._shared.head
-        while True:
+        end = time.monotonic_ns() + _WRITING_NS
+        while time.monotonic_ns() < end:
             before = int(head["written"][0])
             if before % 2 == 0:
                 drive, given = bool(head["drive"][0]), int(head["given_ns"][0])
                 command = JointCommand(head["positions"][0].copy(), head["currents"][0].copy())
                 if int(head["written"][0]) == before:
-                    return (command if drive else None), given
-            if os.getppid() != self._parent:  # it died while it wrote
-                return None, 0
+                    self._newest = (command if drive else None), given
+                    break
+        return self._newest
 
     def _hold(self) -> JointCommand | None:
         """The goal is where each joint stands."""

@@ -5,8 +5,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,6 +139,46 @@ def test_the_emergency_stop_is_the_last_motion(arm: ArmProcess) -> None:
     newest = arm.newest()
     assert newest is not None
     np.testing.assert_allclose(newest.state.positions, hold.positions, atol=0.05)
+
+
+class Interrupt(BaseException):
+    pass
+
+
+def interrupted(arm: ArmProcess, angle: float) -> None:
+    """Gives a command and is interrupted in the midst of it, as by Ctrl-C."""
+
+    def interrupt(frame: FrameType, event: str, argument: object) -> Callable[..., Any] | None:
+        if frame.f_code is ArmProcess.drive.__code__:
+            if event == "line" and frame.f_lineno > frame.f_code.co_firstlineno + 4:
+                raise Interrupt
+            return interrupt
+        return None
+
+    sys.settrace(interrupt)
+    try:
+        with pytest.raises(Interrupt):
+            arm.drive(JointCommand(np.full(6, angle), HALF))
+    finally:
+        sys.settrace(None)
+
+
+def test_an_interrupt_in_the_midst_of_a_command_blinds_nobody(arm: ArmProcess) -> None:
+    drive_to(arm, 0.2)
+    interrupted(arm, 0.9)
+    until(lambda: arm.mode is Mode.HOLDING)  # a command that is half written is none
+    drive_to(arm, 0.3)
+    assert arm.mode is Mode.DRIVING
+    interrupted(arm, 0.9)
+    arm.estop.pull()
+    pulled = time.monotonic()
+    until(lambda: arm.mode is Mode.STOPPED, 2.0)
+    stopped = [cycle for cycle in arm.unread() if cycle.mode is Mode.STOPPED]
+    assert 1e-9 * stopped[0].begun_ns - pulled < 0.1
+    assert all((cycle.sent.positions < 0.4).all() for cycle in stopped if cycle.sent is not None)
+    begun = time.monotonic()
+    arm.close()
+    assert time.monotonic() - begun < 1.5  # it ended by itself: it was not killed
 
 
 def test_a_lost_port_is_told_and_found_again_but_not_driven(tmp_path: Path, rig: Rig) -> None:

@@ -8,6 +8,7 @@ more, and the watchdogs do the rest. An emergency stop wakes the process at once
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
 import signal
@@ -146,6 +147,7 @@ class ArmProcess:
         self._process = context.Process(target=_run, args=arguments, name=f"arm {port}", daemon=True)
         self._process.start()
         theirs.close()
+        atexit.register(self.close)  # a host that forgot would wait for a process that is told nothing
 
     @property
     def pid(self) -> int:
@@ -237,6 +239,7 @@ class ArmProcess:
 
     def close(self, timeout_s: float = 2.0) -> None:
         """Ends the process. The arm holds where it is: torque stays on, watchdogs are switched off."""
+        atexit.unregister(self.close)
         self._shared.head["end"][0] = 1
         self._process.join(timeout_s)
         if self._process.is_alive():
@@ -261,7 +264,8 @@ def _run(
     raw: Any, held: Connection, port: str, rig: Rig, rate_hz: float, estop: Latch, parent: int, allowance_ms: float
 ) -> None:
     """The other side, until it is told to end or the host is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the host's to handle: the arm must not drop
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the host's to handle, which stops the arm in order
+        signal.signal(number, signal.SIG_IGN)
     shared = _Shared(raw, len(rig.joints))
     try:
         bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms)

@@ -222,16 +222,72 @@ if __name__ == "__main__":
 """
 
 
+def started(script: Path, argument: str, **more: Any) -> subprocess.Popen[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), *sys.path])}
+    return subprocess.Popen(
+        [sys.executable, str(script), argument], stdout=subprocess.PIPE, text=True, env=environment, **more
+    )
+
+
+ORDERLY = """
+import signal, sys, time
+import numpy as np
+from hil.drivers.arm_process import ArmProcess, Mode
+from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.rig import load_rig
+if __name__ == "__main__":
+    told = []
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda number, frame: told.append(number))
+    with EmulatorProcess(EmulatorOptions()) as emulator:
+        arm = ArmProcess(emulator.port, load_rig(), allowance_ms=60.0)
+        arm.wait_ready(30.0)
+        arm.engage()
+        print("ready", flush=True)
+        while not told:
+            time.sleep(0.01)
+        time.sleep(0.3)
+        before = arm.newest().number
+        time.sleep(0.3)
+        print(arm.mode.name, arm.newest().number > before, flush=True)
+        if sys.argv[1] == "close":
+            arm.close()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("end", ["close", "forget"])
+def test_what_tells_the_whole_group_to_end_leaves_the_ending_to_the_host(
+    number: signal.Signals, end: str, tmp_path: Path
+) -> None:
+    script = tmp_path / "host.py"
+    script.write_text(ORDERLY)
+    host = started(script, end, start_new_session=True)
+    assert host.stdout is not None
+    assert host.stdout.readline() == "ready\n"
+    os.killpg(host.pid, number)
+    assert host.stdout.readline() == "HOLDING True\n"
+    assert host.wait(20.0) == 0
+    host.stdout.close()
+    until(lambda: not left(host.pid))
+
+
+def left(group: int) -> bool:
+    """Whether somebody of a process group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 @pytest.mark.parametrize("killed", ["host", "arm"])
 def test_whoever_is_killed_the_watchdogs_stop_the_arm(
     killed: str, emulator: EmulatorProcess, rig: Rig, tmp_path: Path
 ) -> None:
     script = tmp_path / "host.py"
     script.write_text(HOST)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), *sys.path])}
-    host = subprocess.Popen(
-        [sys.executable, str(script), emulator.port], stdout=subprocess.PIPE, text=True, env=environment
-    )
+    host = started(script, emulator.port)
     assert host.stdout is not None
     arm_pid = int(host.stdout.readline())
     time.sleep(0.5)

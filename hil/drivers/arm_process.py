@@ -335,7 +335,7 @@ class _Loop:
         except PortError as error:
             self._lost(error)
             return
-        if self._mode != Mode.STOPPED and state.tripped.any():
+        if self._engaged and self._mode != Mode.STOPPED and state.tripped.any():
             names = [joint.name for joint, trip in zip(self._rig.joints, state.tripped, strict=True) if trip]
             self._stopped(f"{', '.join(names)}: the watchdog stopped it, the bus was silent for too long")
         self._note(due, begun, sent, state)

@@ -124,7 +124,8 @@ class JointBus:
             state.silent, state.clock = 0, _Clock()
 
     def engage(self) -> JointState:
-        """Holds the arm where it is: the goal is where each joint stands, torque on, then the watchdog armed.
+        """Holds the arm where it is: the goal is where each joint stands, torque on, then the watchdog armed. Servos
+        that their watchdogs have stopped are freed for that.
 
         Raises:
             NoAnswer, ServoError, PortError: a servo did not take it; those that did hold on.
@@ -135,6 +136,10 @@ class JointBus:
             silent = [j.name for j, there in zip(self._rig.joints, state.answered, strict=True) if not there]
             raise HighFiveError(f"{', '.join(silent)}: no answer; nothing is switched on")
         self._stay(state)
+        for servo, own in self._servos.items():
+            if own.values["bus_watchdog"] == TRIPPED:  # it has refused that goal: it shall not go on to an older one
+                self._bus.write(servo, "bus_watchdog", 0)
+                self._stay(state)
         for servo in self._servos:
             self._bus.write(servo, "torque_enable", 1)
         self.arm_watchdog()

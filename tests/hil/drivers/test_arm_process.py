@@ -19,6 +19,7 @@ from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 from hil.drivers.rig import Rig, wanted_registers
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.values import JointCommand
+from hil.rig_service import check, print_check
 from model.errors import HighFiveError
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
@@ -100,6 +101,38 @@ def test_a_bus_that_was_silent_stops_the_arm_and_says_so(arm: ArmProcess) -> Non
     newest = arm.newest()
     assert newest is not None
     assert newest.state.tripped.all()
+
+
+def test_what_the_watchdogs_have_stopped_is_freed_where_it_stands(
+    emulator: EmulatorProcess, rig: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def started() -> ArmProcess:
+        arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
+        arm.wait_ready(30.0)
+        arm.engage()
+        return arm
+
+    first = started()
+    drive_to(first, 0.2)
+    drive(first, 0.6, 0.1)
+    os.kill(first.pid, signal.SIGKILL)
+    time.sleep(0.5)
+    first.close()
+    result = check(emulator.port, None)
+    assert result["ready"]
+    assert all(servo["stopped_by_watchdog"] for servo in result["servos"])
+    print_check(result)
+    assert "the watchdog has stopped servos 1, 2, 3, 4, 5, 6, 7, 8" in capsys.readouterr().out
+    again = started()
+    cycles = again.unread()
+    positions = np.array([cycle.state.positions for cycle in cycles])
+    np.testing.assert_allclose(positions, positions[:1].repeat(len(positions), 0), atol=0.02)
+    assert cycles[0].state.tripped.all()
+    until(lambda: (newest := again.newest()) is not None and not newest.state.tripped.any())
+    assert again.mode is Mode.HOLDING
+    assert not again.trouble
+    drive_to(again, 0.3)
+    again.close()
 
 
 def test_it_goes_where_it_is_told(arm: ArmProcess) -> None:

@@ -96,7 +96,6 @@ class JointBus:
         self._answers_size = sum(r.size for r in next(iter(self._answer_registers.values())))
         self._fast = True
         self._fallbacks = 0
-        self._sent_currents = rig.current_limits
 
     @property
     def dead(self) -> tuple[int, ...]:
@@ -163,8 +162,7 @@ class JointBus:
                 self._bus.write(servo, "bus_watchdog", 0)
 
     def hold(self) -> JointCommand:
-        """Sends each joint's last known position as its goal, and no more current than was sent last: where a hand is
-        near, that is little.
+        """Sends each joint's last known position as its goal.
 
         Raises:
             PortError: the port is gone.
@@ -173,7 +171,7 @@ class JointBus:
 
     def _stay(self, state: JointState) -> JointCommand:
         """Sends as goals where the joints are."""
-        return self.write(JointCommand(state.positions, self._sent_currents))
+        return self.write(JointCommand(state.positions, self._rig.current_limits))
 
     def release(self) -> list[int]:
         """Switches torque off: the arm falls. The servos that did not confirm it."""
@@ -215,8 +213,7 @@ class JointBus:
             positions.append(angle(joint, raw[1]))
             currents.append(to_si(current_register, raw[0]))
         self._bus.sync_write(self._goals_at, data)
-        self._sent_currents = np.array(currents)
-        return JointCommand(np.array(positions), self._sent_currents)
+        return JointCommand(np.array(positions), np.array(currents))
 
     def read(self) -> JointState:
         """Everything of all servos that answer.

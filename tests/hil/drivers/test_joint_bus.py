@@ -7,7 +7,6 @@ import pytest
 from conftest import Adapter
 from test_servo_bus import until
 
-from hil.drivers.control_table import to_raw
 from hil.drivers.emulator_process import EmulatorProcess
 from hil.drivers.joint_bus import JointBus
 from hil.drivers.rig import Rig, count
@@ -48,20 +47,6 @@ def test_joints_go_where_they_are_told_each_its_own_way(joints: JointBus, bus: S
     hot, volts = health.temperatures, health.voltages
     assert (hot > 20.0).all()
     assert (volts > 11.0).all()
-
-
-def test_a_hold_never_raises_the_current(joints: JointBus, bus: ServoBus, rig: Rig) -> None:
-    joints.engage()
-    full = [bus.read(joint.id, "goal_current") for joint in rig.joints]
-    assert full == [to_raw(bus.table(joint.id)["goal_current"], joint.current_limit) for joint in rig.joints]
-    _, sent = joints.cycle(JointCommand(np.zeros(6), HALF))
-    assert sent is not None
-    for _ in range(2):
-        held = joints.hold()
-        np.testing.assert_array_equal(held.currents, sent.currents)
-    for joint in rig.joints:
-        register = bus.table(joint.id)["goal_current"]
-        assert bus.read(joint.id, "goal_current") == to_raw(register, 0.5)
 
 
 def test_what_is_no_goal_is_not_sent(joints: JointBus) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from hil.console import counted
 from hil.drivers.control_table import to_si
-from hil.drivers.joint_bus import JointBus
+from hil.drivers.joint_bus import TRIPPED, JointBus
 from hil.drivers.ports import Port, latency_ms, serial_ports
 from hil.drivers.rig import Rig, load_rig
 from hil.drivers.rig_setup import Difference, configure, differences, missing_servos
@@ -143,6 +143,7 @@ def _health(bus: ServoBus, rig: Rig, servo: int) -> dict[str, Any]:
         "model": table.model,
         "firmware": bus.read(servo, "firmware_version"),
         "torque": bool(bus.read(servo, "torque_enable")),
+        "stopped_by_watchdog": bus.read(servo, "bus_watchdog") == TRIPPED,
         "temperature_C": to_si(table["present_temperature"], bus.read(servo, "present_temperature")),
         "voltage_V": round(to_si(table["present_input_voltage"], bus.read(servo, "present_input_voltage")), 2),
         "errors": [name for bit, name in _HARDWARE.items() if bits >> bit & 1],
@@ -204,6 +205,10 @@ def print_check(result: dict[str, Any]) -> None:
         print(f"  {Difference(**of)}")
     if result["differences"]:
         print("  highfive rig configure sets them")
+    if stopped := [str(row["id"]) for row in result["servos"] if row["stopped_by_watchdog"]]:
+        print(
+            f"  the watchdog has stopped servos {', '.join(stopped)}: they stay where they are until the next session"
+        )
     for row in result["servos"]:
         torque = "on" if row["torque"] else "off"
         print(

@@ -8,6 +8,7 @@ more, and the watchdogs do the rest. An emergency stop wakes the process at once
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
 import signal
@@ -37,6 +38,10 @@ REOPEN_S = 0.2
 
 ROWS = 1024
 """Cycles that the ring holds: eight seconds."""
+
+_WRITING_NS = 1_000_000
+"""So long a command that is being written is waited for, ns; then the one before holds. A host that was interrupted
+may never finish it."""
 
 _TEXT = 200  # bytes of the message about what is wrong
 
@@ -142,6 +147,7 @@ class ArmProcess:
         self._process = context.Process(target=_run, args=arguments, name=f"arm {port}", daemon=True)
         self._process.start()
         theirs.close()
+        atexit.register(self.close)  # a host that forgot would wait for a process that is told nothing
 
     @property
     def pid(self) -> int:
@@ -202,19 +208,23 @@ class ArmProcess:
     def drive(self, command: JointCommand) -> None:
         """Gives a command to an arm that is engaged. It holds until the next one, and has to be followed by one within
         :data:`HOST_SILENT_NS`."""
-        head = self._shared.head
-        head["written"] += 1
+        head, writing = self._shared.head, self._begin_writing()
         head["positions"][0], head["currents"][0] = command.positions, command.currents
         head["given_ns"][0] = time.monotonic_ns()
         head["drive"][0] = 1
-        head["written"] += 1
+        head["written"][0] = writing + 1
 
     def stop(self) -> None:
         """Tells the arm to stay where it is and sends no more goals; torque stays on, and the watchdogs quiet."""
-        head = self._shared.head
-        head["written"] += 1
+        head, writing = self._shared.head, self._begin_writing()
         head["drive"][0] = 0
-        head["written"] += 1
+        head["written"][0] = writing + 1
+
+    def _begin_writing(self) -> int:
+        """Makes the number odd; it is already where an interrupt cut the last command short."""
+        writing = int(self._shared.head["written"][0]) | 1
+        self._shared.head["written"][0] = writing
+        return writing
 
     def newest(self) -> Cycle | None:
         """The last cycle; None before the first."""
@@ -229,6 +239,7 @@ class ArmProcess:
 
     def close(self, timeout_s: float = 2.0) -> None:
         """Ends the process. The arm holds where it is: torque stays on, watchdogs are switched off."""
+        atexit.unregister(self.close)
         self._shared.head["end"][0] = 1
         self._process.join(timeout_s)
         if self._process.is_alive():
@@ -253,7 +264,8 @@ def _run(
     raw: Any, held: Connection, port: str, rig: Rig, rate_hz: float, estop: Latch, parent: int, allowance_ms: float
 ) -> None:
     """The other side, until it is told to end or the host is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the host's to handle: the arm must not drop
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the host's to handle, which stops the arm in order
+        signal.signal(number, signal.SIG_IGN)
     shared = _Shared(raw, len(rig.joints))
     try:
         bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms)
@@ -281,6 +293,7 @@ class _Loop:
         self._period_ns = round(1e9 / rate_hz)
         self._joints = JointBus(bus, rig)
         self._engaged = False
+        self._newest: tuple[JointCommand | None, int] = None, 0
         self._mode = Mode.STARTING
 
     def run(self) -> None:
@@ -322,7 +335,7 @@ class _Loop:
         except PortError as error:
             self._lost(error)
             return
-        if self._mode != Mode.STOPPED and state.tripped.any():
+        if self._engaged and self._mode != Mode.STOPPED and state.tripped.any():
             names = [joint.name for joint, trip in zip(self._rig.joints, state.tripped, strict=True) if trip]
             self._stopped(f"{', '.join(names)}: the watchdog stopped it, the bus was silent for too long")
         self._note(due, begun, sent, state)
@@ -358,17 +371,18 @@ class _Loop:
         self._held.send(read_back(self._bus, self._rig))
 
     def _wanted(self) -> tuple[JointCommand | None, int]:
-        """The newest command, whole, and when it was given; None if there is none."""
+        """The newest command that is whole, and when it was given; None if there is none."""
         head = self._shared.head
-        while True:
+        end = time.monotonic_ns() + _WRITING_NS
+        while time.monotonic_ns() < end:
             before = int(head["written"][0])
             if before % 2 == 0:
                 drive, given = bool(head["drive"][0]), int(head["given_ns"][0])
                 command = JointCommand(head["positions"][0].copy(), head["currents"][0].copy())
                 if int(head["written"][0]) == before:
-                    return (command if drive else None), given
-            if os.getppid() != self._parent:  # it died while it wrote
-                return None, 0
+                    self._newest = (command if drive else None), given
+                    break
+        return self._newest
 
     def _hold(self) -> JointCommand | None:
         """The goal is where each joint stands."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -177,8 +178,11 @@ class EmulatorProcess:
 
 def _child(instructions: TextIO, answers: TextIO) -> int:
     def answer(what: dict[str, Any]) -> None:
-        answers.write(json.dumps(what) + "\n")
-        answers.flush()
+        try:
+            answers.write(json.dumps(what) + "\n")
+            answers.flush()
+        except BrokenPipeError:  # the parent is gone; Python shall not try again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), answers.fileno())
 
     try:
         told = json.loads(instructions.readline())
@@ -203,5 +207,6 @@ def _listen(instructions: TextIO, emulator: Emulator, ended: threading.Event) ->
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the parent as well, which ends this in its own time
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the parent gets them too, and ends this in time
+        signal.signal(number, signal.SIG_IGN)
     sys.exit(_child(sys.stdin, sys.stdout))

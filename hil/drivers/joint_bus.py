@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,6 +30,7 @@ ANSWERS = (
     "present_temperature",
     "present_input_voltage",
     "bus_watchdog",
+    "realtime_tick",
 )
 """What is read in every cycle."""
 
@@ -40,15 +41,45 @@ DEAD_AFTER = 3
 """Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
 
 
+_TICK_NS = 1_000_000
+_TICKS = 32_768  # then a servo's clock begins at 0 again
+_TOLERANCE_NS = 2_000_000  # of a servo's clock, which counts in ms, and of when it measures
+_DRIFT = 0.01  # the most that a servo's clock runs slower than the host's
+
+
+class _Clock:
+    """A servo's own clock against the host's: tells the answer to a question from a late one to an earlier question."""
+
+    def __init__(self) -> None:
+        """Nothing is known of it."""
+        self._ahead_ns: float | None = None  # the least that the host's clock was ahead when an answer had come
+        self._heard_ns = 0
+
+    def fresh(self, tick: int, asked_ns: int, heard_ns: int) -> bool:
+        """Whether what a servo said at its ``tick`` was measured after it was asked for. Host's times in ns."""
+        ahead = heard_ns - tick * _TICK_NS
+        if self._ahead_ns is None:
+            self._ahead_ns = ahead
+        turn = _TICKS * _TICK_NS
+        more = (ahead - self._ahead_ns + turn / 2) % turn - turn / 2
+        drift = _DRIFT * (heard_ns - self._heard_ns) if self._heard_ns else 0.0
+        if more - (heard_ns - asked_ns) > _TOLERANCE_NS + drift:
+            return False
+        self._ahead_ns += min(more, drift)
+        self._heard_ns = heard_ns
+        return True
+
+
 @dataclass
 class _Servo:
-    """What is known of one servo: its last values, raw, when they came, whether in this cycle, and how often it was
-    silent."""
+    """What is known of one servo: its last values, raw, when they came, whether in this cycle, how often it was silent,
+    and its clock."""
 
     values: dict[str, int] = field(default_factory=lambda: dict.fromkeys(ANSWERS, 0))
     heard_ns: int = 0
     answered: bool = False
     silent: int = 0
+    clock: _Clock = field(default_factory=_Clock)
 
 
 class JointBus:
@@ -89,10 +120,11 @@ class JointBus:
             for number, address in enumerate(shown, 1):
                 self._bus.write(servo, f"indirect_address_{number}", address)
             self._bus.write(servo, "position_p_gain", self._rig.servos[servo].position_p_gain)
-            state.silent = 0
+            state.silent, state.clock = 0, _Clock()
 
     def engage(self) -> JointState:
-        """Holds the arm where it is: the goal is where each joint stands, torque on, then the watchdog armed.
+        """Holds the arm where it is: the goal is where each joint stands, torque on, then the watchdog armed. Servos
+        that their watchdogs have stopped are freed for that.
 
         Raises:
             NoAnswer, ServoError, PortError: a servo did not take it; those that did hold on.
@@ -103,6 +135,10 @@ class JointBus:
             silent = [j.name for j, there in zip(self._rig.joints, state.answered, strict=True) if not there]
             raise HighFiveError(f"{', '.join(silent)}: no answer; nothing is switched on")
         self._stay(state)
+        for servo, own in self._servos.items():
+            if own.values["bus_watchdog"] == TRIPPED:  # it has refused that goal: it shall not go on to an older one
+                self._bus.write(servo, "bus_watchdog", 0)
+                self._stay(state)
         for servo in self._servos:
             self._bus.write(servo, "torque_enable", 1)
         self.arm_watchdog()
@@ -197,20 +233,32 @@ class JointBus:
     def _answers(self, asked: list[int]) -> dict[int, bytes]:
         """One answer for all while everyone is there; after a gap each for itself, until nobody is silent or the silent
         are dead: one of them costs a wait a cycle, and not the others."""
-        at, size = self._answers_at, self._answers_size
         if self._fast:
-            try:
-                return self._bus.fast_sync_read(at, size, asked)
-            except NoAnswer:
-                self._fast = False
-                self._fallbacks += 1
-                return {}
-        found = self._bus.sync_read(at, size, asked)
+            with contextlib.suppress(NoAnswer):
+                if len(found := self._fresh(self._bus.fast_sync_read, asked)) == len(asked):
+                    return found
+            self._fast = False
+            self._fallbacks += 1
+            return {}
+        found = self._fresh(self._bus.sync_read, asked)
         for servo in asked[len(found) + 1 :]:  # after the first silent one
-            found |= self._bus.sync_read(at, size, [servo])
+            found |= self._fresh(self._bus.sync_read, [servo])
         for servo in asked:
             self._servos[servo].silent = 0 if servo in found else self._servos[servo].silent + 1
         self._fast = all(self._servos[servo].silent in (0, DEAD_AFTER) for servo in asked)
+        return found
+
+    def _fresh(self, read: Callable[[int, int, Sequence[int]], dict[int, bytes]], asked: list[int]) -> dict[int, bytes]:
+        """The answers to a question, up to the first that came late to an earlier one."""
+        asked_ns = self._clock()
+        answers = read(self._answers_at, self._answers_size, asked)
+        heard_ns = self._clock()
+        found = {}
+        for servo, data in answers.items():
+            tick = self._values(servo, data)["realtime_tick"]
+            if not self._servos[servo].clock.fresh(tick, asked_ns, heard_ns):
+                break
+            found[servo] = data
         return found
 
     def _values(self, servo: int, data: bytes) -> dict[str, int]:

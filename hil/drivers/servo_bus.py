@@ -2,6 +2,10 @@
 
 The SDK is synchronous and belongs to one thread: whoever opens a bus uses it alone. Raw values are those of
 :mod:`hil.drivers.control_table`, signs right.
+
+An answer does not say what it answers, only who speaks and how long it is. So an answer of another length than the
+question's is passed over, and a servo that left a question open is pinged before it is asked again: no register is as
+long as the answer to a ping, and a servo answers in turn, so what comes before that answer is old.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ from typing import TypeVar
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
-from dynamixel_sdk.robotis_def import BROADCAST_ID
+from dynamixel_sdk.robotis_def import BROADCAST_ID, INST_PING, INST_READ, INST_REBOOT, INST_WRITE
 
 from hil.drivers.control_table import Table, decode, encode, load_table, model_of
 from hil.drivers.rig import LAST_ID
@@ -26,8 +30,12 @@ ALERT = 0x80
 _TRIES = 3  # of what is not done in a cycle: now and then an answer is late, or the line noisy
 
 _PATIENCE_MS = 60.0
+"""What comes later than that is not waited for, not even by those who have time."""
 
-_FIRMWARE = 6  # address, the same in all models
+_PING_SIZE = 3  # bytes of data in the answer to a ping: the model's number and the firmware
+_BARE = 11  # bytes of an answer without data
+_DATA = 9  # where they begin
+_ROWS = 8  # where the rows of an answer of several servos begin
 
 Result = TypeVar("Result")
 
@@ -93,6 +101,8 @@ class ServoBus:
         self._port = ServoPort(path, baud, allowance_ms)
         self._sdk = Protocol2PacketHandler()
         self._tables = {servo: load_table(model) for servo, model in (models or {}).items()}
+        self._open: set[int] = set()  # servos whose answer to an earlier question may still come
+        self._pings: dict[int, int] = {}  # pings that they have not answered yet
 
     @property
     def path(self) -> str:
@@ -131,13 +141,12 @@ class ServoBus:
         return self._tried(lambda: self._ping(servo))
 
     def _ping(self, servo: int) -> Found:
-        with self._used():
-            number, result, _ = self._sdk.ping(self._port, servo)
-        self._check(servo, result, 0)
+        data = self._exchange(servo, INST_PING, b"", _PING_SIZE)
+        number = int.from_bytes(data[:2], "little")
         model = model_of(number)
         if model is not None:
             self._tables[servo] = load_table(model)
-        return Found(servo, model, number, self._read_bytes(servo, _FIRMWARE, 1)[0])
+        return Found(servo, model, number, data[2])
 
     def scan(self, servos: Sequence[int] = range(LAST_ID + 1)) -> tuple[list[Found], list[int]]:
         """The servos that answer, and the IDs of which only damaged answers came: two servos that share one, or noise.
@@ -164,15 +173,8 @@ class ServoBus:
             PortError: the port is gone.
         """
         register = self.table(servo)[name]
-        return decode(register, self._tried(lambda: self._read_bytes(servo, register.address, register.size)))
-
-    def _read_bytes(self, servo: int, address: int, size: int) -> bytes:
-        with self._used():
-            data, result, error = self._sdk.readTxRx(self._port, servo, address, size)
-        self._check(servo, result, error)
-        if len(data) != size:  # an answer that is an error has no data; the SDK's read4ByteTxRx raises IndexError
-            raise NoAnswer(f"servo {servo}: its answer has {len(data)} bytes of data, {size} were asked for")
-        return bytes(data)
+        place = register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little")
+        return decode(register, self._tried(lambda: self._exchange(servo, INST_READ, place, register.size)))
 
     def write(self, servo: int, name: str, raw: int) -> None:
         """Writes a register and waits for the servo to say that it took the value.
@@ -183,14 +185,8 @@ class ServoBus:
         register = self.table(servo)[name]
         if not register.writable:
             raise HighFiveError(f"servo {servo}: {name} is read-only")
-        data = encode(register, raw)
-
-        def once() -> None:
-            with self._used():
-                result, error = self._sdk.writeTxRx(self._port, servo, register.address, register.size, list(data))
-            self._check(servo, result, error, name)
-
-        self._tried(once)
+        data = register.address.to_bytes(2, "little") + encode(register, raw)
+        self._tried(lambda: self._exchange(servo, INST_WRITE, data, 0, name))
 
     def reboot(self, servo: int) -> None:
         """Starts a servo anew; its hardware errors are cleared, its torque is off.
@@ -198,9 +194,7 @@ class ServoBus:
         Raises:
             NoAnswer, ServoError, PortError: as in :meth:`read`.
         """
-        with self._used():
-            result, error = self._sdk.reboot(self._port, servo)
-        self._check(servo, result, error)
+        self._exchange(servo, INST_REBOOT, b"", 0)
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Writes the same registers of several servos in one packet; none answers.
@@ -225,10 +219,10 @@ class ServoBus:
         length = (size + 4) * len(servos)
         with self._used():
             self._ask(address, size, servos, fast=True)
-            data, result, _ = self._sdk.fastSyncReadRx(self._port, BROADCAST_ID, length)
-        if result != COMM_SUCCESS or len(data) < length - 2:
+            packet, result = self._sdk.rxPacket(self._port, True)
+        if result != COMM_SUCCESS or packet[4] != BROADCAST_ID or len(packet) != _ROWS + length:
             raise NoAnswer(f"servos {_listed(servos)}: no whole answer to a fast sync read")
-        rows = [bytes(data[start : start + size + 2]) for start in range(0, length, size + 4)]
+        rows = [bytes(packet[start : start + size + 2]) for start in range(_ROWS, len(packet), size + 4)]
         found = {row[1]: row[2:] for row in rows}
         if set(found) != set(servos):
             raise NoAnswer(f"servos {_listed(servos)} were asked, {_listed(sorted(found))} are in the answer")
@@ -244,15 +238,69 @@ class ServoBus:
         with self._used():
             self._ask(address, size, servos, fast=False)
             for servo in servos:
-                data, result, _ = self._sdk.readRx(self._port, servo, size)
-                if result != COMM_SUCCESS or len(data) != size:
+                packet, result = self._answer(servo, size)
+                if result != COMM_SUCCESS or _size(packet) != size:
                     break
-                found[servo] = bytes(data)
+                found[servo] = bytes(packet[_DATA : _DATA + size])
+        self._open.update(set(servos) - set(found))
         return found
 
     def _ask(self, address: int, size: int, servos: Sequence[int], fast: bool) -> None:
         result = self._sdk.syncReadTx(self._port, address, size, list(servos), len(servos), fast)
-        self._check(BROADCAST_ID, result, 0)
+        self._check(BROADCAST_ID, result)
+
+    def _exchange(self, servo: int, instruction: int, parameters: bytes, size: int, name: str = "") -> bytes:
+        """Tells one servo something; the ``size`` bytes of data that it answers.
+
+        Raises:
+            NoAnswer, ServoError, PortError: as in :meth:`read`.
+        """
+        if servo in self._open:
+            self._settle(servo)
+        self._open.add(servo)
+        self._pings[servo] = int(instruction == INST_PING)
+        with self._used():
+            self._tell(servo, instruction, parameters)
+            self._port.setPacketTimeout(_BARE + size)
+            packet, result = self._answer(servo, size)
+        self._check(servo, result, name)
+        self._open.discard(servo)
+        self._pings[servo] = 0
+        if code := _error(packet):
+            raise ServoError(f"{_named(servo, name)}: {_ERRORS.get(code, f'error {code}')}", code)
+        return bytes(packet[_DATA : _DATA + size])
+
+    def _settle(self, servo: int) -> None:
+        """Lets a servo finish its answers to earlier questions, which would be taken for the answer to the next one.
+
+        Raises:
+            NoAnswer: it says nothing, or nothing whole.
+        """
+        self._pings[servo] = left = self._pings.get(servo, 0) + 1
+        with self._used():
+            self._tell(servo, INST_PING, b"")
+            while left:
+                self._port.setPacketTimeoutMillis(_PATIENCE_MS)
+                _, result = self._answer(servo, _PING_SIZE)
+                if result == COMM_RX_TIMEOUT and left < self._pings[servo]:
+                    break  # one came, and then nothing more: the others are lost
+                self._check(servo, result)
+                left -= 1
+        self._pings[servo] = 0
+        self._open.discard(servo)
+
+    def _tell(self, servo: int, instruction: int, parameters: bytes) -> None:
+        packet = [0, 0, 0, 0, servo, len(parameters) + 3, 0, instruction, *parameters, 0, 0]
+        self._check(servo, self._sdk.txPacket(self._port, packet))
+
+    def _answer(self, servo: int, size: int) -> tuple[list[int], int]:
+        """The next packet of a servo that has ``size`` bytes of data, or says an error, and how that went."""
+        while True:
+            packet, result = self._sdk.rxPacket(self._port, False)
+            if result != COMM_SUCCESS:
+                return packet, result
+            if packet[4] == servo and (_size(packet) == size or (_size(packet) == 0 and _error(packet))):
+                return packet, result
 
     def _tried(self, call: Callable[[], Result]) -> Result:
         """What ``call`` gives, at the first of some tries that finds an answer; the last one waits long."""
@@ -275,14 +323,25 @@ class ServoBus:
         finally:
             self._port.is_using = False
 
-    def _check(self, servo: int, result: int, error: int, name: str = "") -> None:
-        where = f"servo {servo}" + (f", {name}" if name else "")
+    def _check(self, servo: int, result: int, name: str = "") -> None:
         if result == COMM_RX_TIMEOUT:
-            raise NoAnswer(f"{where}: no answer at {self._port.baudrate:,} baud on {self.path}")
+            raise NoAnswer(f"{_named(servo, name)}: no answer at {self._port.baudrate:,} baud on {self.path}")
         if result != COMM_SUCCESS:
-            raise DamagedAnswer(f"{where}: {self._sdk.getTxRxResult(result).split('] ')[-1]}")
-        if code := error & ~ALERT:
-            raise ServoError(f"{where}: {_ERRORS.get(code, f'error {code}')}", code)
+            raise DamagedAnswer(f"{_named(servo, name)}: {self._sdk.getTxRxResult(result).split('] ')[-1]}")
+
+
+def _size(packet: Sequence[int]) -> int:
+    """Bytes of data in an answer; what the SDK gives is longer where it has taken out stuffed bytes."""
+    return packet[5] + (packet[6] << 8) + 7 - _BARE
+
+
+def _error(packet: Sequence[int]) -> int:
+    """Why a servo refused; 0 if it did not."""
+    return packet[8] & ~ALERT
+
+
+def _named(servo: int, name: str) -> str:
+    return f"servo {servo}" + (f", {name}" if name else "")
 
 
 def _listed(servos: Sequence[int]) -> str:

@@ -5,8 +5,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 from hil.drivers.rig import Rig, wanted_registers
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.values import JointCommand
+from hil.rig_service import check, print_check
 from model.errors import HighFiveError
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
@@ -100,6 +103,38 @@ def test_a_bus_that_was_silent_stops_the_arm_and_says_so(arm: ArmProcess) -> Non
     assert newest.state.tripped.all()
 
 
+def test_what_the_watchdogs_have_stopped_is_freed_where_it_stands(
+    emulator: EmulatorProcess, rig: Rig, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def started() -> ArmProcess:
+        arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
+        arm.wait_ready(30.0)
+        arm.engage()
+        return arm
+
+    first = started()
+    drive_to(first, 0.2)
+    drive(first, 0.6, 0.1)
+    os.kill(first.pid, signal.SIGKILL)
+    time.sleep(0.5)
+    first.close()
+    result = check(emulator.port, None)
+    assert result["ready"]
+    assert all(servo["stopped_by_watchdog"] for servo in result["servos"])
+    print_check(result)
+    assert "the watchdog has stopped servos 1, 2, 3, 4, 5, 6, 7, 8" in capsys.readouterr().out
+    again = started()
+    cycles = again.unread()
+    positions = np.array([cycle.state.positions for cycle in cycles])
+    np.testing.assert_allclose(positions, positions[:1].repeat(len(positions), 0), atol=0.02)
+    assert cycles[0].state.tripped.all()
+    until(lambda: (newest := again.newest()) is not None and not newest.state.tripped.any())
+    assert again.mode is Mode.HOLDING
+    assert not again.trouble
+    drive_to(again, 0.3)
+    again.close()
+
+
 def test_it_goes_where_it_is_told(arm: ArmProcess) -> None:
     drive_to(arm, 0.3)
     assert arm.mode is Mode.DRIVING
@@ -137,6 +172,46 @@ def test_the_emergency_stop_is_the_last_motion(arm: ArmProcess) -> None:
     newest = arm.newest()
     assert newest is not None
     np.testing.assert_allclose(newest.state.positions, hold.positions, atol=0.05)
+
+
+class Interrupt(BaseException):
+    pass
+
+
+def interrupted(arm: ArmProcess, angle: float) -> None:
+    """Gives a command and is interrupted in the midst of it, as by Ctrl-C."""
+
+    def interrupt(frame: FrameType, event: str, argument: object) -> Callable[..., Any] | None:
+        if frame.f_code is ArmProcess.drive.__code__:
+            if event == "line" and frame.f_lineno > frame.f_code.co_firstlineno + 4:
+                raise Interrupt
+            return interrupt
+        return None
+
+    sys.settrace(interrupt)
+    try:
+        with pytest.raises(Interrupt):
+            arm.drive(JointCommand(np.full(6, angle), HALF))
+    finally:
+        sys.settrace(None)
+
+
+def test_an_interrupt_in_the_midst_of_a_command_blinds_nobody(arm: ArmProcess) -> None:
+    drive_to(arm, 0.2)
+    interrupted(arm, 0.9)
+    until(lambda: arm.mode is Mode.HOLDING)  # a command that is half written is none
+    drive_to(arm, 0.3)
+    assert arm.mode is Mode.DRIVING
+    interrupted(arm, 0.9)
+    arm.estop.pull()
+    pulled = time.monotonic()
+    until(lambda: arm.mode is Mode.STOPPED, 2.0)
+    stopped = [cycle for cycle in arm.unread() if cycle.mode is Mode.STOPPED]
+    assert 1e-9 * stopped[0].begun_ns - pulled < 0.1
+    assert all((cycle.sent.positions < 0.4).all() for cycle in stopped if cycle.sent is not None)
+    begun = time.monotonic()
+    arm.close()
+    assert time.monotonic() - begun < 1.5  # it ended by itself: it was not killed
 
 
 def test_a_lost_port_is_told_and_found_again_but_not_driven(tmp_path: Path, rig: Rig) -> None:
@@ -180,16 +255,72 @@ if __name__ == "__main__":
 """
 
 
+def started(script: Path, argument: str, **more: Any) -> subprocess.Popen[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), *sys.path])}
+    return subprocess.Popen(
+        [sys.executable, str(script), argument], stdout=subprocess.PIPE, text=True, env=environment, **more
+    )
+
+
+ORDERLY = """
+import signal, sys, time
+import numpy as np
+from hil.drivers.arm_process import ArmProcess, Mode
+from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.rig import load_rig
+if __name__ == "__main__":
+    told = []
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda number, frame: told.append(number))
+    with EmulatorProcess(EmulatorOptions()) as emulator:
+        arm = ArmProcess(emulator.port, load_rig(), allowance_ms=60.0)
+        arm.wait_ready(30.0)
+        arm.engage()
+        print("ready", flush=True)
+        while not told:
+            time.sleep(0.01)
+        time.sleep(0.3)
+        before = arm.newest().number
+        time.sleep(0.3)
+        print(arm.mode.name, arm.newest().number > before, flush=True)
+        if sys.argv[1] == "close":
+            arm.close()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("end", ["close", "forget"])
+def test_what_tells_the_whole_group_to_end_leaves_the_ending_to_the_host(
+    number: signal.Signals, end: str, tmp_path: Path
+) -> None:
+    script = tmp_path / "host.py"
+    script.write_text(ORDERLY)
+    host = started(script, end, start_new_session=True)
+    assert host.stdout is not None
+    assert host.stdout.readline() == "ready\n"
+    os.killpg(host.pid, number)
+    assert host.stdout.readline() == "HOLDING True\n"
+    assert host.wait(20.0) == 0
+    host.stdout.close()
+    until(lambda: not left(host.pid))
+
+
+def left(group: int) -> bool:
+    """Whether somebody of a process group is left."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 @pytest.mark.parametrize("killed", ["host", "arm"])
 def test_whoever_is_killed_the_watchdogs_stop_the_arm(
     killed: str, emulator: EmulatorProcess, rig: Rig, tmp_path: Path
 ) -> None:
     script = tmp_path / "host.py"
     script.write_text(HOST)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), *sys.path])}
-    host = subprocess.Popen(
-        [sys.executable, str(script), emulator.port], stdout=subprocess.PIPE, text=True, env=environment
-    )
+    host = started(script, emulator.port)
     assert host.stdout is not None
     arm_pid = int(host.stdout.readline())
     time.sleep(0.5)

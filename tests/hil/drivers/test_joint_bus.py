@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from conftest import Adapter
 from test_servo_bus import until
 
 from hil.drivers.emulator_process import EmulatorProcess
@@ -81,6 +82,34 @@ def test_a_single_hiccup_kills_nobody(joints: JointBus, emulator: EmulatorProces
     state, _ = run(joints, np.zeros(6), 20)
     assert joints.dead == ()
     assert state.answered.all()
+
+
+@pytest.mark.parametrize("late_ms", [7, 10, 16, 33])
+def test_a_state_that_comes_late_is_never_the_cycles_own(adapter: Adapter, rig: Rig, late_ms: int) -> None:
+    bus = ServoBus(adapter.port, rig.baud_rate, rig.models)
+    joints = JointBus(bus, rig)
+    joints.prepare()
+
+    def cycles(count: int) -> int:
+        whole, due = 0, time.monotonic()
+        for _ in range(count):
+            due = max(due + 1 / 120, time.monotonic())
+            time.sleep(max(0.0, due - time.monotonic()))
+            asked = time.monotonic()
+            state = joints.read()
+            if state.answered.any():
+                assert adapter.newest_s > asked
+            whole += bool(state.answered.all())
+        return whole
+
+    assert cycles(40) > 5
+    adapter.hold_s = 1e-3 * late_ms
+    cycles(20)
+    adapter.hold_s = 0.0
+    time.sleep(0.1)
+    joints.prepare()
+    assert cycles(40) > 5
+    bus.close()
 
 
 def test_hardware_errors_come_with_the_cycle(joints: JointBus, emulator: EmulatorProcess) -> None:

@@ -1,12 +1,17 @@
 """The maker's SDK with its traps closed, against servos on a pseudo-terminal."""
 
+import contextlib
 import os
+import threading
 import time
+import tty
 from pathlib import Path
 
 import pytest
+from conftest import Adapter
 
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.packet import status
 from hil.drivers.ports import Port, latency_ms, serial_ports
 from hil.drivers.rig import Rig
 from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus, ServoError
@@ -72,6 +77,76 @@ def test_damaged_answers_are_told_from_none(bus: ServoBus, emulator: EmulatorPro
     found, damaged = bus.scan([1, 6, 7])
     assert [one.servo for one in found] == [1]
     assert damaged == [6]
+
+
+REGISTERS = (
+    "max_position_limit",
+    "velocity_limit",
+    "min_position_limit",
+    "homing_offset",
+    "current_limit",
+    "pwm_limit",
+    "position_p_gain",
+    "id",
+    "operating_mode",
+)
+
+
+@pytest.mark.parametrize("late_ms", [5, 9, 20, 40, 55, 58, 70])
+def test_a_late_answer_is_not_taken_for_the_next_one(adapter: Adapter, rig: Rig, late_ms: int) -> None:
+    bus = ServoBus(adapter.port, rig.baud_rate, rig.models, ALLOWANCE_MS)
+    truth = {name: bus.read(2, name) for name in REGISTERS}
+    bus.close()
+    bus = ServoBus(adapter.port, rig.baud_rate, rig.models)
+    adapter.hold_s = 1e-3 * late_ms
+    right = 0
+    for name in 2 * REGISTERS:
+        try:
+            assert bus.read(2, name) == truth[name], name
+            right += 1
+        except NoAnswer:
+            pass
+    bus.close()
+    assert right > 0 or late_ms > 50
+
+
+def test_an_old_acknowledgement_is_none_for_the_next_write(
+    adapter: Adapter, emulator: EmulatorProcess, rig: Rig
+) -> None:
+    bus = ServoBus(adapter.port, rig.baud_rate, rig.models)
+    for hold in (0.006, 0.012, 0.03, 0.064):
+        adapter.hold_s = hold
+        with contextlib.suppress(NoAnswer):
+            bus.write(2, "goal_current", 10)
+        emulator.set_faults("dead=2")  # what comes now is an answer to what was before
+        with pytest.raises(NoAnswer):
+            bus.write(2, "goal_current", 20)
+            bus.write(2, "profile_velocity", 30)
+        emulator.set_faults("")
+        time.sleep(0.2)
+        adapter.hold_s = 0.0
+        bus.write(2, "goal_current", 10)
+        time.sleep(0.1)
+    bus.close()
+
+
+def test_an_answer_of_another_length_is_passed_over(rig: Rig) -> None:
+    """Such as one that a servo gives to somebody before us."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    bus = ServoBus(os.ttyname(theirs), rig.baud_rate, rig.models, ALLOWANCE_MS)
+
+    def answer() -> None:
+        os.read(ours, 100)
+        os.write(ours, status(2, 0, bytes((1, 2, 3, 4))) + status(2, 0, b"") + status(2, 0, bytes((7, 0))))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    assert bus.read(2, "current_limit") == 7
+    thread.join()
+    bus.close()
+    os.close(ours)
+    os.close(theirs)
 
 
 def test_a_lost_port_is_told_and_opens_again(tmp_path: Path, rig: Rig) -> None:

@@ -1,23 +1,28 @@
 """Whole sessions with the emulated arm, as commands; and everything for which nothing moves."""
 
 import json
+import math
 import os
 import re
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from live_commands import ended, start, wait_for
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from trial_results import simulated_result
 
 from hil import cli
 from hil.arm_session import PLANT, ArmOptions, ready_arm
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.recorded_asked import FORESEEN, recorded_high_fives
 from hil.recording import SessionRecorder, read_recording
-from hil.rig_play import FORESEEN, recorded_high_fives
 from hil.session import RATE_HZ
 from hil.sim.scene import build_scene
 from hil.summary import SessionSettings
@@ -72,6 +77,61 @@ def test_a_recording_of_another_avatar_is_refused(recorded: Path) -> None:
     other = type(recording)(recording.settings, ("hip", "knee"), recording.channels, True)
     with pytest.raises(HighFiveError, match="another avatar: 2 joints"):
         recorded_high_fives(other, recorded)
+
+
+def rewritten(path: Path, out: Path, change: Callable[[str, dict[str, Any]], dict[str, Any] | None]) -> Path:
+    """A valid MCAP file whose messages were changed; None leaves one out."""
+    writer, channels = Writer(str(out)), dict[str, int]()
+    writer.start()
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "json", number)
+            if (changed := change(channel.topic, json.loads(message.data))) is not None:
+                data = json.dumps(changed).encode()
+                writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time)
+    writer.finish()
+    return out
+
+
+@pytest.mark.parametrize(
+    ("topic", "change", "said"),
+    [
+        ("/person", {"palm": None}, "/person, message 0 (0.000 s): palm has to be 3 numbers"),
+        ("/person", {"palm": [1.0, 0.0]}, "/person, message 0 (0.000 s): palm has to be 3 numbers"),
+        ("/person", {"palm": ["a", 0.0, 0.0]}, "palm is not made of numbers"),
+        ("/person", {"palm": [math.nan, 0.0, 1.0]}, "palm has a number that is missing or not finite"),
+        ("/person", {"palm": [1e9, 0.0, 0.0]}, "1e+09 m from the scene's origin"),
+        ("/person", {"palm": [400.0, 300.0, 1200.0]}, "are these millimetres?"),
+        ("/person", {"palm_normal": [0.0, 0.0, 0.0]}, "palm_normal has not the length 1"),
+        ("/person", {"head": [0.0, 1.7e3, 0.0]}, "head is 1.7e+03 m"),
+        ("/person", {"valid": 1}, "valid is neither true nor false"),
+        ("/person", None, "0 messages on /person"),
+        ("/avatar", {"quaternions": ...}, "/avatar, message 0 (0.000 s): quaternions is missing"),
+        ("/avatar", {"quaternions": [[1.0, 0.0, 0.0, 0.0]]}, "quaternions has to be 53 × 4 numbers"),
+        ("/avatar", {"root": [0.0, math.inf, 0.0]}, "root has a number that is missing or not finite"),
+        ("/trial", {"trial": ...}, "/trial, message 0 (0.000 s): trial is missing"),
+        ("/trial", {"emotion": None}, "emotion is no text"),
+        ("/contact", {"met": ...}, "met is missing"),
+        ("/contact", {"met_time": -1.0}, "met_time is -1 s, which is not within the trial"),
+        ("/session", {"joints": ...}, "/session holds no settings and joints"),
+    ],
+)
+def test_a_recording_whose_values_cannot_be_is_refused_in_one_line_before_the_port_is_opened(
+    topic: str, change: dict[str, Any] | None, said: str,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recorded: Path, tmp_path: Path,
+) -> None:  # fmt: skip
+    def changed(of: str, data: dict[str, Any]) -> dict[str, Any] | None:
+        if of != topic:
+            return data
+        return None if change is None else {key: it for key, it in (data | change).items() if it is not ...}
+
+    path = rewritten(recorded, tmp_path / "damaged.mcap", changed)
+    # A port that is not there is told only once somebody wants to open it.
+    error = refused(monkeypatch, capsys, "rig", "play", path, "--port", tmp_path / "no-port", "--arm")
+    assert error.startswith(f"error: {path}") and said in error, error
 
 
 def test_what_is_played_is_what_was_recorded(recorded: Path) -> None:

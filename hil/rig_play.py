@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import shlex
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -12,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from hil.arm_report import arm_section, draw_arm
 from hil.arm_session import ArmOptions, ready_arm
-from hil.arm_trial import arm_summary, played
+from hil.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from hil.console import counted
 from hil.drawing import to_png
 from hil.page import render, section, write_file
@@ -41,13 +44,14 @@ class PlayOptions:
 
 
 def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
-    """Plays a recording's high fives and writes a report into ``folder``.
+    """Plays a recording's high fives and writes a report into ``folder``; a stop, or Ctrl-C, ends it early.
 
     Returns:
-        the summary of :func:`hil.arm_trial.arm_summary`, with ``session`` and ``port``.
+        the summary of :func:`hil.arm_trial.arm_summary`, with ``session`` and ``port``, and in ``stopped`` why it ended
+        early, if it did.
 
     Raises:
-        HighFiveError: the recording is of another avatar, or without a high five; the arm cannot be used, or stopped.
+        HighFiveError: the recording is of another avatar, or without a high five; the arm cannot be used.
     """
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     asked = recorded_high_fives(read_recording(path), path)
@@ -55,14 +59,23 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     if absent := [number for number in wanted if number not in asked]:
         known = ", ".join(map(str, asked))
         raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
-    trials = []
-    with ready_arm(options.arm) as loop:
-        lag = loop.retarget.settings.lag
+    trials: list[ArmTrial] = []
+    with ready_arm(options.arm) as loop, _ctrl_c_that_only_stops_the_arm():
+        lag, stopped = loop.retarget.settings.lag, ""
         advance = bar("high fives", len(wanted))
         for number in wanted:
-            trials.append(played(asked[number], loop))
+            try:
+                trial = played_until_stopped(asked[number], loop)
+            except HighFiveError as error:
+                if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
+                    raise
+                trial, stopped = None, str(error)
+            trials += [] if trial is None else [trial]
+            if stopped := loop.trouble or stopped:
+                break
             advance()
-    summary = {"session": str(path), "port": options.arm.port, **arm_summary(trials, lag), "versions": versions()}
+    about = {"session": str(path), "port": options.arm.port}
+    summary = {**about, **arm_summary(trials, lag), "stopped": stopped, "versions": versions()}
     drawings = draw_arm(trials, lag)
     page = render(
         "High Five: a session played by the servo arm",
@@ -81,6 +94,23 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     return summary
 
 
+@contextmanager
+def _ctrl_c_that_only_stops_the_arm() -> Iterator[None]:
+    """Ctrl-C pulls the emergency stop and interrupts nothing: what was being played is still there to be written."""
+    before = signal.getsignal(signal.SIGINT)
+
+    def stop(number: int, frame: object) -> None:
+        if callable(before):
+            with suppress(KeyboardInterrupt):
+                before(number, frame)  # pyright: ignore[reportArgumentType]
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def print_played(summary: dict[str, Any], folder: Path) -> None:
     """The figures, for people."""
     error, late = summary["error_mm"], summary["time_error_ms"]
@@ -91,6 +121,8 @@ def print_played(summary: dict[str, Any], folder: Path) -> None:
         print(f"  off in time        median {late['median']:.0f} ms, worst {late['max']:.0f} ms")
     if summary["missed"]:
         print(f"  no contact         {summary['missed']}")
+    if summary["broken_off"]:
+        print(f"  broken off         {summary['broken_off']}")
     if summary["unreachable"]:
         print(f"  out of reach       {', '.join(summary['unreachable'])}")
     print(f"  cycles of the bus  {summary['cycles']}, {summary['missed_cycles']} missed")

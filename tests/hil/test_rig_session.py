@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,9 +21,11 @@ from trial_results import simulated_result
 
 from hil import cli
 from hil.arm_session import PLANT, ArmOptions, ready_arm
+from hil.console import Advance
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 from hil.recorded_asked import FORESEEN, recorded_high_fives
 from hil.recording import SessionRecorder, read_recording
+from hil.rig_play import PlayOptions, play
 from hil.session import RATE_HZ
 from hil.sim.scene import build_scene
 from hil.summary import SessionSettings
@@ -243,3 +246,61 @@ def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(
     assert recording.complete
     assert len(recording.channels["/contact"]) == summary["trials"] >= 1
     assert {message.data["state"] for message in recording.channels["/safety"]} & {"stopping", "stopped"}
+
+
+@pytest.fixture(scope="module")
+def recorded_twice(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of two high fives in which the palms met."""
+    path = tmp_path_factory.mktemp("twice") / "session.mcap"
+    scene = build_scene()
+    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
+        for number in range(2):
+            recorder.record_trial(simulated_result(scene, number, "neutral", "B2"))
+    return path
+
+
+@pytest.mark.slow
+@clockwork
+@pytest.mark.parametrize("how", ["Ctrl-C", "pipe", "fault"])
+def test_a_stop_while_a_recording_is_played_keeps_what_was_played_and_says_why(
+    how: str, recorded_twice: Path, tmp_path: Path
+) -> None:
+    """The first high five is in the report, and the second as far as it came."""
+    pipe, out = tmp_path / "stop", tmp_path / "again"
+    with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
+        stops = {
+            "Ctrl-C": lambda: os.kill(os.getpid(), signal.SIGINT),
+            "pipe": lambda: pipe.write_text("stop"),
+            "fault": lambda: emulator.set_faults(("dead=4",)),
+        }
+
+        def bar(_label: str, _total: int) -> Advance:
+            def advance(note: str = "", done: int | None = None) -> None:
+                threading.Timer(1.0, stops[how]).start()  # the first is done: into the second
+
+            return advance
+
+        options = ArmOptions(emulator.port, armed=True) if how == "fault" else ArmOptions(estop=pipe)
+        summary = play(PlayOptions(recorded_twice, options), out, bar)
+    assert ("not answered for" if how == "fault" else "emergency stop") in summary["stopped"]
+    assert summary["trials"] == 2 and summary["broken_off"] == 1, summary
+    first, second = summary["rows"]
+    assert not first["broken_off"] and second["broken_off"] and not second["touched"]
+    assert summary["error_mm"]["max"] == first["error_mm"]  # of the one that was whole
+    assert summary["stopped"] in (page := (out / "report.html").read_text(encoding="utf-8"))
+    assert "1 broken off" in page and (out / "figures" / "arm_joints.png").is_file()
+    assert json.loads((out / "report.json").read_text(encoding="utf-8"))["stopped"] == summary["stopped"]
+
+
+@pytest.mark.slow
+@clockwork
+def test_a_stop_while_playing_is_one_line_and_exit_code_1(recorded: Path, tmp_path: Path) -> None:
+    pipe, out = tmp_path / "stop", tmp_path / "again"
+    process = start("rig", "play", recorded, "--out", out, "--estop", pipe, "--json")
+    assert wait_for(pipe, 0, 60.0)
+    pipe.write_text("stop")
+    code, said, error = ended(process, within=120.0)
+    assert code == 1, error
+    assert error.count("the arm was stopped: the emergency stop was pulled\n") == 1, error
+    assert json.loads(said)["stopped"] == "the emergency stop was pulled"
+    assert "The arm was stopped: the emergency stop was pulled." in (out / "report.html").read_text(encoding="utf-8")

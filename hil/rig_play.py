@@ -18,6 +18,7 @@ from hil.arm_session import ArmOptions, ready_arm
 from hil.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from hil.console import counted
 from hil.drawing import to_png
+from hil.folders import check_free
 from hil.page import render, section, write_file
 from hil.recorded_asked import recorded_high_fives
 from hil.recording import read_recording
@@ -51,8 +52,10 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
         early, if it did.
 
     Raises:
-        HighFiveError: the recording is of another avatar, or without a high five; the arm cannot be used.
+        HighFiveError: the folder holds something; the recording is of another avatar, or without a high five; the arm
+            cannot be used.
     """
+    check_free(folder)
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     asked = recorded_high_fives(read_recording(path), path)
     wanted = options.trials or tuple(asked)

@@ -16,6 +16,7 @@ from hil.arm_report import draw_arm
 from hil.arm_session import ArmOptions, at_their_time, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.film import Strip, make_film, picture_strips
+from hil.folders import check_free
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
@@ -100,7 +101,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[s
             cannot be written.
     """
     model = load_model(options.model)
-    _check_free(folder)
+    check_free(folder, "session.mcap", "the recording of an earlier session")
     if options.source is not None and is_live(options.source):
         with closing(live_source(str(options.source), options.human)) as source:
             return _simulate(options, model, folder, bar, LivePerson(source, str(options.source), _marker_set(options)))
@@ -196,12 +197,6 @@ def _shown(source: str | None) -> str:
 
 def _leading(style: Mapping[str, float]) -> str:
     return max(style, key=lambda emotion: style[emotion])
-
-
-def _check_free(folder: Path) -> None:
-    """What an earlier session recorded is never overwritten."""
-    if (folder / "session.mcap").exists():
-        raise HighFiveError(f"{folder} holds the recording of an earlier session; give another --out")
 
 
 def _make(folder: Path) -> None:

@@ -77,6 +77,27 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     assert "nonsense.toml" in said(recorded, "--rig", nonsense)
 
 
+def test_a_session_whose_arm_cannot_be_used_is_refused_at_once_and_leaves_no_folder(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Before the model is read, which here is none, and so before people are simulated and anything is compiled."""
+    model, out, file = tmp_path / "model.safetensors", tmp_path / "session", tmp_path / "file"
+    file.write_text("name = 3")
+
+    def said(*words: object) -> str:
+        return refused(monkeypatch, capsys, "simulate", "--model", model, "--out", out, "--rig", *words)
+
+    assert "only with --arm" in said("/dev/ttyUSB99")
+    assert "no such port" in said("/dev/ttyUSB99", "--arm")
+    assert "not a serial port" in said(file, "--arm")
+    assert "contact.speed is 2 m/s" in said("emulated", "--lower", "contact.speed=2")
+    assert str(file) in said("emulated", "--rig-file", file)
+    assert "is no named pipe" in said("emulated", "--estop", file)
+    assert "there is no folder" in said("emulated", "--estop", tmp_path / "none" / "pipe")
+    assert "model.safetensors" in said("emulated")  # all is well with the arm
+    assert not out.exists()
+
+
 def test_a_recording_of_another_avatar_is_refused(recorded: Path) -> None:
     recording = read_recording(recorded)
     other = type(recording)(recording.settings, ("hip", "knee"), recording.channels, True)

@@ -289,7 +289,7 @@ def test_a_stop_while_a_recording_is_played_keeps_what_was_played_and_says_why(
     how: str, recorded_twice: Path, tmp_path: Path
 ) -> None:
     """The first high five is in the report, and the second as far as it came."""
-    pipe, out = tmp_path / "stop", tmp_path / "again"
+    pipe, out, timers = tmp_path / "stop", tmp_path / "again", list[threading.Timer]()
     with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
         stops = {
             "Ctrl-C": lambda: os.kill(os.getpid(), signal.SIGINT),
@@ -299,12 +299,19 @@ def test_a_stop_while_a_recording_is_played_keeps_what_was_played_and_says_why(
 
         def bar(_label: str, _total: int) -> Advance:
             def advance(note: str = "", done: int | None = None) -> None:
-                threading.Timer(1.0, stops[how]).start()  # the first is done: into the second
+                timers.append(threading.Timer(1.0, stops[how]))  # the first is done: into the second
+                timers[-1].start()
 
             return advance
 
         options = ArmOptions(emulator.port, armed=True) if how == "fault" else ArmOptions(estop=pipe)
-        summary = play(PlayOptions(recorded_twice, options), out, bar)
+        try:
+            summary = play(PlayOptions(recorded_twice, options), out, bar)
+        except KeyboardInterrupt:
+            pytest.fail("Ctrl-C was more than a stop of the arm")
+        finally:
+            for timer in timers:
+                timer.cancel()
     assert ("not answered for" if how == "fault" else "emergency stop") in summary["stopped"]
     assert summary["trials"] == 2 and summary["broken_off"] == 1, summary
     first, second = summary["rows"]

@@ -134,10 +134,12 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
     """The section's HTML."""
     error, late, jitter = summary["error_mm"], summary["time_error_ms"], summary["period_jitter_ms"]
     impossible = len(summary["unreachable"])
-    met = summary["trials"] - impossible - summary["missed"]
+    broken_off = summary["broken_off"]
+    met = summary["trials"] - impossible - summary["missed"] - broken_off
     lines = [
         f"The plate met the palm in {met} of {summary['trials']} trials; {impossible} were out of reach, or known of "
         "too late."
+        + (f" {broken_off} broken off before the palms met, and not in the figures of how they met." * (broken_off > 0))
     ]
     if error["median"] is not None:
         lines.append(
@@ -169,13 +171,19 @@ def _trials(rows: Sequence[dict[str, Any]]) -> str:
              "miss when due, mm", "limits that acted"]  # fmt: skip
     shown = [
         [
-            row["emotion"], row["cell"], "yes" if row["touched"] else "no" if row["possible"] else "not possible",
+            row["emotion"], row["cell"], _how(row),
             f"{row['error_mm']:.1f}", _known(row["time_error_ms"]), f"{row['relative_speed']:.2f}",
             f"{row['scale']:.2f}", f"{row['delay_ms']:.0f}", f"{row['miss_mm']:.1f}", ", ".join(row["limits"]),
         ]
         for row in rows
     ]  # fmt: skip
     return table(heads, shown, words={0, 1, 2, 9})
+
+
+def _how(row: dict[str, Any]) -> str:
+    if row["broken_off"]:
+        return "broken off"
+    return "yes" if row["touched"] else "no" if row["possible"] else "not possible"
 
 
 def _known(value: float | None, unit: str = "") -> str:

@@ -21,7 +21,7 @@ from hil.drivers.rig import COUNTS, Rig, load_rig, wanted_registers
 from hil.drivers.rig_setup import differences, missing_servos
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.servo_port import ALLOWANCE_MS
-from hil.estop import SIGNALS, listening
+from hil.estop import SIGNALS, check_pipe, listening
 from hil.retarget import Retarget, RetargetSettings
 from hil.safety.limits import FILE, JOINTS, Limits, load_limits, lowered, parse_changes
 from hil.safety.startup import Check, Registers, ServoLimits, start_up_check
@@ -90,12 +90,7 @@ def ready_arm(options: ArmOptions) -> Iterator[ArmLoop]:
         HighFiveError: port, rig or limits cannot be used, a servo is not as it has to be, or a real port is not armed.
             Nothing has moved then.
     """
-    limits = lowered(load_limits(options.limits or FILE), parse_changes(options.lower))
-    rig = load_rig(options.rig)
-    if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
-        raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
-    if not options.emulated and not options.armed:
-        raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
+    limits, rig = _loaded(options)
     retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits))
     estop = Latch()
     with ExitStack() as stack:
@@ -117,6 +112,29 @@ def ready_arm(options: ArmOptions) -> Iterator[ArmLoop]:
             yield loop
         finally:
             loop.rest()
+
+
+def check_arm(options: ArmOptions) -> None:
+    """Looks at what was asked for before anything that takes long: limits, rig, pipe, and the servos of a real port.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. Nothing has moved.
+    """
+    _, rig = _loaded(options)
+    if not options.emulated:
+        _refuse_unless_ready(options.port, rig)
+
+
+def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
+    limits = lowered(load_limits(options.limits or FILE), parse_changes(options.lower))
+    rig = load_rig(options.rig)
+    if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
+        raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
+    if not options.emulated and not options.armed:
+        raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
+    if options.estop is not None:
+        check_pipe(options.estop)
+    return limits, rig
 
 
 def checked(arm: ArmProcess, rig: Rig, limits: Limits, options: ArmOptions) -> Check:

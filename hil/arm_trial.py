@@ -24,6 +24,8 @@ from model.rotations import Array
 MS, NS = 1e3, 1e-9
 MISSED = 1.5
 """Periods between two cycles from which on one between them is missing."""
+FEWEST = 3
+"""Ticks and cycles of which something can be said."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class ArmTrial:
         plates: where the plate was at each tick, by what the servos said.
         met: how plate and palm met.
         due: tick in which the session had the palms touch.
+        broken_off: the arm was stopped before plate and palm had touched; it says nothing of how well they meet.
     """
 
     ticks: tuple[ArmTick, ...]
@@ -43,6 +46,7 @@ class ArmTrial:
     plates: tuple[PalmPose, ...]
     met: Met
     due: int
+    broken_off: bool
 
     @cached_property
     def times(self) -> Array:
@@ -97,9 +101,24 @@ def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
     Raises:
         HighFiveError: it was not allowed to, or stopped by itself; it says why.
     """
+    trial = played_until_stopped(asked, loop)
+    if trial is None or loop.trouble:
+        raise HighFiveError(f"{asked.emotion} {asked.cell}: {loop.trouble or 'too short to be played'}")
+    return trial
+
+
+def played_until_stopped(asked: Asked, loop: ArmLoop) -> ArmTrial | None:
+    """Has the arm play one high five as far as it comes; ``loop.trouble`` says why it was stopped, if it was.
+
+    Returns:
+        what it did; None where that are fewer than :data:`FEWEST` ticks or cycles.
+
+    Raises:
+        HighFiveError: it was not allowed to; it says why. Nothing has moved.
+    """
     ticks, cycles = loop.play(asked.goals)
-    if loop.trouble:
-        raise HighFiveError(f"{asked.emotion} {asked.cell}: {loop.trouble}")
+    if len(ticks) < FEWEST or len(_meanwhile(ticks, cycles)) < FEWEST:
+        return None
     return arm_trial(asked, loop.retarget, ticks, cycles, loop.sacrifice)
 
 
@@ -111,12 +130,11 @@ def arm_trial(
     Args:
         asked: the high five.
         retarget: of the arm.
-        ticks: one for each of its goals.
+        ticks: one for each of its goals, or for those until it was stopped; :data:`FEWEST` at least.
         cycles: of the bus, from before the first to after the last tick.
         given_up: what the retargeting had to give up.
     """
-    first = ticks[0].frame_ns - round(2e9 / RATE_HZ)  # before that everything was read back
-    cycles = [cycle for cycle in cycles if cycle.begun_ns >= first]
+    cycles = _meanwhile(ticks, cycles)
     frames = np.array([tick.frame_ns for tick in ticks], float)
     heard = np.array([cycle.state.time_ns for cycle in cycles], float)
     joints = np.array([np.interp(frames, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T
@@ -125,7 +143,13 @@ def arm_trial(
     velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
     plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
     met = judged(asked, places, normals, notice(asked, retarget), given_up)
-    return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due)
+    broken_off = len(ticks) < len(asked.goals) and not met.touched
+    return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due, broken_off)
+
+
+def _meanwhile(ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> list[Cycle]:
+    first = ticks[0].frame_ns - round(2e9 / RATE_HZ)  # before that everything was read back
+    return [cycle for cycle in cycles if cycle.begun_ns >= first]
 
 
 class ArmWatch:
@@ -175,9 +199,11 @@ def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
     """The figures of the arm in a session: numbers, strings, lists and objects of them; what is not known is None.
 
     ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
-    contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them.
+    contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them;
+    those that were ``broken_off`` by a stop are counted and not in them.
     """
-    able = [trial for trial in trials if trial.met.possible]
+    whole = [trial for trial in trials if not trial.broken_off]
+    able = [trial for trial in whole if trial.met.possible]
     touched = [trial for trial in able if trial.met.touched]
     periods = np.concatenate([trial.periods_ms for trial in trials]) if trials else np.zeros(0)
     following = np.abs(np.concatenate([trial.following_error(lag) for trial in trials])) if trials else np.zeros((0, 6))
@@ -188,7 +214,8 @@ def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
         "time_error_ms": _extent([MS * abs(trial.met.late) for trial in touched]),
         "max_relative_speed": max((round(trial.met.speed, 3) for trial in trials if trial.met.touched), default=None),
         "missed": len(able) - len(touched),
-        "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in trials if not trial.met.possible],
+        "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in whole if not trial.met.possible],
+        "broken_off": len(trials) - len(whole),
         "following_error_mrad": percentiles(MS * following.max(axis=1) if len(following) else np.zeros(0)),
         "cycles": sum(len(trial.cycles) for trial in trials),
         "missed_cycles": int((periods > MISSED * period).sum()),
@@ -211,6 +238,7 @@ def _row(trial: ArmTrial) -> dict[str, Any]:
         "cell": met.cell,
         "possible": met.possible,
         "touched": met.touched,
+        "broken_off": trial.broken_off,
         "error_mm": round(MS * met.error, 2),
         "time_error_ms": round(MS * met.late, 1) if met.touched else None,
         "relative_speed": round(met.speed, 3),

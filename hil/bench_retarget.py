@@ -195,11 +195,14 @@ def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: A
 
 
 def judged(asked: Asked, places: Array, normals: Array, had: Notice | None, sacrifice: Sacrifice) -> Met:
-    """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand."""
-    apart = asked.person - places
+    """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand.
+
+    Where it was stopped there are fewer places than ticks: three at least.
+    """
+    apart = asked.person[: len(places)] - places
     gap, distance = np.einsum("ti,ti->t", apart, normals), np.linalg.norm(apart, axis=1)
-    first = max(asked.due - round(EARLIEST * RATE_HZ), 1)
     last = min(asked.due + round(EARLIEST * RATE_HZ), len(gap) - 2)
+    first = min(max(asked.due - round(EARLIEST * RATE_HZ), 1), last)  # stopped before: where it was in the end
     touching = np.flatnonzero((gap[first : last + 1] < SKIN) & (distance[first : last + 1] < ASTRAY))
     touched = len(touching) > 0
     tick = first + int(touching[0] if touched else distance[first : last + 1].argmin())

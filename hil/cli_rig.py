@@ -139,6 +139,9 @@ def play(
     with progress_bars() as bar:
         summary = play(options, folder, bar)
     print_result(summary, json, lambda found: print_played(found, folder))
+    if summary["stopped"]:
+        say_aside(f"the arm was stopped: {summary['stopped']}")
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -134,15 +134,27 @@ def _gone_terminal() -> Iterator[None]:
         return
 
 
+def check_pipe(path: Path) -> None:
+    """Looks whether a named pipe is there, or can be made.
+
+    Raises:
+        HighFiveError: neither.
+    """
+    if path.exists():
+        if not stat.S_ISFIFO(path.stat().st_mode):
+            raise HighFiveError(f"{path} is no named pipe; give a path where none is, or one made by mkfifo")
+    elif not path.parent.is_dir():
+        raise HighFiveError(f"cannot open the named pipe {path}: there is no folder {path.parent}")
+
+
 @contextmanager
 def _named_pipe(path: Path) -> Iterator[int]:
     """A named pipe that is read from; taken away afterwards if it was made here."""
+    check_pipe(path)
     made = not path.exists()
     try:
         if made:
             os.mkfifo(path, 0o600)
-        elif not stat.S_ISFIFO(path.stat().st_mode):
-            raise HighFiveError(f"{path} is no named pipe; give a path where none is, or one made by mkfifo")
         descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)  # for writing, too: then it does not end with a writer
     except OSError as error:
         raise HighFiveError(f"cannot open the named pipe {path}: {error.strerror}") from None

@@ -274,7 +274,7 @@ def read_recording(path: Path) -> SessionRecording:
     """Reads a recording, also one whose end is missing.
 
     Raises:
-        HighFiveError: there is no such file, or it holds no session.
+        HighFiveError: there is no such file, or it holds no session. Other values than the session's are not checked.
     """
     channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in messages.CHANNELS}
     complete = False
@@ -296,6 +296,10 @@ def read_recording(path: Path) -> SessionRecording:
             f"{path} is not the recording of a session: no readable MCAP chunk with a /session message in it"
         )
     about = channels["/session"][0].data
+    if not (
+        isinstance(about, dict) and isinstance(about.get("settings"), dict) and isinstance(about.get("joints"), list)
+    ):
+        raise HighFiveError(f"{path}: /session holds no settings and joints")
     kept = {topic: tuple(messages) for topic, messages in channels.items()}
     return SessionRecording(about["settings"], tuple(about["joints"]), kept, complete)
 

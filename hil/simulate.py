@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from hil.arm_report import draw_arm
-from hil.arm_session import ArmOptions, at_their_time, ready_arm
+from hil.arm_session import ArmOptions, at_their_time, check_arm, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.film import Strip, make_film, picture_strips
+from hil.folders import check_free
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
@@ -99,8 +100,10 @@ def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[s
         HighFiveError: something asked for does not exist or does not fit; the folder holds a recording already or
             cannot be written.
     """
+    check_free(folder, "session.mcap", "the recording of an earlier session")
+    if options.arm is not None:
+        check_arm(options.arm)
     model = load_model(options.model)
-    _check_free(folder)
     if options.source is not None and is_live(options.source):
         with closing(live_source(str(options.source), options.human)) as source:
             return _simulate(options, model, folder, bar, LivePerson(source, str(options.source), _marker_set(options)))
@@ -112,10 +115,10 @@ def _simulate(
 ) -> dict[str, Any]:
     partners = _partners(options, model, bar, person)
     scene = build_scene()
-    _make(folder)
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
         watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm)))
+        _make(folder)
         recorder = SessionRecorder(folder / "session.mcap", settings)
         try:
             played = _run(options, model, scene, partners, person, recorder, bar, watch)
@@ -196,12 +199,6 @@ def _shown(source: str | None) -> str:
 
 def _leading(style: Mapping[str, float]) -> str:
     return max(style, key=lambda emotion: style[emotion])
-
-
-def _check_free(folder: Path) -> None:
-    """What an earlier session recorded is never overwritten."""
-    if (folder / "session.mcap").exists():
-        raise HighFiveError(f"{folder} holds the recording of an earlier session; give another --out")
 
 
 def _make(folder: Path) -> None:

@@ -1,23 +1,31 @@
 """Whole sessions with the emulated arm, as commands; and everything for which nothing moves."""
 
 import json
+import math
 import os
 import re
 import signal
 import subprocess
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from live_commands import ended, start, wait_for
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from trial_results import simulated_result
 
 from hil import cli
 from hil.arm_session import PLANT, ArmOptions, ready_arm
+from hil.console import Advance
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.recorded_asked import FORESEEN, recorded_high_fives
 from hil.recording import SessionRecorder, read_recording
-from hil.rig_play import FORESEEN, recorded_high_fives
+from hil.rig_play import PlayOptions, play
 from hil.session import RATE_HZ
 from hil.sim.scene import build_scene
 from hil.summary import SessionSettings
@@ -56,6 +64,8 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     empty, nonsense = tmp_path / "empty.mcap", tmp_path / "nonsense.toml"
     empty.touch()
     nonsense.write_text("name = 3")
+    assert "holds something already; give another --out" in said(recorded, "--out", recorded.parent)
+    assert "Not a directory" in said(recorded, "--out", recorded)
     assert "only with --arm" in said(recorded, "--port", "/dev/ttyUSB99")
     assert "no such port" in said(recorded, "--port", "/dev/ttyUSB99", "--arm")
     assert "not a serial port" in said(recorded, "--port", empty, "--arm")
@@ -67,11 +77,87 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     assert "nonsense.toml" in said(recorded, "--rig", nonsense)
 
 
+def test_a_session_whose_arm_cannot_be_used_is_refused_at_once_and_leaves_no_folder(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Before the model is read, which here is none, and so before people are simulated and anything is compiled."""
+    model, out, file = tmp_path / "model.safetensors", tmp_path / "session", tmp_path / "file"
+    file.write_text("name = 3")
+
+    def said(*words: object) -> str:
+        return refused(monkeypatch, capsys, "simulate", "--model", model, "--out", out, "--rig", *words)
+
+    assert "only with --arm" in said("/dev/ttyUSB99")
+    assert "no such port" in said("/dev/ttyUSB99", "--arm")
+    assert "not a serial port" in said(file, "--arm")
+    assert "contact.speed is 2 m/s" in said("emulated", "--lower", "contact.speed=2")
+    assert str(file) in said("emulated", "--rig-file", file)
+    assert "is no named pipe" in said("emulated", "--estop", file)
+    assert "there is no folder" in said("emulated", "--estop", tmp_path / "none" / "pipe")
+    assert "model.safetensors" in said("emulated")  # all is well with the arm
+    assert not out.exists()
+
+
 def test_a_recording_of_another_avatar_is_refused(recorded: Path) -> None:
     recording = read_recording(recorded)
     other = type(recording)(recording.settings, ("hip", "knee"), recording.channels, True)
     with pytest.raises(HighFiveError, match="another avatar: 2 joints"):
         recorded_high_fives(other, recorded)
+
+
+def rewritten(path: Path, out: Path, change: Callable[[str, dict[str, Any]], dict[str, Any] | None]) -> Path:
+    """A valid MCAP file whose messages were changed; None leaves one out."""
+    writer, channels = Writer(str(out)), dict[str, int]()
+    writer.start()
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "json", number)
+            if (changed := change(channel.topic, json.loads(message.data))) is not None:
+                data = json.dumps(changed).encode()
+                writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time)
+    writer.finish()
+    return out
+
+
+@pytest.mark.parametrize(
+    ("topic", "change", "said"),
+    [
+        ("/person", {"palm": None}, "/person, message 0 (0.000 s): palm has to be 3 numbers"),
+        ("/person", {"palm": [1.0, 0.0]}, "/person, message 0 (0.000 s): palm has to be 3 numbers"),
+        ("/person", {"palm": ["a", 0.0, 0.0]}, "palm is not made of numbers"),
+        ("/person", {"palm": [math.nan, 0.0, 1.0]}, "palm has a number that is missing or not finite"),
+        ("/person", {"palm": [1e9, 0.0, 0.0]}, "1e+09 m from the scene's origin"),
+        ("/person", {"palm": [400.0, 300.0, 1200.0]}, "are these millimetres?"),
+        ("/person", {"palm_normal": [0.0, 0.0, 0.0]}, "palm_normal has not the length 1"),
+        ("/person", {"head": [0.0, 1.7e3, 0.0]}, "head is 1.7e+03 m"),
+        ("/person", {"valid": 1}, "valid is neither true nor false"),
+        ("/person", None, "0 messages on /person"),
+        ("/avatar", {"quaternions": ...}, "/avatar, message 0 (0.000 s): quaternions is missing"),
+        ("/avatar", {"quaternions": [[1.0, 0.0, 0.0, 0.0]]}, "quaternions has to be 53 × 4 numbers"),
+        ("/avatar", {"root": [0.0, math.inf, 0.0]}, "root has a number that is missing or not finite"),
+        ("/trial", {"trial": ...}, "/trial, message 0 (0.000 s): trial is missing"),
+        ("/trial", {"emotion": None}, "emotion is no text"),
+        ("/contact", {"met": ...}, "met is missing"),
+        ("/contact", {"met_time": -1.0}, "met_time is -1 s, which is not within the trial"),
+        ("/session", {"joints": ...}, "/session holds no settings and joints"),
+    ],
+)
+def test_a_recording_whose_values_cannot_be_is_refused_in_one_line_before_the_port_is_opened(
+    topic: str, change: dict[str, Any] | None, said: str,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recorded: Path, tmp_path: Path,
+) -> None:  # fmt: skip
+    def changed(of: str, data: dict[str, Any]) -> dict[str, Any] | None:
+        if of != topic:
+            return data
+        return None if change is None else {key: it for key, it in (data | change).items() if it is not ...}
+
+    path = rewritten(recorded, tmp_path / "damaged.mcap", changed)
+    # A port that is not there is told only once somebody wants to open it.
+    error = refused(monkeypatch, capsys, "rig", "play", path, "--port", tmp_path / "no-port", "--arm")
+    assert error.startswith(f"error: {path}") and said in error, error
 
 
 def test_what_is_played_is_what_was_recorded(recorded: Path) -> None:
@@ -193,3 +279,68 @@ def broken_session(fault: str, out: Path) -> tuple[int, str, str]:
             time.sleep(1.5)  # in the second high five
             emulator.set_faults(fault)
         return ended(process, within=120.0)
+
+
+@pytest.fixture(scope="module")
+def recorded_twice(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of two high fives in which the palms met."""
+    path = tmp_path_factory.mktemp("twice") / "session.mcap"
+    scene = build_scene()
+    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
+        for number in range(2):
+            recorder.record_trial(simulated_result(scene, number, "neutral", "B2"))
+    return path
+
+
+@pytest.mark.slow
+@clockwork
+@pytest.mark.parametrize("how", ["Ctrl-C", "pipe", "fault"])
+def test_a_stop_while_a_recording_is_played_keeps_what_was_played_and_says_why(
+    how: str, recorded_twice: Path, tmp_path: Path
+) -> None:
+    """The first high five is in the report, and the second as far as it came."""
+    pipe, out, timers = tmp_path / "stop", tmp_path / "again", list[threading.Timer]()
+    with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
+        stops = {
+            "Ctrl-C": lambda: os.kill(os.getpid(), signal.SIGINT),
+            "pipe": lambda: pipe.write_text("stop"),
+            "fault": lambda: emulator.set_faults(("dead=4",)),
+        }
+
+        def bar(_label: str, _total: int) -> Advance:
+            def advance(note: str = "", done: int | None = None) -> None:
+                timers.append(threading.Timer(1.0, stops[how]))  # the first is done: into the second
+                timers[-1].start()
+
+            return advance
+
+        options = ArmOptions(emulator.port, armed=True) if how == "fault" else ArmOptions(estop=pipe)
+        try:
+            summary = play(PlayOptions(recorded_twice, options), out, bar)
+        except KeyboardInterrupt:
+            pytest.fail("Ctrl-C was more than a stop of the arm")
+        finally:
+            for timer in timers:
+                timer.cancel()
+    assert ("not answered for" if how == "fault" else "emergency stop") in summary["stopped"]
+    assert summary["trials"] == 2 and summary["broken_off"] == 1, summary
+    first, second = summary["rows"]
+    assert not first["broken_off"] and second["broken_off"] and not second["touched"]
+    assert summary["error_mm"]["max"] == first["error_mm"]  # of the one that was whole
+    assert summary["stopped"] in (page := (out / "report.html").read_text(encoding="utf-8"))
+    assert "1 broken off" in page and (out / "figures" / "arm_joints.png").is_file()
+    assert json.loads((out / "report.json").read_text(encoding="utf-8"))["stopped"] == summary["stopped"]
+
+
+@pytest.mark.slow
+@clockwork
+def test_a_stop_while_playing_is_one_line_and_exit_code_1(recorded: Path, tmp_path: Path) -> None:
+    pipe, out = tmp_path / "stop", tmp_path / "again"
+    process = start("rig", "play", recorded, "--out", out, "--estop", pipe, "--json")
+    assert wait_for(pipe, 0, 60.0)
+    pipe.write_text("stop")
+    code, said, error = ended(process, within=120.0)
+    assert code == 1, error
+    assert error.count("the arm was stopped: the emergency stop was pulled\n") == 1, error
+    assert json.loads(said)["stopped"] == "the emergency stop was pulled"
+    assert "The arm was stopped: the emergency stop was pulled." in (out / "report.html").read_text(encoding="utf-8")

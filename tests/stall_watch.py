@@ -9,7 +9,7 @@ from types import TracebackType
 NAP_S = 0.002
 STILL_S = 0.04
 """s; an arm whose servos are silent for not much longer is stopped by its own rule."""
-SILENT = ("not answered for", ": no answer; nothing is switched on")
+SILENT = ("not answered for", ": no answer; nothing is switched on", ": no answer at ")
 """What that rule, and the look at the servos before the start, say then."""
 
 

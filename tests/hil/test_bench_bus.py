@@ -10,6 +10,8 @@ def test_the_limit_is_what_was_calculated() -> None:
     assert limit_hz(list(range(1, 8)), 4_000_000) == pytest.approx(2033.0, abs=10.0)
 
 
+@pytest.mark.slow
+@pytest.mark.realtime
 def test_no_cycle_is_faster_than_the_line() -> None:
     result = bench_bus(BusBenchOptions(seconds=1.0, trials=1), lambda label, total: lambda note="", done=None: None)
     assert 20.0 < result["cycle_hz"] <= result["limit_hz"] * 1.01

@@ -8,9 +8,19 @@ from types import TracebackType
 
 NAP_S = 0.002
 STILL_S = 0.04
-"""s; an arm whose servos are silent for not much longer is stopped by its own rule."""
-SILENT = ("not answered for", ": no answer; nothing is switched on", ": no answer at ")
-"""What that rule, and the look at the servos before the start, say then."""
+"""s; an arm whose servos, or whose host, are silent for not much longer is stopped by its own rules."""
+HOPELESS_S = 0.08
+"""s; the servos' watchdogs wait so long: after a longer standstill nothing that goes by the clock can be judged."""
+SILENT = (
+    "not answered for",
+    ": no answer; nothing is switched on",
+    ": no answer at ",
+    "the loop paused for",
+    "commands in a row were late",
+    "its watchdog heard nothing",
+    "the watchdog stopped it",
+)
+"""What those rules, and the look at the servos before the start, say then."""
 
 
 class StallWatch:

@@ -13,7 +13,8 @@ demo: $(READY)  ## one simulated session: report, film and recording in out/
 	$(BIN)/highfive simulate
 
 test: $(READY)  ## fast tests
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow and not realtime"
+	$(BIN)/python -m pytest -m "realtime and not slow"
 
 slow: $(READY)  ## tests that take long
 	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime"
@@ -23,7 +24,7 @@ check: $(READY)  ## style, types and fast tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+	$(MAKE) --no-print-directory test
 
 model: $(READY)  ## the default model again, from nothing
 	rm -rf out/captured

@@ -196,6 +196,11 @@ class ArmLoop:
         return ""
 
     @property
+    def _braking(self) -> bool:
+        """A controlled stop takes some ticks; a driver that has stopped the arm by itself hears no more of them."""
+        return self.state is State.STOPPING and self._arm.mode not in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED)
+
+    @property
     def sacrifice(self) -> Sacrifice:
         """What the high five that is on, or was last, had to give up."""
         return Sacrifice() if self._state is None else self._state.sacrifice
@@ -241,7 +246,7 @@ class ArmLoop:
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
     def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
-        """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early where it is stopped.
+        """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early once it was stopped.
 
         Returns:
             the ticks, and the cycles of the bus until the last of them.
@@ -259,17 +264,18 @@ class ArmLoop:
             ticks.append(self.tick(goal))
             cycles += self.cycles()
             due += round(1e9 * self._limits.timing.period_s)
-            if self.trouble:
+            if self.trouble and not self._braking:
                 break
         self.rest()
         return ticks, cycles
 
     def rest(self, longest_s: float = REST_S) -> None:
-        """Goes back along the known path, slowly, and waits until the arm stands; not where it was stopped."""
+        """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
+        end."""
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
         due, end = self._clock(), self._clock() + round(longest_s * 1e9)
-        while not self.trouble and due < end and self.state not in (State.READY, State.UNCHECKED):
+        while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
             self.tick(goal, run=False)
             due += round(1e9 * self._limits.timing.period_s)
             self._pause(max(0.0, 1e-9 * (due - self._clock())))

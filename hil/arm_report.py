@@ -143,9 +143,13 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
     ]
     if error["median"] is not None:
         lines.append(
-            f"Plate to palm where they touched, trials that were possible: median {error['median']:.1f} mm, largest "
-            f"{error['max']:.1f} mm; {_known(late['median'], 'ms')} from the session's own contact, largest "
-            f"{_known(late['max'], 'ms')}. Largest relative speed {_known(summary['max_relative_speed'], 'm/s')}."
+            f"Plate to palm where they touched, or at the nearest, in trials that were possible: median "
+            f"{error['median']:.1f} mm, largest {error['max']:.1f} mm."
+        )
+    if late["median"] is not None:
+        lines.append(
+            f"They touched {late['median']:.0f} ms from the session's own contact (median; largest {late['max']:.0f}), "
+            f"no faster than {_known(summary['max_relative_speed'], 'm/s')} relative to each other."
         )
     lines.append(
         f"{summary['cycles']} cycles of the bus, {summary['missed_cycles']} missed, period off by "
@@ -172,7 +176,7 @@ def _trials(rows: Sequence[dict[str, Any]]) -> str:
     shown = [
         [
             row["emotion"], row["cell"], _how(row),
-            f"{row['error_mm']:.1f}", _known(row["time_error_ms"]), f"{row['relative_speed']:.2f}",
+            f"{row['error_mm']:.1f}", _known(row["time_error_ms"]), _known(row["relative_speed"]),
             f"{row['scale']:.2f}", f"{row['delay_ms']:.0f}", f"{row['miss_mm']:.1f}", ", ".join(row["limits"]),
         ]
         for row in rows

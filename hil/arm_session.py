@@ -7,12 +7,13 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from hil.arm_loop import ArmLoop, first_of
+from hil.console import Bar
 from hil.drivers.arm_process import ArmProcess
 from hil.drivers.control_table import load_table, to_si
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
@@ -23,7 +24,7 @@ from hil.drivers.servo_bus import ServoBus
 from hil.drivers.servo_port import ALLOWANCE_MS
 from hil.estop import SIGNALS, check_pipe, listening
 from hil.retarget import Retarget, RetargetSettings
-from hil.safety.limits import FILE, JOINTS, Limits, load_limits, lowered, parse_changes
+from hil.safety.limits import JOINTS, Limits, load_limits, load_safer, lowered, parse_changes
 from hil.safety.startup import Check, Registers, ServoLimits, start_up_check
 from hil.servo_arm import READY, default_arm
 from hil.session import RATE_HZ
@@ -47,6 +48,9 @@ START_S = 30.0
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
 
+WATCHDOG_STEP = 0.02
+"""s, in which servos count their watchdog."""
+
 FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
@@ -58,7 +62,7 @@ class ArmOptions:
     Attributes:
         port: path of a serial port, or :data:`EMULATED`.
         rig: file of the rig; None for the one that comes with the project.
-        limits: file of the limits; None for the one that comes with the project.
+        limits: file of limits, none of them less safe than those that come with the project; None for these.
         lower: limits that are made safer, such as ``contact.speed=0.5``.
         armed: a person said that a real arm may move.
         estop: path of a named pipe that pulls the emergency stop, besides key and signals.
@@ -80,18 +84,27 @@ class ArmOptions:
 
 
 @contextmanager
-def ready_arm(options: ArmOptions) -> Iterator[ArmLoop]:
+def ready_arm(options: ArmOptions, bar: Bar | None = None) -> Iterator[ArmLoop]:
     """An arm that was checked, holds where it stands, and follows; it is brought to rest in the end.
 
     The emergency stop is armed meanwhile: space or Esc where there is a terminal, SIGTERM, SIGUSR1 and Ctrl-C, and the
     named pipe.
 
+    Args:
+        options: which arm.
+        bar: shows that it is being made ready, which takes minutes where nothing is compiled yet.
+
     Raises:
         HighFiveError: port, rig or limits cannot be used, a servo is not as it has to be, or a real port is not armed.
             Nothing has moved then.
     """
+    check_arm(options)
     limits, rig = _loaded(options)
-    retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits))
+    advance = None if bar is None else bar("arm", 1)
+    if advance is not None:
+        advance("compiling, a minute or two the first time", 0)
+    slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))  # what may not be sent shall not be planned
+    retarget = Retarget(slow, READY, retarget_settings(rig, limits))
     estop = Latch()
     with ExitStack() as stack:
         port = options.port
@@ -104,10 +117,12 @@ def ready_arm(options: ArmOptions) -> Iterator[ArmLoop]:
         terminal = 0 if sys.stdin.isatty() else None
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
         allowance = PATIENCE_MS if options.emulated else ALLOWANCE_MS
-        arm = ArmProcess(port, rig, RATE_HZ, estop, allowance)
+        arm = ArmProcess(port, weakened(rig, limits), RATE_HZ, estop, allowance)
         stack.callback(arm.close)
         arm.wait_ready(START_S)
         loop = ArmLoop(arm, retarget, limits, lambda: checked(arm, rig, limits, options), estop)
+        if advance is not None:
+            advance("", 1)
         try:
             yield loop
         finally:
@@ -126,7 +141,10 @@ def check_arm(options: ArmOptions) -> None:
 
 
 def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
-    limits = lowered(load_limits(options.limits or FILE), parse_changes(options.lower))
+    limits = load_limits()
+    if options.limits is not None:
+        limits = load_safer(options.limits, limits)
+    limits = lowered(limits, parse_changes(options.lower))
     rig = load_rig(options.rig)
     if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
         raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
@@ -134,7 +152,18 @@ def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
         raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
     if options.estop is not None:
         check_pipe(options.estop)
-    return limits, rig
+    watchdog = math.floor(limits.timing.watchdog_s / WATCHDOG_STEP + 1e-6) * WATCHDOG_STEP
+    return limits, replace(rig, settings=replace(rig.settings, watchdog=min(rig.settings.watchdog, watchdog)))
+
+
+def weakened(rig: Rig, limits: Limits) -> Rig:
+    """The rig as the driver knows it: it holds, too, with no more current than the limits say. What the servos are set
+    to themselves stays."""
+    own = [
+        replace(j, current_limit=min(j.current_limit, k.current))
+        for j, k in zip(rig.joints, limits.joints, strict=True)
+    ]
+    return replace(rig, joints=tuple(own))
 
 
 def checked(arm: ArmProcess, rig: Rig, limits: Limits, options: ArmOptions) -> Check:

@@ -143,7 +143,8 @@ def arm_trial(
     velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
     plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
     met = judged(asked, places, normals, notice(asked, retarget), given_up)
-    broken_off = len(ticks) < len(asked.goals) and not met.touched
+    halted = any(tick.report.state in HALTED for tick in ticks[: asked.due + 1])
+    broken_off = not met.touched and (halted or len(ticks) < len(asked.goals))
     return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due, broken_off)
 
 
@@ -241,7 +242,7 @@ def _row(trial: ArmTrial) -> dict[str, Any]:
         "broken_off": trial.broken_off,
         "error_mm": round(MS * met.error, 2),
         "time_error_ms": round(MS * met.late, 1) if met.touched else None,
-        "relative_speed": round(met.speed, 3),
+        "relative_speed": round(met.speed, 3) if met.touched else None,
         "scale": round(met.sacrifice.scale, 3),
         "delay_ms": round(MS * met.sacrifice.delay, 1),
         "miss_mm": round(MS * met.sacrifice.miss, 1),

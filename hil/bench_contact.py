@@ -17,7 +17,7 @@ import numpy as np
 from hil.arm_loop import ArmLoop, ArmTick
 from hil.arm_session import ArmOptions, full_errors, ready_arm, retarget_settings
 from hil.arm_trial import MS, ArmTrial, percentiles, played
-from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met
+from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met, foretold
 from hil.drivers.latch import Latch
 from hil.drivers.rig import load_rig
 from hil.retarget import Retarget
@@ -43,8 +43,8 @@ PLAYERS = ("avatar", "twin", "rig")
 
 @dataclass(frozen=True)
 class ContactOptions:
-    """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, and what it is
-    compared with, and where the map of it is drawn."""
+    """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
+    with, where its map is drawn, and whether the arm is told exactly where and when, as soon as it is told at all."""
 
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
@@ -52,6 +52,7 @@ class ContactOptions:
     seed: int = 0
     baseline: Path | None = None
     picture: Path | None = None
+    foretold: bool = False
 
 
 def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
@@ -79,7 +80,8 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
             raise HighFiveError(f"cannot draw {options.picture}: there is no folder {options.picture.parent}")
     before = {} if options.baseline is None else read_baseline(options.baseline)
     asked = asked_of_arm(model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar)
-    result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed}
+    asked = [foretold(it) for it in asked] if options.foretold else asked
+    result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed, "foretold": options.foretold}
     rows: list[dict[str, Any]] = []
     for player in options.players:
         met, commanded = _played_by(player, asked, bar)
@@ -137,6 +139,8 @@ def read_baseline(path: Path) -> dict[str, float]:
 def print_contact(result: Mapping[str, Any]) -> None:
     """The table and the figures, for people."""
     print(f"{result['high_fives']} high fives, seed {result['seed']}; error: plate (or palm) to palm where they touch")
+    if result["foretold"]:
+        print("the arm is told exactly where and when, as soon as it is told at all")
     print(f"{'':8}{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>9}{'late, ms':>10}{'speed, m/s':>12}")
     for row in result["rows"]:
         change = "" if row["change_mm"] is None else f"{row['change_mm']:+.1f}"

@@ -6,7 +6,7 @@ Sessions are run once; what they ask of the arm in every tick can then be played
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,7 @@ from hil import arm_motion
 from hil.partners import Partner, simulated_partners
 from hil.profiles import minimum_jerk
 from hil.reach import Phase
-from hil.retarget import PalmGoal, Retarget, Sacrifice
+from hil.retarget import ExpectedContact, PalmGoal, Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
 from hil.safety.people import speed_near_face
 from hil.servo_arm import solve
@@ -35,6 +35,8 @@ ASTRAY = 0.10
 """Palms that pass further than this, m, beside the plate have not met it."""
 KNOWN = 0.05
 """m: who knows the place so well may set off for it."""
+EXACT = 1e-3
+"""m, deviation of a contact that is foretold exactly."""
 REACHED = 0.01
 """m: a plate that can come so near reaches the place."""
 EARLIEST = 0.25
@@ -152,6 +154,22 @@ def asked_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Asked:
         touches[0] if touches else max(met, 0),
         met,
     )
+
+
+def foretold(asked: Asked) -> Asked:
+    """The same, but from when a contact was first foretold the arm knows exactly where and when it will be.
+
+    What it then misses by is its own; the rest is what the forecast does not know.
+    """
+    contacts = [goal.contact for goal in asked.goals[: asked.due + 1]]
+    last, began = contacts[-1], next((i for i, one in enumerate(contacts) if one is not None), asked.due)
+    if last is None:
+        return asked
+    goals = list(asked.goals)
+    for i in range(began, asked.due):
+        known = ExpectedContact(asked.person[asked.due], EXACT**2 * np.eye(3), last.normal, (asked.due - i) * TICK)
+        goals[i] = replace(goals[i], contact=known)
+    return replace(asked, goals=tuple(goals))
 
 
 def avatar_met(asked: Asked) -> Met:

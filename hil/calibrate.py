@@ -13,8 +13,8 @@ from rich.table import Table
 
 from calibration.personal_set import personal_set
 from calibration.subject import Subject
-from hil.console import STDOUT, counted
-from hil.track_input import OnePerson, ProgressBar, fitted_subject, read_person
+from hil.console import STDOUT, Bar, counted
+from hil.track_input import OnePerson, fitted_subject, read_person
 from mocap_bridge.marker_set_file import write_marker_set
 from mocap_bridge.marker_sets import MarkerSet
 from model.errors import HighFiveError
@@ -47,7 +47,7 @@ class CalibrateOptions:
     overwrite: bool = False
 
 
-def calibrate_subject(options: CalibrateOptions, bar: ProgressBar) -> dict[str, Any]:
+def calibrate_subject(options: CalibrateOptions, bar: Bar) -> dict[str, Any]:
     """Fits a person's body to a recording and writes her marker set.
 
     Returns:

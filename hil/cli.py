@@ -63,6 +63,7 @@ def simulate(
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
     rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    limits: cli_rig.LimitsFile = None,
     lower: cli_rig.Lower = None,
     estop: cli_rig.Estop = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
@@ -85,7 +86,7 @@ def simulate(
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
-        arm=None if rig is None else _arm(rig, arm, rig_file, lower, estop),
+        arm=_arm(rig, arm, rig_file, limits, lower, estop),
     )
     folder = out or next_folder("session")
     with progress_bars() as bar:
@@ -98,10 +99,18 @@ def simulate(
         raise typer.Exit(1)
 
 
-def _arm(port: str, armed: bool, rig: Path | None, lower: list[str] | None, estop: Path | None) -> ArmOptions:
+def _arm(
+    port: str | None, armed: bool, rig: Path | None, limits: Path | None, lower: list[str] | None, estop: Path | None
+) -> ArmOptions | None:
+    """The arm that takes part, if there is one."""
     from hil.arm_session import ArmOptions  # noqa: PLC0415
 
-    return ArmOptions(port, rig, None, tuple(lower or ()), armed, estop)
+    if port is not None:
+        return ArmOptions(port, rig, limits, tuple(lower or ()), armed, estop)
+    given = {"--arm": armed, "--rig-file": rig, "--limits": limits, "--lower": lower, "--estop": estop}
+    if said := next((name for name, value in given.items() if value), None):
+        raise HighFiveError(f"{said} is about an arm, and none takes part; add --rig emulated, or --rig PORT")
+    return None
 
 
 def _style(text: str) -> dict[str, float]:
@@ -149,7 +158,12 @@ def _tell_arm(arm: dict[str, Any]) -> None:
     if late["median"] is not None:
         print(f"    off in time             median {late['median']:.0f} ms, worst {late['max']:.0f} ms")
     print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
-    for label, key in (("no contact", "missed"), ("unreachable", "unreachable"), ("stopped", "stopped")):
+    for label, key in (
+        ("no contact", "missed"),
+        ("broken off", "broken_off"),
+        ("unreachable", "unreachable"),
+        ("stopped", "stopped"),
+    ):
         if arm[key]:
             print(f"    {label + ':':<24}{arm[key] if isinstance(arm[key], int | str) else ', '.join(arm[key])}")
 

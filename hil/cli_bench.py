@@ -129,6 +129,9 @@ def bench_contact(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the map of what the arm could do, and did.")
     ] = None,
+    foretold: Annotated[
+        bool, typer.Option("--foretold", help="Tell the arm exactly where and when: what it then misses by is its own.")
+    ] = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -137,7 +140,8 @@ def bench_contact(
     from hil.simulate import DEFAULT_MODEL  # noqa: PLC0415
     from model.store import load_model  # noqa: PLC0415
 
-    options = ContactOptions(tuple(emotion or ()), tuple(cell or ()), tuple(player or PLAYERS), seed, baseline, picture)
+    whom = tuple(emotion or ()), tuple(cell or ()), tuple(player or PLAYERS)
+    options = ContactOptions(*whom, seed, baseline, picture, foretold)
     with progress_bars() as bar:
         result = bench_contact(options, load_model(DEFAULT_MODEL), bar)
     print_result(result, json, print_contact)

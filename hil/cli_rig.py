@@ -13,6 +13,9 @@ from hil.console import print_result, progress_bars, say, say_aside
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
 Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
 Lower = Annotated[list[str] | None, typer.Option(help="A lower limit, such as contact.speed=0.5 (docs/safety.md).")]
+LimitsFile = Annotated[
+    Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours (docs/safety.md).")
+]
 Estop = Annotated[
     Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm when anything is written to it.")
 ]
@@ -123,6 +126,7 @@ def play(
     arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
     trial: Annotated[list[int] | None, typer.Option(help="Only this trial; may be given again.")] = None,
     file: RigFile = None,
+    limits: LimitsFile = None,
     lower: Lower = None,
     estop: Estop = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
@@ -134,7 +138,7 @@ def play(
     from hil.folders import next_folder  # noqa: PLC0415
     from hil.rig_play import PlayOptions, play, print_played  # noqa: PLC0415
 
-    options = PlayOptions(session, ArmOptions(port, file, None, tuple(lower or ()), arm, estop), tuple(trial or ()))
+    options = PlayOptions(session, ArmOptions(port, file, limits, tuple(lower or ()), arm, estop), tuple(trial or ()))
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)
@@ -149,8 +153,9 @@ def release(port: Port, file: RigFile = None, yes: Yes = False, json: Json = Fal
     """Switch torque off. THE ARM FALLS: it has no brakes. Hold it, and keep hands from between its links."""
     from hil.rig_service import print_released, release  # noqa: PLC0415
 
-    if not yes:
-        typer.confirm("The arm will fall. Is somebody holding it?", default=False, abort=True, err=True)
+    if not yes and not typer.confirm("The arm will fall. Is somebody holding it?", default=False, err=True):
+        say_aside(f"torque stays as it was on {port}")
+        raise typer.Exit(1)
     result = release(port, file)
     print_result(result, json, print_released)
     if result["failed"]:

@@ -61,6 +61,17 @@ def listening(
         yield
 
 
+@contextmanager
+def undisturbed(signals: tuple[signal.Signals, ...] = SIGNALS) -> Iterator[None]:
+    """The arm stands: what would stop it has nothing to stop, and must not cost the report that is being written."""
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in signals}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def _key(latch: Latch, data: bytes, others: Callable[[bytes], None] | None) -> None:
     if not data or any(key in KEYS for key in data):  # no data: the terminal is gone, and with it the key
         latch.pull(Cause.KEY)

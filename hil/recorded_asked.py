@@ -52,7 +52,7 @@ def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, As
             f"{path}: {len(people)} messages on /person and {len(avatars)} on /avatar do not belong together; a "
             "session records both in every tick"
         )
-    ends = [start.time_ns for start in starts[1:]] + [np.inf]
+    ends = [*[start.time_ns for start in starts[1:]], np.inf][: len(starts)]
     judged = {contact.whole("trial"): contact for contact in contacts}
     found = {}
     for start, end in zip(starts, ends, strict=True):
@@ -67,7 +67,8 @@ def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, As
         ours, theirs = _ours([avatars[row] for row in rows]), _theirs([people[row] for row in rows])
         found[number] = _asked(start.text("emotion"), start.text("cell"), round(due * RATE_HZ), ours, theirs)
     if not found:
-        raise HighFiveError(f"{path} holds no high five in which the palms met")
+        cut = "" if recording.complete else "; it is cut short"
+        raise HighFiveError(f"{path} holds no high five in which the palms met{cut}")
     return found
 
 

@@ -148,6 +148,14 @@ class SessionRecorder:
             self._record_arm(start, arm)
         self.record_contact(result, self._end)
 
+    def record_played(self, arm: ArmTrial) -> None:
+        """What the arm did in a high five that was recorded before, a second after what came before."""
+        start = self._end + PAUSE_NS if self._count else 0
+        self._count += 1
+        self._record_arm(start, arm)
+        self._end = start + arm.ticks[-1].frame_ns - arm.ticks[0].frame_ns
+        self._flush()
+
     def _record_arm(self, start: int, arm: ArmTrial) -> None:
         """Ticks and cycles of the arm, at their time after the trial's first frame."""
         first = arm.ticks[0].frame_ns

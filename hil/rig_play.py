@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -18,11 +18,12 @@ from hil.arm_session import ArmOptions, ready_arm
 from hil.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from hil.console import counted
 from hil.drawing import to_png
+from hil.estop import undisturbed
 from hil.folders import check_free
 from hil.page import render, section, write_file
 from hil.recorded_asked import recorded_high_fives
-from hil.recording import read_recording
-from hil.summary import versions
+from hil.recording import SessionRecorder, SessionRecording, read_recording
+from hil.summary import SessionSettings, versions
 from model.errors import HighFiveError
 
 if TYPE_CHECKING:
@@ -45,7 +46,9 @@ class PlayOptions:
 
 
 def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
-    """Plays a recording's high fives and writes a report into ``folder``; a stop, or Ctrl-C, ends it early.
+    """Plays a recording's high fives; writes a report and a recording of the arm, ``arm.mcap``, into ``folder``.
+
+    A stop, or Ctrl-C, ends it early.
 
     Returns:
         the summary of :func:`hil.arm_trial.arm_summary`, with ``session`` and ``port``, and in ``stopped`` why it ended
@@ -57,13 +60,17 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     """
     check_free(folder)
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
-    asked = recorded_high_fives(read_recording(path), path)
+    recording = read_recording(path)
+    asked = recorded_high_fives(recording, path)
     wanted = options.trials or tuple(asked)
     if absent := [number for number in wanted if number not in asked]:
         known = ", ".join(map(str, asked))
         raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
     trials: list[ArmTrial] = []
-    with ready_arm(options.arm) as loop, _ctrl_c_that_only_stops_the_arm():
+    with ExitStack() as stack:
+        recorder: SessionRecorder | None = None
+        loop = stack.enter_context(ready_arm(options.arm, bar))
+        stack.enter_context(_ctrl_c_that_only_stops_the_arm())
         lag, stopped = loop.retarget.settings.lag, ""
         advance = bar("high fives", len(wanted))
         for number in wanted:
@@ -73,18 +80,38 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
                 if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
                     raise
                 trial, stopped = None, str(error)
-            trials += [] if trial is None else [trial]
+            if trial is not None:
+                if recorder is None:
+                    about = _settings(recording, path, len(wanted))
+                    recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))
+                trials.append(trial)
+                recorder.record_played(trial)
             if stopped := loop.trouble or stopped:
                 break
             advance()
     about = {"session": str(path), "port": options.arm.port}
     summary = {**about, **arm_summary(trials, lag), "stopped": stopped, "versions": versions()}
+    with undisturbed():
+        _write_report(summary, trials, lag, options.arm.emulated, path, folder)
+    return summary
+
+
+def _settings(recording: SessionRecording, path: Path, trials: int) -> SessionSettings:
+    seed, model = recording.settings.get("seed"), recording.settings.get("model")
+    command = shlex.join(["highfive", *sys.argv[1:]])
+    return SessionSettings(
+        seed if isinstance(seed, int) else 0, str(model or ""), trials, source=str(path), command=command
+    )
+
+
+def _write_report(
+    summary: dict[str, Any], trials: list[ArmTrial], lag: float, emulated: bool, path: Path, folder: Path
+) -> None:
     drawings = draw_arm(trials, lag)
     page = render(
         "High Five: a session played by the servo arm",
-        f"{counted(len(trials), 'high five')} of {escape(path.name)}, {escape(options.arm.port)} arm.",
-        f'<span class="badge{"" if options.arm.emulated else " loud"}">'
-        f"{'emulated arm' if options.arm.emulated else 'real arm'}</span>",
+        f"{counted(len(trials), 'high five')} of {escape(path.name)}, {escape(summary['port'])} arm.",
+        f'<span class="badge{"" if emulated else " loud"}">{"emulated arm" if emulated else "real arm"}</span>',
         [
             section("Servo arm", arm_section(summary, {drawing.name: drawing for drawing in drawings})),
             section("Do it again", f"<pre>{escape(shlex.join(['highfive', *sys.argv[1:]]))}</pre>"),
@@ -94,7 +121,6 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
         write_file(folder / "figures" / f"{drawing.name}.png", to_png(drawing.figure))
     write_file(folder / "report.json", json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False).encode())
     write_file(folder / "report.html", page.encode())
-    return summary
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """``highfive rig scan``, ``check``, ``configure`` and ``release``: what is on a servo bus, and how it is set.
 
-None of them moves a joint; ``release`` lets the arm fall.
+None of them drives a joint; ``release`` lets the arm fall.
 """
 
 from __future__ import annotations
@@ -229,5 +229,7 @@ def print_configured(result: dict[str, Any]) -> None:
 
 def print_released(result: dict[str, Any]) -> None:
     """Who let go, for people."""
-    failed = ", ".join(map(str, result["failed"]))
-    print(f"torque is off on {result['port']}" + (f", but servos {failed} did not confirm it" if failed else ""))
+    if failed := ", ".join(map(str, result["failed"])):
+        print(f"{result['port']}: torque MAY STILL BE ON, servos {failed} did not confirm that it is off")
+    else:
+        print(f"torque is off on {result['port']}")

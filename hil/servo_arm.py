@@ -63,10 +63,14 @@ class PlatePose:
 
 @dataclass(frozen=True)
 class ServoArm:
-    """The arm on a mount, with a plate ``plate`` m beyond its last joint."""
+    """The arm on a mount, with a plate ``plate`` m beyond its last joint.
+
+    ``fastest`` (J,) rad/s: no joint is planned to be faster; None for what the servos can.
+    """
 
     mount: Mount
     plate: float = measures.PLATE_DISTANCE
+    fastest: tuple[float, ...] | None = None
 
     @cached_property
     def packed(self) -> Arm:
@@ -78,6 +82,8 @@ class ServoArm:
         count = np.array([number for _, number in measures.SERVOS], float)
         low, high = np.radians(np.array(measures.LIMITS_DEGREES, float)).T
         speed = np.array([min(measures.SPEED_LIMIT, servo.no_load) for servo in servos])
+        if self.fastest is not None:
+            speed = np.minimum(speed, self.fastest)
         return Arm(
             axes=np.argmax(np.array(measures.AXES), axis=1).astype(float),
             offsets=np.array(measures.OFFSETS, float),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
@@ -15,6 +15,7 @@ from typing import Any
 from hil.arm_report import draw_arm
 from hil.arm_session import ArmOptions, at_their_time, check_arm, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
+from hil.console import Bar
 from hil.film import Strip, make_film, picture_strips
 from hil.folders import check_free
 from hil.live_partner import LivePerson, live_source
@@ -40,9 +41,6 @@ from model.store import load_model
 from model.style import style_weights
 
 DEFAULT_MODEL = Path(__file__).resolve().parents[1] / "model" / "default.safetensors"
-
-ProgressBar = Callable[[str, int], Callable[[], None]]
-"""Opens a bar with a label and a total; each call of what it returns advances the bar by one."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ class _Played:
     interrupted: bool = False
 
 
-def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[str, Any]:
+def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     """Runs the session into ``folder`` and returns the summary; Ctrl-C ends it early and writes what there is.
 
     Raises:
@@ -111,19 +109,22 @@ def simulate(options: SimulateOptions, folder: Path, bar: ProgressBar) -> dict[s
 
 
 def _simulate(
-    options: SimulateOptions, model: HGPDM, folder: Path, bar: ProgressBar, person: LivePerson | None
+    options: SimulateOptions, model: HGPDM, folder: Path, bar: Bar, person: LivePerson | None
 ) -> dict[str, Any]:
     partners = _partners(options, model, bar, person)
     scene = build_scene()
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
-        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm)))
+        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
+        was_there = folder.exists()
         _make(folder)
         recorder = SessionRecorder(folder / "session.mcap", settings)
         try:
             played = _run(options, model, scene, partners, person, recorder, bar, watch)
         except _NothingPlayedError:  # an empty recording would only be in the way of the next attempt
             (folder / "session.mcap").unlink(missing_ok=True)
+            if not was_there:
+                folder.rmdir()
             raise
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
     arm = None if watch is None else arm_summary(played.arm, lag)
@@ -148,7 +149,7 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
 
 
 def _pictures(
-    options: SimulateOptions, results: Sequence[TrialResult], folder: Path, bar: ProgressBar
+    options: SimulateOptions, results: Sequence[TrialResult], folder: Path, bar: Bar
 ) -> tuple[Sequence[Strip] | NoPictures, Path | NoPictures]:
     if not options.pictures or not results:
         none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
@@ -161,7 +162,7 @@ def _pictures(
         return none, none
 
 
-def _partners(options: SimulateOptions, model: HGPDM, bar: ProgressBar, person: LivePerson | None) -> list[Partner]:
+def _partners(options: SimulateOptions, model: HGPDM, bar: Bar, person: LivePerson | None) -> list[Partner]:
     emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:
@@ -215,7 +216,7 @@ def _run(
     partners: list[Partner],
     person: LivePerson | None,
     recorder: SessionRecorder,
-    bar: ProgressBar,
+    bar: Bar,
     watch: ArmWatch | None,
 ) -> _Played:
     playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)

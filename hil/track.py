@@ -12,11 +12,11 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from calibration.personal_set import personal_set
-from hil.console import STDOUT, counted
+from hil.console import STDOUT, Bar, counted
 from hil.folders import next_folder
 from hil.page import write_file
 from hil.stream_arm import prepare_tracker
-from hil.track_input import OnePerson, ProgressBar, fitted_subject, read_person
+from hil.track_input import OnePerson, fitted_subject, read_person
 from hil.track_report import write_track_report
 from hil.track_summary import angle_rows, summarise_track
 from hil.tracked_recording import TrackedRecording, passes, track_recording
@@ -49,7 +49,7 @@ class TrackOptions:
     fit: bool = True
 
 
-def track(options: TrackOptions, bar: ProgressBar) -> dict[str, Any]:
+def track(options: TrackOptions, bar: Bar) -> dict[str, Any]:
     """Tracks a recording and writes the filled file, the angles and the report.
 
     Returns:
@@ -82,7 +82,7 @@ def track(options: TrackOptions, bar: ProgressBar) -> dict[str, Any]:
     return summary
 
 
-def _fitted(person: OnePerson, bar: ProgressBar) -> MarkerSet | None:
+def _fitted(person: OnePerson, bar: Bar) -> MarkerSet | None:
     """The marker set on this person's own body; None where the recording shows too little of it.
 
     Where somebody's arms are an eighth shorter than the set's, angles by the set as it is are ten degrees off and more.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,14 +9,12 @@ import numpy as np
 
 from calibration.subject import Subject, fit_subject
 from hil.avatar import avatar_skeleton
+from hil.console import Bar
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.live import of_another_unit, spans
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording
 from model.errors import HighFiveError
-
-ProgressBar = Callable[[str, int], Callable[[], None]]
-"""Opens a bar with a label and a total; each call of what it returns advances the bar by one."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +86,7 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     return OnePerson(path, prefix, replace(one, valid=one.valid & ~strange[:, None]), marker_set, int(strange.sum()))
 
 
-def fitted_subject(person: OnePerson, bar: ProgressBar) -> Subject:
+def fitted_subject(person: OnePerson, bar: Bar) -> Subject:
     """The marker set on this person's own body.
 
     Raises:

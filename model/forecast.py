@@ -121,21 +121,23 @@ def fit_contact_layer(
         progress: called after every step.
     """
     hands, left, number = approaches(trials, history)
-    features = jnp.asarray(feature_map(hands))
+    features = np.asarray(feature_map(hands))
     offset = left.mean(axis=0)
     scale = np.array([*[left[:, :3].std()] * 3, left[:, 3].std()])
-    values = jnp.asarray((left - offset) / scale)
+    values = (left - offset) / scale
     count, dims = features.shape
     counts = precision(left[:, 3])
-    targets, weights = Targets(values, CHANNELS, 0.0), jnp.asarray(counts)
+    targets = Targets(jnp.asarray(values), CHANNELS, 0.0)
     share = np.sqrt(counts) / np.sqrt(counts).sum()
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(inducing, count), replace=False, p=share))
     kernel = motion_kernel(jnp.full(dims, np.sqrt(dims)))
-    start = Layer(kernel, features[chosen], sparse.raw_noise(0.2, NOISE))
+    start = Layer(kernel, jnp.asarray(features[chosen]), sparse.raw_noise(0.2, NOISE))
+
+    points, weights = jnp.asarray(features), jnp.asarray(counts)
 
     def value(layer: Layer):
         noise = sparse.noise_variance(layer.raw_noise, NOISE)
-        total = sparse.negative_log_likelihood(layer, features, targets, noise, variational=True, weights=weights)
+        total = sparse.negative_log_likelihood(layer, points, targets, noise, variational=True, weights=weights)
         return total / count
 
     layer, _ = minimise(value, start, ITERATIONS, ITERATIONS, stage="looking ahead", progress=progress)
@@ -143,7 +145,7 @@ def fit_contact_layer(
 
     def posterior(rows: NDArray[np.bool_]) -> Posterior:
         units = {"offset": jnp.asarray(offset), "scale": jnp.asarray(scale)}
-        return sparse.fit(layer, features[rows], values[rows], noise, **units, weights=weights[rows])
+        return sparse.fit(layer, features[rows], values[rows], noise, **units, weights=counts[rows])
 
     error, variance = np.zeros_like(left), np.ones_like(left)
     folds = min(FOLDS, len(trials))

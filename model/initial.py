@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -32,10 +33,13 @@ def principal_components(values: Array, count: int) -> Array:
 def _whitened_regression(kernel: MotionKernel, inducing: Array, features: Array, targets: Array) -> tuple[Array, Array]:
     """Whitened weights (M, D) of a regression of targets (N, D) on features (N, F), and its predictions (N, D)."""
     centres = jnp.asarray(inducing)
-    lower = np.linalg.cholesky(np.asarray(kernels.add_jitter(kernels.cross(kernel, centres, centres))))
-    basis = np.linalg.solve(lower, np.asarray(kernels.cross(kernel, centres, jnp.asarray(features)))).T
+    lower = np.linalg.cholesky(np.asarray(kernels.add_jitter(_cross(kernel, centres, centres))))
+    basis = np.linalg.solve(lower, np.asarray(_cross(kernel, centres, jnp.asarray(features)))).T
     weights = np.linalg.solve(basis.T @ basis + RIDGE * np.eye(len(inducing)), basis.T @ targets)
     return weights.astype(float), (basis @ weights).astype(float)
+
+
+_cross = jax.jit(kernels.cross)
 
 
 def _layer(dims: int, inducing: Array, deviation: float, bounds: tuple[float, float]) -> Layer:

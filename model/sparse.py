@@ -131,6 +131,7 @@ def negative_log_likelihood(
 COVARIANCE = Covariance(inducing_covariance, cross_covariance)
 
 
+@jax.jit
 def fit(
     layer: Layer,
     inputs: jax.Array,
@@ -165,6 +166,7 @@ def fit(
     return Posterior(layer.kernel, layer.inducing, style, between, mean, offset, reduction, noise, scale)
 
 
+@jax.jit
 def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:
     """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
     k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
@@ -174,6 +176,7 @@ def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = No
     return k_fu @ posterior.weights + posterior.offset
 
 
+@jax.jit
 def variances(posterior: Posterior, points: jax.Array) -> jax.Array:
     """Predictive variances (N, D) of a layer without styles at inputs (N, q), noise included."""
     k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)

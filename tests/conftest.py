@@ -33,10 +33,21 @@ def recordings() -> Path:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
+    """What a test is given may fail as the test itself may."""
+    return (yield from judged_by_the_clock(item))
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """The test itself."""
+    return (yield from judged_by_the_clock(item))
+
+
+def judged_by_the_clock(item: pytest.Item) -> Generator[None, object, object]:
     """Where the arm's own rules about time stopped it because the machine stood still, nothing was found out.
 
-    Nor where it stood still for longer than a servo waits. Every other failure is one.
+    Nor where it stood still for longer than a servo waits, or a command for a servo. Every other failure is one.
     """
     if item.get_closest_marker("realtime") is None:
         return (yield)

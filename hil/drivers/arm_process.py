@@ -33,6 +33,9 @@ from model.errors import HighFiveError
 HOST_SILENT_NS = 50_000_000
 """A host that gives no command for so long is taken for stalled: the arm is told to stay where it is, ns."""
 
+STANDS, BRAKING_NS = 0.05, 300_000_000
+"""rad/s: slower joints stand; ns: by then they do."""
+
 REOPEN_S = 0.2
 """How often a lost port is tried again, s."""
 
@@ -214,12 +217,6 @@ class ArmProcess:
         head["drive"][0] = 1
         head["written"][0] = writing + 1
 
-    def stop(self) -> None:
-        """Tells the arm to stay where it is and sends no more goals; torque stays on, and the watchdogs quiet."""
-        head, writing = self._shared.head, self._begin_writing()
-        head["drive"][0] = 0
-        head["written"][0] = writing + 1
-
     def _begin_writing(self) -> int:
         """Makes the number odd; it is already where an interrupt cut the last command short."""
         writing = int(self._shared.head["written"][0]) | 1
@@ -238,7 +235,8 @@ class ArmProcess:
         return [self._cycle(number) for number in range(start, count)]
 
     def close(self, timeout_s: float = 2.0) -> None:
-        """Ends the process. The arm holds where it is: torque stays on, watchdogs are switched off."""
+        """Ends the process. The arm holds where it is, once it stands with the last command's current: torque stays on,
+        watchdogs are switched off."""
         atexit.unregister(self.close)
         self._shared.head["end"][0] = 1
         self._process.join(timeout_s)
@@ -294,6 +292,7 @@ class _Loop:
         self._joints = JointBus(bus, rig)
         self._engaged = False
         self._newest: tuple[JointCommand | None, int] = None, 0
+        self._braking: tuple[JointCommand, int] | None = None  # what holds it with full current, and since when
         self._mode = Mode.STARTING
 
     def run(self) -> None:
@@ -301,16 +300,27 @@ class _Loop:
         self._joints.prepare()
         self._mode = Mode.READING
         due = time.monotonic_ns()
-        while not self._shared.head["end"][0] and os.getppid() == self._parent:
+        while not self._left and os.getppid() == self._parent:
             self._wait(due)
             self._cycle(due)
             due += self._period_ns
             if (late := time.monotonic_ns() - due) > self._period_ns:
                 due += late // self._period_ns * self._period_ns
         if os.getppid() == self._parent:
-            self._joints.disarm_watchdog()
+            command, _ = self._newest
+            self._joints.disarm_watchdog(None if command is None else command.currents)
         else:
             self._hold()  # then silence: the watchdogs stop the arm
+
+    @property
+    def _ending(self) -> bool:
+        return bool(self._shared.head["end"][0])
+
+    @property
+    def _left(self) -> bool:
+        """It is told to end, and the arm is held as it is to be held for ever."""
+        held = self._braking is None or self._newest[0] is None
+        return self._ending and self._mode is not Mode.DRIVING and held
 
     def _wait(self, due: int) -> None:
         left = 1e-9 * (due - time.monotonic_ns())
@@ -347,7 +357,7 @@ class _Loop:
     def _send(self) -> JointCommand | None:
         """What is sent in this cycle, if anything."""
         if self._estop.pulled_ns is not None or self._mode == Mode.STOPPED:
-            sent = self._hold() if self._mode != Mode.STOPPED else None
+            sent = self._hold() if self._mode != Mode.STOPPED else self._yield_to_hands()
             self._mode = Mode.STOPPED
             return sent
         if self._shared.head["engage"][0]:
@@ -355,11 +365,11 @@ class _Loop:
         if not self._engaged:
             return None
         wanted, given = self._wanted()
-        if wanted is None or time.monotonic_ns() - given > HOST_SILENT_NS:
-            sent = self._hold() if self._mode == Mode.DRIVING else None
+        if wanted is None or self._ending or time.monotonic_ns() - given > HOST_SILENT_NS:
+            sent = self._hold() if self._mode == Mode.DRIVING else self._yield_to_hands()
             self._mode = Mode.HOLDING
             return sent
-        self._mode = Mode.DRIVING
+        self._mode, self._braking = Mode.DRIVING, None
         return self._joints.write(wanted)
 
     def _engage(self) -> None:
@@ -385,15 +395,31 @@ class _Loop:
         return self._newest
 
     def _hold(self) -> JointCommand | None:
-        """The goal is where each joint stands."""
-        return self._joints.hold() if self._engaged else None
+        """The goal is where each joint stands; with full current: with less a moving arm goes 0.1 rad too far."""
+        if not self._engaged:
+            return None
+        held = self._joints.hold()
+        self._braking = held, time.monotonic_ns()
+        return held
+
+    def _yield_to_hands(self) -> JointCommand | None:
+        """Once a held arm stands, the current of the last command holds it again: little, near a hand."""
+        command, _ = self._newest
+        if self._braking is None or command is None:
+            return None
+        held, since = self._braking
+        if not self._joints.stands(STANDS) and time.monotonic_ns() - since < BRAKING_NS:
+            return None
+        self._braking = None
+        return self._joints.lower_currents(held, command.currents)
 
     def _lost(self, error: PortError) -> None:
         """The port is gone: tried again until it is back; then the arm is read, and driven only by a new process."""
         _say(self._shared, str(error))
         self._mode = Mode.PORT_LOST
         self._shared.head["mode"][0] = self._mode
-        while not self._shared.head["end"][0] and os.getppid() == self._parent:
+        self._braking = None
+        while not self._ending and os.getppid() == self._parent:
             time.sleep(REOPEN_S)
             try:
                 self._bus.reopen()

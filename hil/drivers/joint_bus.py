@@ -131,14 +131,15 @@ class JointBus:
             HighFiveError: a servo is missing.
         """
         state = self.read()
+        for _ in range(DEAD_AFTER):  # one packet that did not come whole is nobody's death
+            state = state if state.answered.all() else self.read()
         if not state.answered.all():
             silent = [j.name for j, there in zip(self._rig.joints, state.answered, strict=True) if not there]
             raise HighFiveError(f"{', '.join(silent)}: no answer; nothing is switched on")
         self._stay(state)
         for servo, own in self._servos.items():
-            if own.values["bus_watchdog"] == TRIPPED:  # it has refused that goal: it shall not go on to an older one
-                self._bus.write(servo, "bus_watchdog", 0)
-                self._stay(state)
+            if own.values["bus_watchdog"] == TRIPPED:
+                self._quiet(servo, self._rig.current_limits)
         for servo in self._servos:
             self._bus.write(servo, "torque_enable", 1)
         self.arm_watchdog()
@@ -155,11 +156,26 @@ class JointBus:
             self._bus.write(servo, register.name, 0)
             self._bus.write(servo, register.name, to_raw(register, self._rig.settings.watchdog))
 
-    def disarm_watchdog(self) -> None:
-        """Switches the watchdogs off, so that the arm holds on when the bus falls silent. The dead are left."""
-        for servo in self._servos:
+    def disarm_watchdog(self, currents: Array | None = None) -> None:
+        """Switches the watchdogs off, so that the arm holds on when the bus falls silent. The dead are left.
+
+        Args:
+            currents: (J,) A, most that servos hold with whose watchdogs have stopped them; None for the rig's limits.
+        """
+        for servo in set(self._servos) - set(self.dead):
             with contextlib.suppress(NoAnswer, ServoError):
-                self._bus.write(servo, "bus_watchdog", 0)
+                self._quiet(servo, self._rig.current_limits if currents is None else currents)
+
+    def _quiet(self, servo: int, currents: Array) -> None:
+        """Switches one watchdog off. A servo that it had stopped has refused goals since: it shall not go on to an old
+        one."""
+        self._bus.write(servo, "bus_watchdog", 0)
+        if self._servos[servo].values["bus_watchdog"] == TRIPPED:
+            self.write(JointCommand(self._state(self._clock()).positions, currents))
+
+    def stands(self, slower: float) -> bool:
+        """Every joint was slower than that, rad/s, when it was last heard."""
+        return bool(np.abs(self._state(self._clock()).velocities).max() < slower)
 
     def hold(self) -> JointCommand:
         """Sends each joint's last known position as its goal.
@@ -168,6 +184,22 @@ class JointBus:
             PortError: the port is gone.
         """
         return self._stay(self._state(self._clock()))
+
+    def lower_currents(self, held: JointCommand, currents: Array) -> JointCommand:
+        """Sends goal currents (J,), A, alone to an arm that holds what is ``held``; returns what it holds from now on.
+
+        Raises:
+            HighFiveError: a current is nothing that a register takes. Nothing is sent.
+            PortError: the port is gone.
+        """
+        data, lowered = {}, []
+        for joint, before, current in zip(self._rig.joints, held.currents, currents, strict=True):
+            register = self._goal_registers[joint.id][0]
+            raw = to_raw(register, min(max(current, 0.0), before))
+            data[joint.id] = encode(register, raw)
+            lowered.append(to_si(register, raw))
+        self._bus.sync_write(self._goals_at, data)
+        return JointCommand(held.positions, np.array(lowered))
 
     def _stay(self, state: JointState) -> JointCommand:
         """Sends as goals where the joints are."""

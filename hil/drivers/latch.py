@@ -21,8 +21,7 @@ class Cause(IntEnum):
     KEY = 1
     PIPE = 2
     SIGNAL = 3
-    VIEWER = 4
-    PROGRAM = 5
+    PROGRAM = 4
 
 
 class Latch:

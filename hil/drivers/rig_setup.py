@@ -38,12 +38,13 @@ class Difference:
 
 
 def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
-    """What stands in the way of using the servos at all, a line each: silent ones, double IDs, other models.
+    """What stands in the way of using the servos at all, a line each: silent ones, double IDs, other models; one line
+    where nobody answers.
 
     Raises:
         PortError: the port is gone.
     """
-    troubles = []
+    troubles, silent = [], 0
     for servo, joint in rig.servos.items():
         where = f"servo {servo} ({joint.name})"
         try:
@@ -51,6 +52,7 @@ def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
         except DamagedAnswer:
             troubles.append(f"{where}: only damaged answers; two servos may have this ID, or the cable is bad")
         except NoAnswer:
+            silent += 1
             troubles.append(
                 f"{where}: no answer; is it plugged in, has it power, and is it set to {rig.baud_rate:,} baud?"
             )
@@ -62,6 +64,8 @@ def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
                 troubles.append(
                     f"{where}: firmware {found.firmware} is older than {least}; update it with the maker's tool"
                 )
+    if silent == len(rig.servos):
+        return [f"no servo answers; is it a bus of servos, has it power, and is it set to {rig.baud_rate:,} baud?"]
     return troubles
 
 
@@ -102,7 +106,7 @@ def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
     for servo in rig.servos:
         if bus.read(servo, "torque_enable"):
             raise HighFiveError(f"servo {servo}: torque is on, and its settings are locked; highfive rig release first")
-    for one in wanted:
+    for one in sorted(wanted, key=lambda one: one.register != "status_return_level"):  # without it nothing is confirmed
         bus.write(one.servo, one.register, one.wanted)
     if kept := differences(bus, rig):
         raise HighFiveError(f"{kept[0]}, although that was written")

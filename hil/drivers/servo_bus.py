@@ -4,8 +4,8 @@ The SDK is synchronous and belongs to one thread: whoever opens a bus uses it al
 :mod:`hil.drivers.control_table`, signs right.
 
 An answer does not say what it answers, only who speaks and how long it is. So an answer of another length than the
-question's is passed over, and a servo that left a question open is pinged before it is asked again: no register is as
-long as the answer to a ping, and a servo answers in turn, so what comes before that answer is old.
+question's is passed over, and a servo that left a question open is asked for a length that nobody asks for otherwise,
+each time another, before it is asked anything else: a servo answers in turn, so what comes before that answer is old.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TypeVar
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
@@ -29,10 +30,11 @@ ALERT = 0x80
 
 _TRIES = 3  # of what is not done in a cycle: now and then an answer is late, or the line noisy
 
-_PATIENCE_MS = 60.0
+_PATIENCE_MS = 150.0
 """What comes later than that is not waited for, not even by those who have time."""
 
 _PING_SIZE = 3  # bytes of data in the answer to a ping: the model's number and the firmware
+_MARKS = range(5, 15)  # bytes from the first on, of whatever model, read only to see that a servo has come so far
 _BARE = 11  # bytes of an answer without data
 _DATA = 9  # where they begin
 _ROWS = 8  # where the rows of an answer of several servos begin
@@ -102,7 +104,7 @@ class ServoBus:
         self._sdk = Protocol2PacketHandler()
         self._tables = {servo: load_table(model) for servo, model in (models or {}).items()}
         self._open: set[int] = set()  # servos whose answer to an earlier question may still come
-        self._pings: dict[int, int] = {}  # pings that they have not answered yet
+        self._marks = cycle(_MARKS)
 
     @property
     def path(self) -> str:
@@ -258,14 +260,12 @@ class ServoBus:
         if servo in self._open:
             self._settle(servo)
         self._open.add(servo)
-        self._pings[servo] = int(instruction == INST_PING)
         with self._used():
             self._tell(servo, instruction, parameters)
             self._port.setPacketTimeout(_BARE + size)
             packet, result = self._answer(servo, size)
         self._check(servo, result, name)
         self._open.discard(servo)
-        self._pings[servo] = 0
         if code := _error(packet):
             raise ServoError(f"{_named(servo, name)}: {_ERRORS.get(code, f'error {code}')}", code)
         return bytes(packet[_DATA : _DATA + size])
@@ -276,17 +276,14 @@ class ServoBus:
         Raises:
             NoAnswer: it says nothing, or nothing whole.
         """
-        self._pings[servo] = left = self._pings.get(servo, 0) + 1
+        size = next(self._marks)
         with self._used():
-            self._tell(servo, INST_PING, b"")
-            while left:
-                self._port.setPacketTimeoutMillis(_PATIENCE_MS)
-                _, result = self._answer(servo, _PING_SIZE)
-                if result == COMM_RX_TIMEOUT and left < self._pings[servo]:
-                    break  # one came, and then nothing more: the others are lost
-                self._check(servo, result)
-                left -= 1
-        self._pings[servo] = 0
+            self._tell(servo, INST_READ, (0).to_bytes(2, "little") + size.to_bytes(2, "little"))
+            self._port.setPacketTimeoutMillis(self._port.tx_time_per_byte * (_BARE + size) + _PATIENCE_MS)
+            packet, result = self._answer(servo, size)
+            while result == COMM_SUCCESS and _size(packet) != size:  # an old refusal
+                packet, result = self._answer(servo, size)
+        self._check(servo, result)
         self._open.discard(servo)
 
     def _tell(self, servo: int, instruction: int, parameters: bytes) -> None:

@@ -270,11 +270,36 @@ def load_limits(path: Path = FILE) -> Limits:
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise LimitsError(f"cannot read limits {path}: {error}") from None
+        why = error.strerror if isinstance(error, OSError) else error
+        raise LimitsError(f"cannot read limits {path}: {why}") from None
     try:
         return _checked(_parsed(data))
     except LimitsError as error:
         raise LimitsError(f"limits {path}: {error}; nothing moves until the file is put right") from None
+
+
+def load_safer(path: Path, than: Limits) -> Limits:
+    """Reads a limits file for one session: the arm's own limits, or safer ones.
+
+    Args:
+        path: the whole file, as :data:`FILE`.
+        than: the arm's own limits.
+
+    Raises:
+        LimitsError: as :func:`load_limits`, or a limit in it is less safe than the arm's own, or it retracts elsewhere.
+    """
+    limits = load_limits(path)
+    pairs = [(f"joint.{name}", own, new) for name, own, new in zip(JOINTS, than.joints, limits.joints, strict=True)]
+    pairs += [(name, getattr(than, name), getattr(limits, name)) for name in SECTIONS]
+    try:
+        for where, own, new in pairs:
+            for entry in _spans(type(own)):
+                _lowered_entry(own, f"{where}.{entry}", entry, getattr(new, entry))
+        if limits.path != than.path:
+            raise LimitsError("retract.path cannot be changed at the command line")
+    except LimitsError as error:
+        raise LimitsError(f"limits {path}: {error}; nothing moves") from None
+    return limits
 
 
 def lowered(limits: Limits, changes: Mapping[str, float]) -> Limits:

@@ -4,7 +4,7 @@ A message is one outer block that holds inner blocks; a block is its kind and it
 its body. Lengths and counts are held against the bytes that are there before anything is made of them. On the wire
 positions are in mm; here they are in m.
 
-The layout is from ``facts/mocap.md`` and, where that left a doubt, from the headers of the maker's SDK (MIT):
+The layout is that of the maker's SDK (MIT), read from its headers:
 a segment gives its parent first, and poses are one block a subject.
 """
 

@@ -4,6 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 from hil.arm_loop import MOST_SAG, ArmLoop, Sag
 from hil.arm_session import full_errors, retarget_settings
-from hil.arm_trial import arm_summary, played
+from hil.arm_trial import arm_summary, arm_trial, played
 from hil.bench_contact import twin_loop
 from hil.bench_retarget import Asked
 from hil.drivers.arm_process import Mode
@@ -194,6 +195,31 @@ def test_the_emergency_stop_ends_a_high_five_where_it_is() -> None:
     assert loop.state is before  # what was stopped is not brought to rest
 
 
+@pytest.mark.parametrize("left", [100, 1])
+def test_a_controlled_stop_is_played_to_its_end(left: int) -> None:
+    """Even where it begins with the last goal: the arm is never left with the goal of a motion."""
+    twin = new_twin()
+    loop = over(twin)
+
+    def goals() -> Iterator[PalmGoal]:
+        for number, goal in enumerate(still_hand("B2").goals[: 80 + left]):
+            if number == 80:
+                twin.pause(0.1)  # for so long the servos would have heard nothing
+            yield goal
+
+    ticks, _ = loop.play(goals())
+    assert "paused" in loop.trouble
+    assert loop.state is State.STOPPED
+    told = np.array([tick.report.sent.positions for tick in ticks if tick.report.sent is not None])
+    assert np.abs(np.diff(told[60:80], axis=0)).max() > 0.002  # it was moving
+    stood = twin.newest()
+    for _ in range(40):
+        twin.pause(1.0 / RATE_HZ)
+    after = twin.newest()
+    assert stood is not None and after is not None
+    np.testing.assert_allclose(after.state.positions, stood.state.positions, atol=0.02)
+
+
 def test_a_person_who_is_not_seen_any_more_is_held_for_and_retracted_from() -> None:
     twin = new_twin()
     loop = over(twin)
@@ -221,6 +247,26 @@ def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     assert summary["cycles"] == sum(len(trial.cycles) for trial in trials)
     assert set(summary["rules"]) <= {rule.value for rule in Rule}
     assert [row["cell"] for row in summary["rows"]] == ["B2", "B1"]
+
+
+@pytest.mark.parametrize(("stop", "broken_off"), [(100, True), (160, False)])
+def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet(stop: int, broken_off: bool) -> None:
+    """The session goes on with its avatar; the arm stands. After the contact, a stop takes nothing back."""
+    twin, estop = new_twin(), Latch()
+    loop, asked, ticks = over(twin, estop), still_hand("B2"), []
+    loop.begin()
+    for number, goal in enumerate(asked.goals):
+        if number == stop:
+            estop.pull()
+        loop.note_frame()
+        ticks.append(loop.tick(goal))
+        twin.pause(1.0 / RATE_HZ)
+    trial = arm_trial(asked, loop.retarget, ticks, loop.cycles(), loop.sacrifice)
+    summary = arm_summary([trial], loop.retarget.settings.lag)
+    assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
+    assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0
+    assert (summary["error_mm"]["median"] is None) == broken_off
+    assert "emergency stop" in summary["stopped"]
 
 
 def test_the_way_back_is_clear_of_everything() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hil.bench_contact import ContactOptions, bench_contact, twin_loop
-from hil.bench_retarget import asked_of_arm, notice
+from hil.bench_retarget import asked_of_arm, foretold, notice
 from hil.session import RATE_HZ
 from hil.simulate import DEFAULT_MODEL
 from model.errors import HighFiveError
@@ -112,6 +112,20 @@ def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
     )["rows"]
     assert 0.0 < rows[0]["needed_s"] < rows[0]["given_s"]
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_contact_that_is_foretold_exactly_is_so_from_when_it_was_first_spoken_of() -> None:
+    asked = asked_of_arm(load_model(DEFAULT_MODEL), ["happy"], ["B2"], 3, quiet)[0]
+    began = next(i for i, goal in enumerate(asked.goals) if goal.contact is not None)
+    exact = foretold(asked)
+    assert exact.goals[:began] == asked.goals[:began]
+    assert exact.goals[asked.due :] == asked.goals[asked.due :]
+    for i, goal in enumerate(exact.goals[began : asked.due], began):
+        assert goal.contact is not None
+        np.testing.assert_array_equal(goal.contact.point, asked.person[asked.due])
+        assert goal.contact.time == pytest.approx((asked.due - i) / RATE_HZ)
+        assert (goal.palm, goal.person) == (asked.goals[i].palm, asked.goals[i].person)
+    assert notice(exact, twin_loop().retarget).known == pytest.approx((asked.due - began) / RATE_HZ)
 
 
 @pytest.mark.parametrize(

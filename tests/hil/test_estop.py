@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from hil.drivers.latch import Cause, Latch
-from hil.estop import SIGNALS, listening
+from hil.estop import SIGNALS, listening, undisturbed
 from model.errors import HighFiveError
 
 SOON = 10.0  # s; far more than it takes, but for a machine that is busy
@@ -46,12 +46,12 @@ def test_a_latch_keeps_the_first_pull() -> None:
     assert latch.cause is Cause.NOTHING
     assert not latch.wait(0.0)
     before = time.monotonic_ns()
-    latch.pull(Cause.VIEWER)
+    latch.pull(Cause.PIPE)
     first = latch.pulled_ns
     assert first is not None
     assert before <= first <= time.monotonic_ns()
     latch.pull(Cause.KEY)
-    assert (latch.pulled_ns, latch.cause) == (first, Cause.VIEWER)
+    assert (latch.pulled_ns, latch.cause) == (first, Cause.PIPE)
     assert latch.wait(0.0)
     assert latch.wait(0.0)  # waiting takes nothing away
 
@@ -265,3 +265,11 @@ def test_a_loop_that_looks_every_cycle_sees_it_within_one() -> None:
     assert seen.wait(SOON)
     thread.join()
     assert delays[0] * 1e-9 < 1.0
+
+
+def test_what_would_stop_an_arm_that_stands_costs_no_report() -> None:
+    before = [signal.getsignal(number) for number in SIGNALS]
+    with undisturbed():
+        for number in SIGNALS:
+            os.kill(os.getpid(), number)
+    assert [signal.getsignal(number) for number in SIGNALS] == before

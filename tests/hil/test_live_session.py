@@ -49,6 +49,20 @@ def test_a_system_that_dies_costs_no_more_than_the_rest(greeting: Path, tmp_path
     assert (tmp_path / "session" / "report.html").exists()
 
 
+def test_a_system_that_dies_in_the_first_high_five_leaves_nothing_behind(greeting: Path, tmp_path: Path) -> None:
+    server, address, _ = serving("vicon", greeting, "--loop", "--port", 0)
+    folder = tmp_path / "session"
+    session = start("simulate", "--source", address, "--emotion", "neutral", "--no-pictures", "--out", folder)
+    end = time.monotonic() + 60.0
+    while not folder.exists():
+        assert session.poll() is None and time.monotonic() < end
+        time.sleep(0.01)
+    server.send_signal(signal.SIGKILL)
+    code, _, err = ended(session, within=60.0)
+    assert code == 2 and "no high five could be played" in err
+    assert not folder.exists()
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -72,14 +72,14 @@ def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
             write_c3d(tmp_path / name, record_pair(trial, Defects(), rng))
             rows.append((name, emotion, trial.cell, str(repetition + 1), "test" if repetition == 3 else "train"))
     write_table(tmp_path, rows)
-    words = [sys.executable, "-m", "hil.cli", "observe", str(tmp_path), "--people", "8", "--seed", "3", "--json"]
+    words = [sys.executable, "-m", "hil.cli", "observe", str(tmp_path), "--people", "5", "--seed", "3", "--json"]
     found = json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout)
     assert min(found["observer_accuracy"].values()) >= 0.95
     assert min(found["by_person"]["neutral"].values()) >= 0.95
     for stage in ("generated", "corrected"):
         speeds = np.array(found["morph"][stage]["peak_speed"])
         assert np.all(np.diff(speeds[1:]) > 0.0)
-        # Eight people: near the plain style the correction, or chance, may be faster than the style.
+        # Five people: near the plain style the correction, or chance, may be faster than the style.
         assert speeds[1] > 0.9 * speeds[0] and speeds[-1] > 1.3 * speeds[0]
 
 

@@ -9,6 +9,8 @@ import pytest
 from hil import cli
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
@@ -61,6 +63,10 @@ def test_a_scan_finds_the_rate_and_everyone(run, factory: EmulatorProcess) -> No
 def test_release_asks_first(run, factory: EmulatorProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     code, out, _ = run("release", factory.port, "--yes")
     assert code == 0 and "torque is off" in out
+    factory.set_faults("dead=4")
+    code, out, _ = run("release", factory.port, "--yes")
+    assert code == 1
+    assert "MAY STILL BE ON, servos 4 did not" in out
 
 
 def test_bad_ports_and_rigs_are_one_line(run, tmp_path: Path, factory: EmulatorProcess) -> None:

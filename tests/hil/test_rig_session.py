@@ -98,6 +98,20 @@ def test_a_session_whose_arm_cannot_be_used_is_refused_at_once_and_leaves_no_fol
     assert not out.exists()
 
 
+@pytest.mark.parametrize("share", np.linspace(0.02, 0.98, 13))
+def test_a_recording_that_was_cut_short_has_its_first_high_five_or_is_one_line(
+    share: float, recorded: Path, tmp_path: Path
+) -> None:
+    data, path = recorded.read_bytes(), tmp_path / "cut.mcap"
+    path.write_bytes(data[: round(share * len(data))])
+    try:
+        found = recorded_high_fives(read_recording(path), path)
+    except HighFiveError as error:
+        assert str(path) in str(error) and "\n" not in str(error)
+    else:
+        assert list(found) == [0]
+
+
 def test_a_recording_of_another_avatar_is_refused(recorded: Path) -> None:
     recording = read_recording(recorded)
     other = type(recording)(recording.settings, ("hip", "knee"), recording.channels, True)
@@ -222,10 +236,7 @@ def test_an_emergency_stop_ends_the_session_and_keeps_what_was_played(how: str, 
     pipe, out = tmp_path / "stop", tmp_path / "session"
     process = start("simulate", "--rig", "emulated", "--emotion", "neutral", "--no-pictures", "--out", out,
                     "--estop", pipe, "--json")  # fmt: skip
-    end = time.monotonic() + 120.0
-    recording = out / "session.mcap"
-    while not (recording.exists() and recording.stat().st_size > 100_000) and time.monotonic() < end:
-        time.sleep(0.05)
+    grows(out / "session.mcap", process)
     time.sleep(1.5)  # in the second high five
     if how == "pipe":
         subprocess.run(["sh", "-c", f"echo stop > {pipe}"], check=True, timeout=10.0)
@@ -270,12 +281,21 @@ def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(
     assert {message.data["state"] for message in recording.channels["/safety"]} & {"stopping", "stopped"}
 
 
+def grows(recording: Path, process: subprocess.Popen[str]) -> bool:
+    """Whether the first high five was recorded before the session ended."""
+    end = time.monotonic() + 120.0
+    while process.poll() is None and time.monotonic() < end:
+        if wait_for(recording, 100_000, 0.1):
+            return True
+    return False
+
+
 def broken_session(fault: str, out: Path) -> tuple[int, str, str]:
     """A session of two high fives, with a fault of the bus in the second."""
     with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
         process = start("simulate", "--rig", emulator.port, "--arm", "--trials", 2, "--emotion", "neutral",
                         "--no-pictures", "--out", out, "--json")  # fmt: skip
-        if wait_for(out / "session.mcap", 100_000, 120.0):
+        if grows(out / "session.mcap", process):
             time.sleep(1.5)  # in the second high five
             emulator.set_faults(fault)
         return ended(process, within=120.0)
@@ -314,6 +334,10 @@ def test_a_stop_while_a_recording_is_played_keeps_what_was_played_and_says_why(
     assert summary["error_mm"]["max"] == first["error_mm"]  # of the one that was whole
     assert summary["stopped"] in (page := (out / "report.html").read_text(encoding="utf-8"))
     assert "1 broken off" in page and (out / "figures" / "arm_joints.png").is_file()
+    arm = read_recording(out / "arm.mcap")
+    assert arm.settings["trials"] == 2 and arm.settings["source"] == str(recorded_twice)
+    assert len(arm.channels["/arm"]) == summary["cycles"]
+    assert len(arm.channels["/safety"]) > 200
     assert json.loads((out / "report.json").read_text(encoding="utf-8"))["stopped"] == summary["stopped"]
 
 
@@ -327,10 +351,11 @@ def stopped_play(how: str, recording: Path, out: Path) -> dict[str, Any]:
             "fault": lambda: emulator.set_faults(("dead=4",)),
         }
 
-        def bar(_label: str, _total: int) -> Advance:
+        def bar(label: str, _total: int) -> Advance:
             def advance(note: str = "", done: int | None = None) -> None:
-                timers.append(threading.Timer(1.0, stops[how]))  # the first is done: into the second
-                timers[-1].start()
+                if label == "high fives":
+                    timers.append(threading.Timer(1.0, stops[how]))  # the first is done: into the second
+                    timers[-1].start()
 
             return advance
 

@@ -64,6 +64,7 @@ def test_bad_input_is_one_line(fails, vicon: str, lab: Path, tmp_path: Path) -> 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["there.c3d"]
 
 
+@pytest.mark.realtime
 def test_a_summary_for_machines(vicon: str) -> None:
     said = summary(vicon, "--person", "human", "--seconds", 1.5)
     assert said["connection"] == "live"

@@ -94,7 +94,7 @@ def stopped(lab: Path, out: Path, kind: signal.Signals, *words: str) -> tuple[in
 
 @pytest.mark.slow
 def test_after_ctrl_c_and_after_a_kill_the_same_command_goes_on_to_the_same_model(lab: Path, tmp_path: Path) -> None:
-    words = ("--iterations", "250")
+    words = ("--iterations", "100")
     whole = run(lab, tmp_path / "whole.safetensors", *words, "--json")
     assert whole.returncode == 0, whole.stderr
     out = tmp_path / "again" / "m.safetensors"
@@ -112,7 +112,7 @@ def test_after_ctrl_c_and_after_a_kill_the_same_command_goes_on_to_the_same_mode
     assert out.read_bytes() == (tmp_path / "whole.safetensors").read_bytes()
     assert json.loads(end.stdout)["objective"] == json.loads(whole.stdout)["objective"]
     curve = load_model(out).learning_curve
-    assert len(curve) == 250 and curve[-1] == pytest.approx(json.loads(end.stdout)["objective"])
+    assert len(curve) == 100 and curve[-1] == pytest.approx(json.loads(end.stdout)["objective"])
 
 
 @pytest.mark.slow

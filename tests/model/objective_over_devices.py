@@ -9,14 +9,16 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+from jax.experimental import multihost_utils
 
 
 def main(name: str, processes: int, number: int, address: str) -> None:
     if processes > 1:
         jax.config.update("jax_cpu_collectives_implementation", "gloo")
-        jax.distributed.initialize(
-            address, processes, number, initialization_timeout=900, heartbeat_timeout_seconds=900
-        )
+        patience = {"initialization_timeout": 900, "heartbeat_timeout_seconds": 900, "shutdown_timeout_seconds": 900}
+        jax.distributed.initialize(address, processes, number, **patience)
+        # They connect now, while they are together: the one that compiles longer would be given up after 30 s.
+        multihost_utils.sync_global_devices("begun")
     # Only now: these imports ask JAX for its devices.
     from made_up import EMOTIONS, made_up_trial  # noqa: PLC0415
 

@@ -47,8 +47,8 @@ def test_eight_devices_and_two_processes_give_objective_and_gradient_of_one_devi
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     one, eight = begin(preset, 1), begin(preset, 8)
-    pair = [begin(preset, 1, processes=2, number=number, port=port) for number in range(2)]
     expected, spread = finish(one), finish(eight)
+    pair = [begin(preset, 1, processes=2, number=number, port=port) for number in range(2)]
     assert (expected["devices"], spread["devices"]) == (1, 8)
     assert spread["points"] % 8 != 0  # so that rows that do not count fill them up
     assert_same(spread, expected)

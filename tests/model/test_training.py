@@ -35,8 +35,8 @@ def test_each_channel_has_the_noise_that_the_avatar_layer_leaves_of_it(model: HG
 
 @pytest.mark.slow
 def test_paper_preset_trains_and_generates(trials: list[Trial]):
-    small = replace(PAPER, points=300, adam_steps=40, iterations=45)
-    trained = train(trials, small, inducing=25)
+    small = replace(PAPER, points=300, adam_steps=30, iterations=35)
+    trained = train(trials, small, inducing=20)
     assert len(trained.back) == 2
     assert trained.interaction_latents.shape[1] == 3
     neutral = np.array([1.0, 0.0])
@@ -98,9 +98,9 @@ def test_poor_data_have_a_finite_objective_and_gradient_to_start_from(trials: li
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 12])
 def test_a_single_trial_even_repeated_gives_a_model(trials: list[Trial], count: int):
-    trained = train(trials[:1] * count, SMALL, inducing=300)
+    trained = train(trials[:1] * count, SMALL, inducing=100)
     assert trained.emotions == (trials[0].emotion,)
-    assert trained.settings["inducing"] == min(300, len(trained.trial))
+    assert trained.settings["inducing"] == min(100, len(trained.trial))
     at = np.arange(0.5, 2.0, 0.2)
     wanted = output_channels(trials[0], at)[:, : trained.joints]
     history = hand_history(trials[0], at, SMALL.history)

@@ -16,7 +16,7 @@ from test_servo_bus import until
 
 from hil.drivers.arm_process import ArmProcess, Mode
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.rig import Rig, wanted_registers
+from hil.drivers.rig import Rig, angle, load_rig, wanted_registers
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.values import JointCommand
 from hil.rig_service import check, print_check
@@ -28,13 +28,20 @@ HALF = np.full(6, 0.5)
 PATIENT_MS = 60.0
 
 
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_rig()  # with the watchdogs that it has
+
+
 @pytest.fixture
 def arm(emulator: EmulatorProcess, rig: Rig) -> Iterator[ArmProcess]:
     arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
-    arm.wait_ready(30.0)
-    arm.engage()
-    yield arm
-    arm.close()
+    try:
+        arm.wait_ready(30.0)
+        arm.engage()
+        yield arm
+    finally:
+        arm.close()
 
 
 def drive_to(arm: ArmProcess, angle: float) -> None:
@@ -75,7 +82,7 @@ def test_what_every_servo_is_set_to_is_read_back_when_it_is_engaged(emulator: Em
     assert held == {servo: {**wanted, "torque_enable": 1} for servo, wanted in wanted_registers(rig).items()}
     until(lambda: arm.mode is Mode.HOLDING)
     time.sleep(0.3)
-    assert arm.mode is Mode.HOLDING  # it is read in every cycle, so no watchdog trips
+    assert arm.mode is Mode.HOLDING, arm.trouble  # it is read in every cycle, so no watchdog trips
     arm.close()
 
 
@@ -164,14 +171,57 @@ def test_the_emergency_stop_is_the_last_motion(arm: ArmProcess) -> None:
     drive(arm, 0.9, 0.3)  # whoever goes on asking is not heard
     assert arm.mode is Mode.STOPPED
     sent = [cycle for cycle in arm.unread() if cycle.sent is not None]
-    assert sent[-1].mode is Mode.STOPPED
-    hold = sent[-1].sent
+    last, *after = [cycle for cycle in sent if cycle.mode is Mode.STOPPED]
+    assert sent[-1 - len(after)] is last
+    hold = last.sent
     assert hold is not None
     assert (hold.positions < 0.51).all()
-    assert sent[-1].begun_ns - pulled < 200_000_000  # its time is the bench's business
+    assert all((cycle.sent.positions == hold.positions).all() for cycle in after if cycle.sent is not None)
+    assert last.begun_ns - pulled < 200_000_000  # its time is the bench's business
     newest = arm.newest()
     assert newest is not None
     np.testing.assert_allclose(newest.state.positions, hold.positions, atol=0.05)
+
+
+def test_an_arm_that_was_stopped_brakes_with_full_current_and_then_yields(
+    arm: ArmProcess, emulator: EmulatorProcess, rig: Rig
+) -> None:
+    drive(arm, 0.6, 0.15)
+    arm.unread()
+    arm.estop.pull()
+    until(lambda: arm.mode is Mode.STOPPED)
+    time.sleep(0.5)
+    hold, *lowered = [cycle.sent for cycle in arm.unread() if cycle.mode is Mode.STOPPED and cycle.sent is not None]
+    assert (hold.currents > 1.0).all()
+    assert len(lowered) == 1
+    np.testing.assert_array_equal(lowered[0].positions, hold.positions)  # that moved nothing
+    np.testing.assert_allclose(lowered[0].currents, HALF, atol=0.002)
+    newest = arm.newest()
+    assert newest is not None
+    np.testing.assert_allclose(newest.state.positions, hold.positions, atol=0.05)
+    arm.close()
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENT_MS)
+    held = {bus.read(servo, "goal_current") for servo in rig.servos}
+    bus.close()
+    assert all(abs(2.69e-3 * current - 0.5) < 0.002 for current in held)
+
+
+@pytest.mark.parametrize("pull", [True, False])
+def test_an_arm_that_is_left_while_it_moves_is_held_where_it_is_and_yields(
+    pull: bool, arm: ArmProcess, emulator: EmulatorProcess, rig: Rig
+) -> None:
+    drive(arm, 0.6, 0.15)
+    if pull:
+        arm.estop.pull()
+    arm.close()
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENT_MS)
+    held = {bus.read(servo, "goal_current") for servo in rig.servos}
+    goals = [angle(joint, bus.read(joint.id, "goal_position")) for joint in rig.joints]
+    watched = [bus.read(servo, "bus_watchdog") for servo in rig.servos]
+    bus.close()
+    assert all(abs(2.69e-3 * current - 0.5) < 0.002 for current in held)
+    assert all(goal < 0.59 for goal in goals)  # not the last command's
+    assert not any(watched)
 
 
 class Interrupt(BaseException):

@@ -17,6 +17,8 @@ from hil.drivers.control_table import Table, encode, load_table
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 from hil.drivers.packet import ALERT, Error
 
+pytestmark = pytest.mark.realtime
+
 BAUD = 1_000_000
 PATIENCE_S = 2.0
 BOOT_S = 0.3

@@ -17,6 +17,8 @@ from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess, make_
 from hil.drivers.packet_decoder import Decoder
 from model.errors import HighFiveError
 
+pytestmark = pytest.mark.realtime
+
 BAUD = 1_000_000
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from hil.safety import limits as module
 from hil.safety.contact_force import contact_force, contact_speed
-from hil.safety.limits import FILE, JOINTS, LimitsError, load_limits, lowered, parse_changes
+from hil.safety.limits import FILE, JOINTS, LimitsError, load_limits, load_safer, lowered, parse_changes
 from model.errors import HighFiveError
 
 LIMITS = load_limits()
@@ -72,6 +72,30 @@ def test_speeds_follow_from_the_forces() -> None:
         assert zone.speed <= fastest
         assert zone.speed == pytest.approx(fastest, abs=0.005)
         assert contact_force(zone.speed, zone.body_mass, zone.robot_mass, zone.stiffness) <= zone.force
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_a_file_for_one_session_is_no_less_safe_than_the_arms_own(tmp_path: Path, name: str) -> None:
+    span, own = span_of(name), value_of(name)
+    bound = span.least if span.safer > 0 else span.most
+    if bound != own:
+        riskier = own + 1e-3 * (bound - own)
+        path = with_line(tmp_path, name, repr(riskier))
+        with pytest.raises(LimitsError) as caught:
+            load_safer(path, LIMITS)
+        assert "\n" not in str(caught.value)
+        assert str(path) in str(caught.value)
+
+
+def test_a_file_for_one_session_may_be_safer(tmp_path: Path) -> None:
+    assert load_safer(FILE, LIMITS) == LIMITS
+    path = with_line(tmp_path, "contact.speed", "0.4")
+    assert load_safer(path, LIMITS) == lowered(LIMITS, {"contact.speed": 0.4})
+    text = FILE.read_text(encoding="utf-8").replace("-1.273, 0.0],", "-1.273, 0.1],")
+    path.write_text(text, encoding="utf-8")
+    load_limits(path)
+    with pytest.raises(LimitsError, match="path cannot be changed"):
+        load_safer(path, LIMITS)
 
 
 @given(st.floats(0.0, 3.0), st.floats(0.1, 80.0), st.floats(0.1, 80.0), st.floats(1e3, 1e6))

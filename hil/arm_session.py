@@ -48,9 +48,6 @@ START_S = 30.0
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
 
-WATCHDOG_STEP = 0.02
-"""s, in which servos count their watchdog."""
-
 FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
@@ -152,8 +149,8 @@ def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
         raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
     if options.estop is not None:
         check_pipe(options.estop)
-    watchdog = math.floor(limits.timing.watchdog_s / WATCHDOG_STEP + 1e-6) * WATCHDOG_STEP
-    return limits, replace(rig, settings=replace(rig.settings, watchdog=min(rig.settings.watchdog, watchdog)))
+    watchdog = min(rig.settings.watchdog, limits.timing.watchdog_s)
+    return limits, replace(rig, settings=replace(rig.settings, watchdog=watchdog))
 
 
 def weakened(rig: Rig, limits: Limits) -> Rig:

@@ -89,8 +89,10 @@ def killed_host(rig: Rig, trials: int, advance: Callable[[], object]) -> float:
             moving = context.Event()
             host = context.Process(target=_host, args=(emulator.port, rig, moving))
             host.start()
-            moving.wait(_START_S)
+            there = moving.wait(_START_S)
             host.kill()
+            if not there:
+                raise HighFiveError(f"the host did not drive the arm within {_START_S:g} s")
             time.sleep(1e-3 * waited)
             stopped = _stopped(emulator.port, rig)
             host.join()

@@ -62,14 +62,38 @@ def listening(
 
 
 @contextmanager
-def undisturbed(signals: tuple[signal.Signals, ...] = SIGNALS) -> Iterator[None]:
-    """The arm stands: what would stop it has nothing to stop, and must not cost the report that is being written."""
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in signals}
+def uninterrupted(
+    signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGINT),
+) -> Iterator[Callable[[], None]]:
+    """Yields what is called once these signals shall only stop the arm, and interrupt nothing: until this is left.
+
+    What was played is then still there to be written, however often somebody presses Ctrl-C. Before that call they do
+    what they did. Only in the main thread.
+    """
+    begun = False
+    before = {number: signal.getsignal(number) for number in signals}
+
+    def begin() -> None:
+        nonlocal begun
+        begun = True
+
+    def handle(number: int, frame: object) -> None:
+        earlier = before[signal.Signals(number)]
+        if begun or earlier == signal.SIG_IGN:
+            return
+        if callable(earlier):
+            earlier(number, frame)  # pyright: ignore[reportArgumentType]
+        else:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+
+    for number in signals:
+        signal.signal(number, handle)
     try:
-        yield
+        yield begin
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def _key(latch: Latch, data: bytes, others: Callable[[bytes], None] | None) -> None:
@@ -179,7 +203,11 @@ def _named_pipe(path: Path) -> Iterator[int]:
 
 @contextmanager
 def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None]:
-    """Signals pull, and then call what handled them before."""
+    """Signals pull, and then call what handled them before.
+
+    Where nothing did, SIGUSR1 does nothing any more afterwards: who stops an arm that stands already must not end the
+    program that writes its report.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -197,4 +225,5 @@ def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+            unhandled = signal.SIG_IGN if number == signal.SIGUSR1 else signal.SIG_DFL
+            signal.signal(number, unhandled if handler in (None, signal.SIG_DFL) else handler)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import shlex
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -16,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 from hil.arm_report import arm_section, draw_arm
 from hil.arm_session import ArmOptions, ready_arm
 from hil.arm_trial import ArmTrial, arm_summary, played_until_stopped
+from hil.bench_retarget import Asked
 from hil.console import counted
 from hil.drawing import to_png
-from hil.estop import undisturbed
+from hil.estop import uninterrupted
 from hil.folders import check_free
 from hil.page import render, section, write_file
 from hil.recorded_asked import recorded_high_fives
@@ -66,34 +66,54 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     if absent := [number for number in wanted if number not in asked]:
         known = ", ".join(map(str, asked))
         raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
+    about = _settings(recording, path, len(wanted))
+    with uninterrupted() as from_now_on:
+        trials, lag, stopped = _played(
+            [asked[number] for number in wanted], about, options.arm, folder, bar, from_now_on
+        )
+        said = {"session": str(path), "port": options.arm.port}
+        summary = {**said, **arm_summary(trials, lag), "stopped": stopped, "versions": versions()}
+        _write_report(summary, trials, lag, options.arm.emulated, path, folder)
+    return summary
+
+
+def _played(
+    wanted: Sequence[Asked],
+    about: SessionSettings,
+    arm: ArmOptions,
+    folder: Path,
+    bar: Bar,
+    ready: Callable[[], object],
+) -> tuple[list[ArmTrial], float, str]:
+    """What the arm did, its lag, s, and why it was stopped; ``ready`` is called once it is switched on.
+
+    What was played is recorded after each high five, into a folder that is made with the first one.
+    """
     trials: list[ArmTrial] = []
     with ExitStack() as stack:
         recorder: SessionRecorder | None = None
-        loop = stack.enter_context(ready_arm(options.arm, bar))
-        stack.enter_context(_ctrl_c_that_only_stops_the_arm())
+        loop = stack.enter_context(ready_arm(arm, bar))
+        ready()
         lag, stopped = loop.retarget.settings.lag, ""
         advance = bar("high fives", len(wanted))
-        for number in wanted:
+        for asked in wanted:
             try:
-                trial = played_until_stopped(asked[number], loop)
+                trial = played_until_stopped(asked, loop)
             except HighFiveError as error:
                 if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
                     raise
                 trial, stopped = None, str(error)
             if trial is not None:
-                if recorder is None:
-                    about = _settings(recording, path, len(wanted))
-                    recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))
                 trials.append(trial)
-                recorder.record_played(trial)
+                try:
+                    recorder = recorder or stack.enter_context(SessionRecorder(folder / "arm.mcap", about))
+                    recorder.record_played(trial)
+                except HighFiveError as error:  # a full disk; there is still a report to try
+                    stopped = str(error)
             if stopped := loop.trouble or stopped:
                 break
             advance()
-    about = {"session": str(path), "port": options.arm.port}
-    summary = {**about, **arm_summary(trials, lag), "stopped": stopped, "versions": versions()}
-    with undisturbed():
-        _write_report(summary, trials, lag, options.arm.emulated, path, folder)
-    return summary
+    return trials, lag, stopped
 
 
 def _settings(recording: SessionRecording, path: Path, trials: int) -> SessionSettings:
@@ -121,23 +141,6 @@ def _write_report(
         write_file(folder / "figures" / f"{drawing.name}.png", to_png(drawing.figure))
     write_file(folder / "report.json", json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False).encode())
     write_file(folder / "report.html", page.encode())
-
-
-@contextmanager
-def _ctrl_c_that_only_stops_the_arm() -> Iterator[None]:
-    """Ctrl-C pulls the emergency stop and interrupts nothing: what was being played is still there to be written."""
-    before = signal.getsignal(signal.SIGINT)
-
-    def stop(number: int, frame: object) -> None:
-        if callable(before):
-            with suppress(KeyboardInterrupt):
-                before(number, frame)  # pyright: ignore[reportArgumentType]
-
-    signal.signal(signal.SIGINT, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def print_played(summary: dict[str, Any], folder: Path) -> None:

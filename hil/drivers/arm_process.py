@@ -14,7 +14,7 @@ import os
 import signal
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from multiprocessing.connection import Connection
 from typing import Any
@@ -144,7 +144,7 @@ class ArmProcess:
         self._raw = context.RawArray("b", _size(self._joints))
         self._shared = _Shared(self._raw, self._joints)
         self.estop = Latch() if estop is None else estop
-        self._read = 0
+        self._read, self._closed = 0, False
         self._held, theirs = context.Pipe(duplex=False)
         arguments = (self._raw, theirs, port, rig, rate_hz, self.estop, os.getpid(), allowance_ms)
         self._process = context.Process(target=_run, args=arguments, name=f"arm {port}", daemon=True)
@@ -166,7 +166,7 @@ class ArmProcess:
     def trouble(self) -> str:
         """What is wrong, in one line; '' for nothing."""
         said = bytes(self._shared.head["trouble"][0]).decode("utf-8", "replace")
-        if not said and not self._process.is_alive() and self._process.exitcode:
+        if not (said or self._closed) and not self._process.is_alive() and self._process.exitcode:
             return f"the process of the arm ended by itself (exit code {self._process.exitcode})"
         return said
 
@@ -234,12 +234,13 @@ class ArmProcess:
         start, self._read = max(self._read, count - ROWS + 2), count
         return [self._cycle(number) for number in range(start, count)]
 
-    def close(self, timeout_s: float = 2.0) -> None:
+    def close(self, timeout_s: float = 3.0) -> None:
         """Ends the process. The arm holds where it is, once it stands with the last command's current: torque stays on,
         watchdogs are switched off."""
         atexit.unregister(self.close)
         self._shared.head["end"][0] = 1
         self._process.join(timeout_s)
+        self._closed = True
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
@@ -342,12 +343,13 @@ class _Loop:
                 self._stopped(str(error))
                 sent = None
             state = self._joints.read()
+            if self._engaged and self._mode != Mode.STOPPED and state.tripped.any():
+                names = [joint.name for joint, trip in zip(self._rig.joints, state.tripped, strict=True) if trip]
+                self._stopped(f"{', '.join(names)}: the watchdog stopped it, the bus was silent for too long")
+                sent = self._hold()  # those that were not stopped
         except PortError as error:
             self._lost(error)
             return
-        if self._engaged and self._mode != Mode.STOPPED and state.tripped.any():
-            names = [joint.name for joint, trip in zip(self._rig.joints, state.tripped, strict=True) if trip]
-            self._stopped(f"{', '.join(names)}: the watchdog stopped it, the bus was silent for too long")
         self._note(due, begun, sent, state)
 
     def _stopped(self, why: str) -> None:
@@ -366,7 +368,7 @@ class _Loop:
             return None
         wanted, given = self._wanted()
         if wanted is None or self._ending or time.monotonic_ns() - given > HOST_SILENT_NS:
-            sent = self._hold() if self._mode == Mode.DRIVING else self._yield_to_hands()
+            sent = self._leave() if self._mode == Mode.DRIVING else self._yield_to_hands()
             self._mode = Mode.HOLDING
             return sent
         self._mode, self._braking = Mode.DRIVING, None
@@ -376,7 +378,7 @@ class _Loop:
         """Torque on, watchdogs armed, everything read back: that many instructions keep the watchdogs quiet."""
         if not self._engaged:
             self._joints.engage()
-        self._engaged, self._mode = True, Mode.HOLDING
+            self._engaged, self._mode = True, Mode.HOLDING
         self._shared.head["engage"][0] = 0
         self._held.send(read_back(self._bus, self._rig))
 
@@ -399,6 +401,15 @@ class _Loop:
         if not self._engaged:
             return None
         held = self._joints.hold()
+        self._braking = held, time.monotonic_ns()
+        return held
+
+    def _leave(self) -> JointCommand | None:
+        """No command is followed any more. An arm that stands keeps its goal: from where it is it would sag again."""
+        last, _ = self._newest
+        if last is None or not self._joints.stands(STANDS):
+            return self._hold()
+        held = self._joints.write(replace(last, currents=self._rig.current_limits))
         self._braking = held, time.monotonic_ns()
         return held
 

@@ -40,6 +40,9 @@ TRIPPED = -1
 DEAD_AFTER = 3
 """Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
 
+DISARM_NS = 1_000_000_000
+"""So long servos are told, one after the other, that the bus may fall silent, ns; some may not answer any more."""
+
 
 _TICK_NS = 1_000_000
 _TICKS = 32_768  # then a servo's clock begins at 0 again
@@ -130,6 +133,8 @@ class JointBus:
             NoAnswer, ServoError, PortError: a servo did not take it; those that did hold on.
             HighFiveError: a servo is missing.
         """
+        for servo in self._servos.values():  # who was silent before may be back
+            servo.silent = 0
         state = self.read()
         for _ in range(DEAD_AFTER):  # one packet that did not come whole is nobody's death
             state = state if state.answered.all() else self.read()
@@ -161,10 +166,19 @@ class JointBus:
 
         Args:
             currents: (J,) A, most that servos hold with whose watchdogs have stopped them; None for the rig's limits.
+
+        Raises:
+            PortError: the port is gone.
         """
-        for servo in set(self._servos) - set(self.dead):
-            with contextlib.suppress(NoAnswer, ServoError):
-                self._quiet(servo, self._rig.current_limits if currents is None else currents)
+        most = self._rig.current_limits if currents is None else currents
+        self.read()
+        begun = self._clock()
+        for servo in self._servos:
+            if servo not in self.dead and self._clock() - begun < DISARM_NS:
+                with contextlib.suppress(NoAnswer, ServoError):
+                    self._quiet(servo, most)
+        if self._clock() - begun > 1e9 * self._rig.settings.watchdog > 0.0:  # some may have been stopped meanwhile
+            self.write(JointCommand(self.read().positions, most))
 
     def _quiet(self, servo: int, currents: Array) -> None:
         """Switches one watchdog off. A servo that it had stopped has refused goals since: it shall not go on to an old

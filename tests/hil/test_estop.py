@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from hil.drivers.latch import Cause, Latch
-from hil.estop import SIGNALS, listening, undisturbed
+from hil.estop import SIGNALS, listening, uninterrupted
 from model.errors import HighFiveError
 
 SOON = 10.0  # s; far more than it takes, but for a machine that is busy
@@ -268,8 +268,24 @@ def test_a_loop_that_looks_every_cycle_sees_it_within_one() -> None:
 
 
 def test_what_would_stop_an_arm_that_stands_costs_no_report() -> None:
-    before = [signal.getsignal(number) for number in SIGNALS]
-    with undisturbed():
+    """In order: an arm that is driven, its way to rest, and the report; then everything is as it was."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    latch = Latch()
+    with uninterrupted() as begin:
+        with listening(latch):
+            begin()
+            for number in SIGNALS:
+                signal.raise_signal(number)
+                assert latch.cause is Cause.SIGNAL
+                latch.let_go()
         for number in SIGNALS:
-            os.kill(os.getpid(), number)
-    assert [signal.getsignal(number) for number in SIGNALS] == before
+            signal.raise_signal(number)
+        assert latch.pulled_ns is None
+    assert {number: signal.getsignal(number) for number in before} == before
+
+
+def test_before_that_an_interrupt_interrupts() -> None:
+    with pytest.raises(KeyboardInterrupt), uninterrupted():
+        signal.raise_signal(signal.SIGINT)
+    child = "import signal, hil.estop\nwith hil.estop.uninterrupted():\n    signal.raise_signal(signal.SIGTERM)"
+    assert subprocess.run([sys.executable, "-c", child], check=False).returncode == -signal.SIGTERM

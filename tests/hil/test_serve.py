@@ -107,7 +107,10 @@ def test_what_is_served_is_what_is_seen(lab: Path, protocol: str) -> None:
     assert said["trouble"] == ""
     assert said["source"] == address
     assert said["frames"] > 100
-    assert said["lost_frames"] in (0, 30)  # 0 if it was there too late to see the gap
+    # None if it was there too late to see the gap. Frames whose order of labels QTM's client hears of too late, on a
+    # machine that stands still, are left out rather than shown with other labels.
+    unsure = 20 if protocol == "qtm" else 0
+    assert 0 <= said["lost_frames"] % 30 <= unsure and said["lost_frames"] <= 30 + unsure
     assert said["nominal_rate_hz"] == 120.0
     assert said["markers"]["RFIN"] == 0.0
     assert said["markers"]["RSHO"] > 0.9

@@ -16,7 +16,7 @@ from test_servo_bus import until
 
 from hil.drivers.arm_process import ArmProcess, Mode
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.rig import Rig, angle, load_rig, wanted_registers
+from hil.drivers.rig import Rig, angle, count, load_rig, wanted_registers
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.values import JointCommand
 from hil.rig_service import check, print_check
@@ -222,6 +222,38 @@ def test_an_arm_that_is_left_while_it_moves_is_held_where_it_is_and_yields(
     assert all(abs(2.69e-3 * current - 0.5) < 0.002 for current in held)
     assert all(goal < 0.59 for goal in goals)  # not the last command's
     assert not any(watched)
+
+
+def test_an_arm_that_stands_where_it_was_told_is_left_with_that_goal(
+    arm: ArmProcess, emulator: EmulatorProcess, rig: Rig
+) -> None:
+    """With the place where it is as its goal it would sag further, each time that it is left."""
+    drive(arm, 0.3, 1.5)
+    arm.close()
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENT_MS)
+    goals = [bus.read(joint.id, "goal_position") for joint in rig.joints]
+    held = {bus.read(servo, "goal_current") for servo in rig.servos}
+    bus.close()
+    assert goals == [count(joint, 0.3) for joint in rig.joints]
+    assert all(abs(2.69e-3 * current - 0.5) < 0.002 for current in held)
+
+
+def test_an_arm_that_falls_silent_before_it_is_left_is_left_in_time(
+    arm: ArmProcess, emulator: EmulatorProcess, rig: Rig
+) -> None:
+    drive(arm, 0.3, 0.3)
+    emulator.set_faults([f"dead={servo}" for servo in rig.servos])
+    begun = time.monotonic()
+    arm.close()
+    assert time.monotonic() - begun < 2.8  # it ended by itself: it was not killed
+    assert not arm.trouble
+
+
+def test_a_process_that_hangs_is_killed_and_that_is_no_trouble_of_its_own(arm: ArmProcess) -> None:
+    os.kill(arm.pid, signal.SIGSTOP)
+    arm.close(timeout_s=0.2)
+    assert arm.mode is Mode.ENDED
+    assert not arm.trouble
 
 
 class Interrupt(BaseException):

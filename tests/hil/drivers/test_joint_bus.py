@@ -88,6 +88,8 @@ def test_one_dead_servo_costs_its_own_joint_only(joints: JointBus, emulator: Emu
     assert joints.fallbacks >= 1
     with pytest.raises(HighFiveError, match="elbow: no answer; nothing is switched on"):
         joints.engage()
+    emulator.set_faults("")
+    assert joints.engage().answered.all()  # it is asked again, though it was taken for dead
 
 
 def test_a_single_hiccup_kills_nobody(joints: JointBus, emulator: EmulatorProcess) -> None:
@@ -157,6 +159,22 @@ def test_a_silent_host_is_stopped_by_the_watchdogs(joints: JointBus, bus: ServoB
     joints.arm_watchdog()
     state, _ = run(joints, np.full(6, 0.2))
     np.testing.assert_allclose(state.positions, 0.2, atol=0.02)
+
+
+def test_what_the_watchdogs_stopped_unseen_does_not_go_on_once_they_are_switched_off(bus: ServoBus, rig: Rig) -> None:
+    """The last cycle knew of servos on their way; they have stopped since, and refused to know a new goal."""
+    wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
+    wary.prepare()
+    wary.engage()
+    wary.cycle(JointCommand(np.full(6, 1.0), HALF))
+    time.sleep(0.4)
+    wary.disarm_watchdog(HALF)
+    freed = wary.read()
+    assert not freed.tripped.any()
+    time.sleep(0.4)
+    later = wary.read()
+    assert (later.positions < 0.9).all()
+    np.testing.assert_allclose(later.positions, freed.positions, atol=0.02)
 
 
 def test_release_lets_go(joints: JointBus, bus: ServoBus, rig: Rig) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 
 from hil.drivers.joint_bus import JointBus
 from hil.drivers.latch import Latch
+from hil.drivers.priority import go_first
 from hil.drivers.rig import Rig
 from hil.drivers.rig_setup import read_back
 from hil.drivers.servo_bus import ServoBus
@@ -265,6 +266,7 @@ def _run(
     """The other side, until it is told to end or the host is gone."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the host's to handle, which stops the arm in order
         signal.signal(number, signal.SIG_IGN)
+    go_first()
     shared = _Shared(raw, len(rig.joints))
     try:
         bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms)

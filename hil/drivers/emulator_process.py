@@ -26,6 +26,7 @@ from hil.drivers.emulated_bus import EmulatedBus, build_servos
 from hil.drivers.emulated_servo import EmulatedServo
 from hil.drivers.emulator import Emulator
 from hil.drivers.packet import LAST_ID
+from hil.drivers.priority import go_first
 from hil.drivers.rig import load_rig
 from model.errors import HighFiveError
 
@@ -191,6 +192,7 @@ def _child(instructions: TextIO, answers: TextIO) -> int:
             answer({"port": emulator.port})
             ended = threading.Event()
             threading.Thread(target=_listen, args=(instructions, emulator, ended), daemon=True).start()
+            go_first()  # servos do not wait for the host's processor
             answer(asdict(emulator.run(ended.is_set)))
     except HighFiveError as error:
         answer({"error": str(error)})

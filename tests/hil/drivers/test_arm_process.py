@@ -142,6 +142,15 @@ def test_what_the_watchdogs_have_stopped_is_freed_where_it_stands(
     again.close()
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="the system has no such schedules")
+def test_it_goes_before_programs_that_compute_where_that_is_allowed(arm: ArmProcess) -> None:
+    asked = "import sys; from hil.drivers.priority import go_first; sys.exit(not go_first())"
+    allowed = subprocess.run([sys.executable, "-c", asked], check=False).returncode == 0
+    schedule = os.sched_getscheduler(arm.pid) & ~os.SCHED_RESET_ON_FORK
+    assert schedule == (os.SCHED_FIFO if allowed else os.SCHED_OTHER)
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER  # not the host
+
+
 def test_it_goes_where_it_is_told(arm: ArmProcess) -> None:
     drive_to(arm, 0.3)
     assert arm.mode is Mode.DRIVING

@@ -35,6 +35,7 @@ _TYPE = re.compile(r"position[_ ]?(?P<axis>[xyz])", re.IGNORECASE)
 _FRAME = {"frame", "framenumber", "frame_number", "frame number"}
 _LATEST = 1e12  # s; a time stamp beyond this is none
 _FOLLOW = 0.1  # how much of a time stamp's deviation the expected time of the next one takes over
+_SLOWEST, _FASTEST = 1e-3, 1e6  # Hz; what is outside is no rate
 _CONFIRMED = 4  # samples in a row that are late by a period before one is taken for lost
 _SEVERAL = 1.5  # periods that a sample is late, from which on the next one may confirm it alone
 
@@ -188,7 +189,7 @@ class FrameCounter:
 
     def set_rate(self, rate_hz: float) -> None:
         """The nominal rate that the stream has now, Hz."""
-        self._rate = rate_hz if math.isfinite(rate_hz) and 0.0 < rate_hz < 1e6 else 0.0
+        self._rate = rate_hz if _SLOWEST <= rate_hz <= _FASTEST else 0.0
 
     def next(self, stamp: float, stated: float = math.nan) -> int:
         """Number of the sample stamped ``stamp``, s; ``stated`` is what the stream itself says, if it does."""

@@ -12,6 +12,7 @@ from typing import Any
 from hil.arm_session import PLANT
 from hil.drivers.emulator import Emulator
 from hil.drivers.emulator_process import EmulatorOptions, make_bus
+from hil.drivers.priority import go_first
 from hil.drivers.rig import load_rig
 from hil.ending import until_told
 from hil.safety.limits import JOINTS
@@ -43,6 +44,7 @@ def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str]
         say("Ctrl-C ends it; a line such as dead=4 sets what goes wrong, an empty one ends that")
         if _may_read_input():
             threading.Thread(target=_listen, args=(emulator, say), daemon=True).start()
+        go_first()
         summary = asdict(emulator.run(told.is_set, seconds))
     return {"port": emulator.port, "rig": rig.name, "servos": rig.models, **summary}
 

@@ -19,8 +19,8 @@ from model.errors import HighFiveError
 KEYS = b" \x1b"
 """Keys that pull: space and Esc (and so every key that begins with Esc, such as an arrow)."""
 
-SIGNALS = (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT)
-"""Signals that pull."""
+SIGNALS = (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+"""Signals that pull; the last one says that the terminal is gone."""
 
 
 @contextmanager
@@ -63,12 +63,17 @@ def listening(
 
 @contextmanager
 def uninterrupted(
-    signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGINT),
+    signals: tuple[signal.Signals, ...] = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP),
+    once: bool = False,
 ) -> Iterator[Callable[[], None]]:
     """Yields what is called once these signals shall only stop the arm, and interrupt nothing: until this is left.
 
     What was played is then still there to be written, however often somebody presses Ctrl-C. Before that call they do
-    what they did. Only in the main thread.
+    what they did, or, where that is to kill, end the program in order (``SystemExit``). Only in the main thread.
+
+    Args:
+        signals: which.
+        once: the first one that interrupts is that call, too.
     """
     begun = False
     before = {number: signal.getsignal(number) for number in signals}
@@ -78,17 +83,17 @@ def uninterrupted(
         begun = True
 
     def handle(number: int, frame: object) -> None:
-        earlier = before[signal.Signals(number)]
-        if begun or earlier == signal.SIG_IGN:
+        nonlocal begun
+        if begun:
             return
-        if callable(earlier):
-            earlier(number, frame)  # pyright: ignore[reportArgumentType]
-        else:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)
+        begun, earlier = once, before[signal.Signals(number)]
+        if not callable(earlier):
+            raise SystemExit(128 + number)  # as a shell says it; the terminal, the pipe and the arm are let go of
+        earlier(number, frame)  # pyright: ignore[reportArgumentType]
 
     for number in signals:
-        signal.signal(number, handle)
+        if before[number] != signal.SIG_IGN:
+            signal.signal(number, handle)
     try:
         yield begin
     finally:
@@ -205,8 +210,8 @@ def _named_pipe(path: Path) -> Iterator[int]:
 def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None]:
     """Signals pull, and then call what handled them before.
 
-    Where nothing did, SIGUSR1 does nothing any more afterwards: who stops an arm that stands already must not end the
-    program that writes its report.
+    Where nothing did, SIGUSR1 and SIGHUP do nothing any more afterwards: who stops an arm that stands already must not
+    end the program that writes its report. A program that was told to outlive its terminal (``nohup``) does.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -220,10 +225,11 @@ def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None
             earlier(number, frame)  # pyright: ignore[reportArgumentType]
 
     for number in signals:
-        signal.signal(number, pull)
+        if number != signal.SIGHUP or before[number] != signal.SIG_IGN:
+            signal.signal(number, pull)
     try:
         yield
     finally:
         for number, handler in before.items():
-            unhandled = signal.SIG_IGN if number == signal.SIGUSR1 else signal.SIG_DFL
+            unhandled = signal.SIG_IGN if number in (signal.SIGUSR1, signal.SIGHUP) else signal.SIG_DFL
             signal.signal(number, unhandled if handler in (None, signal.SIG_DFL) else handler)

@@ -87,12 +87,13 @@ def _played(
 ) -> tuple[list[ArmTrial], float, str]:
     """What the arm did, its lag, s, and why it was stopped; ``ready`` is called once it is switched on.
 
-    What was played is recorded after each high five, into a folder that is made with the first one.
+    What was played is recorded after each high five.
     """
     trials: list[ArmTrial] = []
+    was_there = folder.exists()
     with ExitStack() as stack:
-        recorder: SessionRecorder | None = None
         loop = stack.enter_context(ready_arm(arm, bar))
+        recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
         ready()
         lag, stopped = loop.retarget.settings.lag, ""
         advance = bar("high fives", len(wanted))
@@ -101,12 +102,15 @@ def _played(
                 trial = played_until_stopped(asked, loop)
             except HighFiveError as error:
                 if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
+                    recorder.close()
+                    recorder.path.unlink(missing_ok=True)
+                    if not was_there:
+                        folder.rmdir()
                     raise
                 trial, stopped = None, str(error)
             if trial is not None:
                 trials.append(trial)
                 try:
-                    recorder = recorder or stack.enter_context(SessionRecorder(folder / "arm.mcap", about))
                     recorder.record_played(trial)
                 except HighFiveError as error:  # a full disk; there is still a report to try
                     stopped = str(error)
@@ -137,10 +141,11 @@ def _write_report(
             section("Do it again", f"<pre>{escape(shlex.join(['highfive', *sys.argv[1:]]))}</pre>"),
         ],
     )
-    for drawing in drawings:
-        write_file(folder / "figures" / f"{drawing.name}.png", to_png(drawing.figure))
+    # What matters most first: the disk may be full.
     write_file(folder / "report.json", json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False).encode())
     write_file(folder / "report.html", page.encode())
+    for drawing in drawings:
+        write_file(folder / "figures" / f"{drawing.name}.png", to_png(drawing.figure))
 
 
 def print_played(summary: dict[str, Any], folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import shlex
+import signal
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -16,6 +17,7 @@ from hil.arm_report import draw_arm
 from hil.arm_session import ArmOptions, at_their_time, check_arm, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.console import Bar
+from hil.estop import uninterrupted
 from hil.film import Strip, make_film, picture_strips
 from hil.folders import check_free
 from hil.live_partner import LivePerson, live_source
@@ -115,6 +117,10 @@ def _simulate(
     scene = build_scene()
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
+        if (
+            options.arm is not None
+        ):  # a second Ctrl-C must not keep the arm from its rest, and the recording from its end
+            stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
         was_there = folder.exists()
         _make(folder)

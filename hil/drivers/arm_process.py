@@ -14,7 +14,7 @@ import os
 import signal
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from multiprocessing.connection import Connection
 from typing import Any
@@ -36,6 +36,9 @@ HOST_SILENT_NS = 50_000_000
 
 STANDS, BRAKING_NS = 0.05, 300_000_000
 """rad/s: slower joints stand; ns: by then they do."""
+
+SAGGED = 0.03
+"""rad, as far as a joint stands off its goal by its own load; further off, a hand or a thing may be in its way."""
 
 REOPEN_S = 0.2
 """How often a lost port is tried again, s."""
@@ -407,13 +410,12 @@ class _Loop:
         return held
 
     def _leave(self) -> JointCommand | None:
-        """No command is followed any more. An arm that stands keeps its goal: from where it is it would sag again."""
+        """No command is followed any more. An arm that stands at its goal keeps it: from where it is it would sag more."""
         last, _ = self._newest
-        if last is None or not self._joints.stands(STANDS):
+        if last is None or not self._joints.stands(STANDS, last.positions, SAGGED):
             return self._hold()
-        held = self._joints.write(replace(last, currents=self._rig.current_limits))
-        self._braking = held, time.monotonic_ns()
-        return held
+        self._braking = None
+        return self._joints.write(last)
 
     def _yield_to_hands(self) -> JointCommand | None:
         """Once a held arm stands, the current of the last command holds it again: little, near a hand."""

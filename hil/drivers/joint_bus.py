@@ -187,9 +187,11 @@ class JointBus:
         if self._servos[servo].values["bus_watchdog"] == TRIPPED:
             self.write(JointCommand(self._state(self._clock()).positions, currents))
 
-    def stands(self, slower: float) -> bool:
-        """Every joint was slower than that, rad/s, when it was last heard."""
-        return bool(np.abs(self._state(self._clock()).velocities).max() < slower)
+    def stands(self, slower: float, goals: Array | None = None, nearer: float = np.inf) -> bool:
+        """Every joint was slower than that, rad/s, and nearer than that, rad, to its goal (J,), when last heard."""
+        state = self._state(self._clock())
+        off = 0.0 if goals is None else np.abs(state.positions - goals).max()
+        return bool(np.abs(state.velocities).max() < slower and off < nearer)
 
     def hold(self) -> JointCommand:
         """Sends each joint's last known position as its goal.

@@ -95,9 +95,9 @@ def entered(
 
 def pulled(limits: Limits, inputs: Inputs, now_ns: int) -> str:
     """Why the arm was stopped at once, and how long that took."""
-    delay = 1e-9 * (now_ns - (inputs.estop_ns or now_ns))
+    delay = max(0.0, 1e-9 * (now_ns - (inputs.estop_ns or now_ns)))  # it may have been pulled while this tick planned
     late = f", later than {1e3 * limits.timing.estop_s:.0f} ms" if delay > limits.timing.estop_s else ""
-    return f"emergency stop, seen {1e3 * delay:.1f} ms after it was pulled{late}"
+    return f"emergency stop, seen by the session {1e3 * delay:.1f} ms after it was pulled{late}"
 
 
 def frozen(limits: Limits, told: Motion | None, inputs: Inputs) -> Motion | None:

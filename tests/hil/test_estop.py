@@ -242,7 +242,7 @@ def test_a_signal_pulls_and_is_then_what_it_was(number: signal.Signals) -> None:
         assert child.stdout.readline() == "listening\n"
         child.send_signal(number)
         said = child.communicate(timeout=SOON)[0].splitlines()
-    expected = [] if number is signal.SIGUSR1 else [f"earlier {int(number)}"]
+    expected = [] if number in (signal.SIGUSR1, signal.SIGHUP) else [f"earlier {int(number)}"]
     assert said == [*expected, "pulled SIGNAL True", "again True"]
     assert child.returncode == 0
 
@@ -269,7 +269,7 @@ def test_a_loop_that_looks_every_cycle_sees_it_within_one() -> None:
 
 def test_what_would_stop_an_arm_that_stands_costs_no_report() -> None:
     """In order: an arm that is driven, its way to rest, and the report; then everything is as it was."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
     latch = Latch()
     with uninterrupted() as begin:
         with listening(latch):
@@ -287,5 +287,16 @@ def test_what_would_stop_an_arm_that_stands_costs_no_report() -> None:
 def test_before_that_an_interrupt_interrupts() -> None:
     with pytest.raises(KeyboardInterrupt), uninterrupted():
         signal.raise_signal(signal.SIGINT)
-    child = "import signal, hil.estop\nwith hil.estop.uninterrupted():\n    signal.raise_signal(signal.SIGTERM)"
-    assert subprocess.run([sys.executable, "-c", child], check=False).returncode == -signal.SIGTERM
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        with pytest.raises(SystemExit) as end, uninterrupted():
+            signal.raise_signal(number)
+        assert end.value.code == 128 + number
+
+
+def test_a_second_interrupt_does_not_interrupt_what_the_first_one_ends() -> None:
+    with uninterrupted((signal.SIGINT,), once=True):
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)

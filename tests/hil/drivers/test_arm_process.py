@@ -247,6 +247,22 @@ def test_an_arm_that_stands_where_it_was_told_is_left_with_that_goal(
     assert all(abs(2.69e-3 * current - 0.5) < 0.002 for current in held)
 
 
+def test_an_arm_that_is_kept_from_its_goal_is_left_where_it_is(
+    arm: ArmProcess, emulator: EmulatorProcess, rig: Rig
+) -> None:
+    """As by a hand: here by having no current. It shall not go on to its goal once the way is free."""
+    drive(arm, 0.0, 0.3)
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        arm.drive(JointCommand(np.full(6, 0.2), np.zeros(6)))
+        time.sleep(0.005)
+    arm.close()
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENT_MS)
+    goals = [angle(joint, bus.read(joint.id, "goal_position")) for joint in rig.joints]
+    bus.close()
+    assert max(np.abs(goals)) < 0.1
+
+
 def test_an_arm_that_falls_silent_before_it_is_left_is_left_in_time(
     arm: ArmProcess, emulator: EmulatorProcess, rig: Rig
 ) -> None:

@@ -410,7 +410,7 @@ class _Loop:
         return held
 
     def _leave(self) -> JointCommand | None:
-        """No command is followed any more. An arm that stands at its goal keeps it: from where it is it would sag more."""
+        """No command is followed any more. An arm at its goal keeps that: from where it stands it would sag more."""
         last, _ = self._newest
         if last is None or not self._joints.stands(STANDS, last.positions, SAGGED):
             return self._hold()

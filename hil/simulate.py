@@ -96,6 +96,8 @@ class _Played:
 def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     """Runs the session into ``folder`` and returns the summary; Ctrl-C ends it early and writes what there is.
 
+    With an arm only the first Ctrl-C interrupts: who stops an arm presses more than once.
+
     Raises:
         HighFiveError: something asked for does not exist or does not fit; the folder holds a recording already or
             cannot be written.
@@ -103,11 +105,14 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
     check_free(folder, "session.mcap", "the recording of an earlier session")
     if options.arm is not None:
         check_arm(options.arm)
-    model = load_model(options.model)
-    if options.source is not None and is_live(options.source):
-        with closing(live_source(str(options.source), options.human)) as source:
-            return _simulate(options, model, folder, bar, LivePerson(source, str(options.source), _marker_set(options)))
-    return _simulate(options, model, folder, bar, None)
+    with ExitStack() as stack:
+        if options.arm is not None:
+            stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+        model, person = load_model(options.model), None
+        if options.source is not None and is_live(options.source):
+            source = stack.enter_context(closing(live_source(str(options.source), options.human)))
+            person = LivePerson(source, str(options.source), _marker_set(options))
+        return _simulate(options, model, folder, bar, person)
 
 
 def _simulate(
@@ -117,10 +122,6 @@ def _simulate(
     scene = build_scene()
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
-        if (
-            options.arm is not None
-        ):  # a second Ctrl-C must not keep the arm from its rest, and the recording from its end
-            stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
         was_there = folder.exists()
         _make(folder)

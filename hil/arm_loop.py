@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,8 +17,8 @@ from hil.drivers.latch import Latch
 from hil.drivers.values import JointCommand
 from hil.retarget import ArmStep, PalmGoal, Retarget, RetargetState, Sacrifice
 from hil.safety import envelope
-from hil.safety.limits import JOINTS, Limits
-from hil.safety.people import Human
+from hil.safety.limits import Limits
+from hil.safety.people import Human, Sighting
 from hil.safety.startup import Check
 from hil.safety.states import HALTED, State
 from hil.safety.values import Inputs, Report, standing
@@ -28,14 +28,6 @@ from model.rotations import Array
 
 OFF_COURSE = 0.03
 """rad: where the envelope holds a joint back by more than this, the plan goes on from where it was told to be."""
-
-MOST_SAG = 0.1
-"""rad, most that a servo's goal goes beyond where the joint shall be, because it gives way."""
-SAG_SPEED, SAG_ACCELERATION, SAG_TIME = 1.0, 20.0, 0.03
-"""rad/s and rad/s², most by which that changes, and s in which it gets there: planned torques jump, goals must not."""
-
-LONGEST_TICK = 0.05
-"""s: after a longer pause the offset begins anew where it was."""
 
 REST_S = 15.0
 """At most so long the arm takes to come to rest, s."""
@@ -49,7 +41,7 @@ class ArmTick:
         frame_ns: monotonic clock when the tick's frame was there, ns.
         goal: what was asked.
         wanted: (J,) rad, where retargeting wanted the joints a lag later.
-        report: of the envelope; ``report.sent`` is what went to the driver.
+        report: of the envelope; ``report.sent`` is what went to the driver, unchanged.
         retarget_ms: what retargeting took, ms.
         step_ms: what retargeting and envelope took, ms.
     """
@@ -89,46 +81,25 @@ class Driver(Protocol):
 
 
 @dataclass(frozen=True)
-class Sag:
-    """By how much goals go beyond where the joints shall be, and how that changed last.
+class _Seen:
+    """A part of the person, and when one of its markers was last measured, ns of the loop's clock."""
 
-    Attributes:
-        offsets, rates: (J,) rad and rad/s.
-        positions, speeds: (J,) rad and rad/s, of the command without it; None before the first.
-        time_ns: monotonic clock, of that command.
-    """
+    measured_ns: int
+    deviation: float = 0.0
 
-    offsets: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
-    rates: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
-    positions: Array | None = None
-    speeds: Array | None = None
-    time_ns: int = 0
+    def again(self, sighting: Sighting | None, given: bool, frame_ns: int) -> _Seen:
+        """After a frame that came at ``frame_ns``; where it says nothing of how, what is ``given`` was measured in it.
 
-    def towards(self, wanted: Array, positions: Array, limits: Limits, now_ns: int) -> Sag:
-        """One tick later.
-
-        With what the command (J,), rad, does by itself, the goal stays inside position, speed and acceleration limits:
-        the offset has what room the command leaves. Where a joint's stop is near, position comes before acceleration.
+        What was not measured in it was measured no later than before, whatever the source's own clock makes of that.
         """
-        dt = 1e-9 * (now_ns - self.time_ns)
-        if self.positions is None or not 0.0 < dt < LONGEST_TICK:
-            return replace(self, rates=np.zeros_like(self.rates), positions=positions, speeds=None, time_ns=now_ns)
-        speeds = (positions - self.positions) / dt
-        pushes = np.zeros_like(speeds) if self.speeds is None else (speeds - self.speeds) / dt
-        low, high, fastest, push = (
-            np.array([getattr(joint, name) for joint in limits.joints])
-            for name in ("lowest", "highest", "speed", "acceleration")
-        )
-        wanted = np.clip(wanted, np.minimum(low - positions, 0.0), np.maximum(high - positions, 0.0))
-        rates = np.clip((wanted - self.offsets) / SAG_TIME, -SAG_SPEED, SAG_SPEED)
-        down = np.clip(-push - pushes, -SAG_ACCELERATION, 0.0)
-        up = np.clip(push - pushes, 0.0, SAG_ACCELERATION)
-        rates = self.rates + np.clip(rates - self.rates, dt * down, dt * up)
-        rates = np.clip(rates, np.minimum(-fastest - speeds, 0.0), np.maximum(fastest - speeds, 0.0))
-        offsets = np.clip(
-            self.offsets + dt * rates, np.minimum(low - positions, 0.0), np.maximum(high - positions, 0.0)
-        )
-        return Sag(offsets, (offsets - self.offsets) / dt, positions, speeds, now_ns)
+        if sighting is None:
+            return _Seen(frame_ns) if given else self
+        measured = frame_ns - sighting.age_ns
+        return _Seen(min(measured, self.measured_ns) if sighting.age_ns > 0 else measured, sighting.deviation)
+
+    def at(self, now_ns: int) -> Sighting:
+        """Now."""
+        return Sighting(max(0, now_ns - self.measured_ns), self.deviation)
 
 
 class ArmLoop:
@@ -158,12 +129,13 @@ class ArmLoop:
         self._arm, self.retarget, self._limits = arm, retarget, limits
         self._checked, self._estop, self._clock, self._pause = checked, estop, clock, pause
         self._human: Human | None = None
-        self._seen_ns = self._frame_ns = clock()
+        self._estimated_ns = self._frame_ns = clock()
+        self._head = self._palm = _Seen(self._frame_ns)
         self._check: Check | None = None
         self._standing = standing(clock())
         self._state: RetargetState | None = None
-        self._told: Array | None = None
-        self._sag = Sag()
+        self._reference: Array | None = None
+        self._on_course = False
 
     def begin(self) -> None:
         """Has everything checked; then the arm follows, from where it stands.
@@ -176,8 +148,8 @@ class ArmLoop:
         self._check = self._checked()
         if self._check.mismatches:
             raise HighFiveError(first_of(self._check.mismatches))
-        self._standing = standing(self._check.time_ns)
-        self._state = self._told = None
+        self._standing = standing(self._check.time_ns, self._standing.feed_forward)
+        self._state = self._reference = None
         self._arm.unread()
 
     @property
@@ -235,12 +207,15 @@ class ArmLoop:
         planning = time.perf_counter_ns()
         state, step = self.retarget.step(state, goal)
         retarget_ms = 1e-6 * (time.perf_counter_ns() - planning)
-        inputs = Inputs(step.joints, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns)
+        inputs = Inputs(
+            step.joints, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns,
+            feed_forward=self._feed_forward(step),
+        )  # fmt: skip
         self._standing, command, report = envelope.step(
             self._limits, self.retarget.arm.points, self._standing, inputs, begun
         )
         if command is not None:
-            self._arm.drive(self._beyond(command, step, report, begun))
+            self._arm.drive(command)
         self._state = self._followed(state, step.joints, report)
         step_ms = 1e-6 * (time.perf_counter_ns() - started)
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
@@ -281,29 +256,34 @@ class ArmLoop:
             self._pause(max(0.0, 1e-9 * (due - self._clock())))
 
     def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
-        """The person as known last, and how long ago."""
+        """The person as estimated last, and when head and hand were last measured."""
+        self._head = self._head.again(goal.head_seen, goal.head is not None, self._frame_ns)
+        self._palm = self._palm.again(goal.person_seen, goal.person is not None, self._frame_ns)
         if goal.head is not None:
             palm = goal.person
             at, velocity = (None, None) if palm is None else (palm.position, palm.velocity)
-            self._human, self._seen_ns = Human(goal.head, at, velocity, 0), self._frame_ns
+            self._human, self._estimated_ns = Human(goal.head, at, velocity, 0), self._frame_ns
         if self._human is None:
             return None
-        return replace(self._human, age_ns=max(0, now_ns - self._seen_ns))
+        age_ns = max(0, now_ns - self._estimated_ns)
+        return replace(self._human, age_ns=age_ns, head_seen=self._head.at(now_ns), palm_seen=self._palm.at(now_ns))
 
-    def _beyond(self, command: JointCommand, step: ArmStep, report: Report, now_ns: int) -> JointCommand:
-        """The command with what each joint gives way to its torque added, so that it is where the envelope wants it."""
-        sag = np.array(self.retarget.settings.sag or 0.0)
-        on_course = report.state is State.TRACKING and np.abs(command.positions - step.joints).max() < OFF_COURSE
-        torques = step.torques if on_course else self.retarget.arm.gravity(command.positions)
-        wanted = np.clip(sag * torques, -MOST_SAG, MOST_SAG)
-        self._sag = self._sag.towards(wanted, command.positions, self._limits, now_ns)
-        return replace(command, positions=command.positions + self._sag.offsets)
+    def _feed_forward(self, step: ArmStep) -> Array:
+        """(J,) rad, by how much goals shall lead: what each joint gives way to its torque.
+
+        Off the plan's course only gravity's torque is known, of where the joints were told to be.
+        """
+        sag, reference = np.array(self.retarget.settings.sag or 0.0), self._reference
+        torques = step.torques if self._on_course or reference is None else self.retarget.arm.gravity(reference)
+        return sag * torques
 
     def _followed(self, state: RetargetState, asked: Array, report: Report) -> RetargetState:
         """The plan's state, from where the joints were really told to go."""
-        told = None if report.sent is None else report.sent.positions
-        before, self._told = self._told, told
-        if told is None or np.abs(told - asked).max() < OFF_COURSE:
+        told = report.reference
+        before, self._reference = self._reference, told
+        near = told is not None and float(np.abs(told - asked).max()) < OFF_COURSE
+        self._on_course = near and report.state is State.TRACKING
+        if told is None or near:
             return state
         speeds = np.zeros_like(told) if before is None else (told - before) / self.retarget.settings.tick
         most = self.retarget.arm.packed.speeds

@@ -15,10 +15,12 @@ from hil.bench_retarget import Asked, Met, asked_in, judged, notice
 from hil.drivers.arm_process import Cycle
 from hil.retarget import Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
+from hil.safety.limits import Limits
+from hil.safety.speeds import closing_speed, face_speed
 from hil.safety.states import HALTED
+from hil.servo_arm import ServoArm
 from hil.session import RATE_HZ, Tick
 from mocap_bridge.frames import MarkerFrame, PalmPose
-from model.errors import HighFiveError
 from model.rotations import Array
 
 MS, NS = 1e3, 1e-9
@@ -89,22 +91,42 @@ class ArmTrial:
         there = [np.interp(self.times + lag, self.cycle_times, joint) for joint in self.actual.T]
         return np.array(there).T - self.wanted
 
+    def separation_speeds(self, arm: ServoArm, limits: Limits) -> dict[str, float]:
+        """m/s, the largest closing speed near the hand and the largest speed near the head, from positions.
+
+        ``wire``: of the goals as they went out, against the hand as it was known then; ``body``: of what the servos
+        said, against where the hand went; see :mod:`hil.safety.speeds`.
+        """
+        found = {f"{which}_{speed}_speed": 0.0 for which in ("wire", "body") for speed in ("closing", "face")}
+        goals = [tick.goal for tick in self.ticks]
+        palm, velocity, head = (
+            _rows(rows)
+            for rows in (
+                [None if goal.person is None else goal.person.position for goal in goals],
+                [None if goal.person is None else goal.person.velocity for goal in goals],
+                [goal.head for goal in goals],
+            )
+        )
+        was = np.array([arm.points(pose)[0] for pose in self.actual])
+
+        begun = NS * np.array([cycle.begun_ns - self.ticks[0].frame_ns for cycle in self.cycles])
+        went = np.isfinite(self.sent).all(axis=1)
+        if went.any():
+            times, points = begun[went], np.array([arm.points(pose)[0] for pose in self.sent[went]])
+            hands, speeds, heads = (_at(times, self.times, rows) for rows in (palm, velocity, head))
+            bodies = _at(times, self.cycle_times, was[:, 0])
+            found["wire_closing_speed"] = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
+            found["wire_face_speed"] = face_speed(times, points, heads, limits.face)
+        times = self.cycle_times
+        hands, heads = _at(times, self.times, palm), _at(times, self.times, head)
+        found["body_closing_speed"] = closing_speed(times, was[:, 0], hands, limits.contact)
+        found["body_face_speed"] = face_speed(times, was, heads, limits.face)
+        return found
+
     @cached_property
     def acted(self) -> Counter[str]:
         """How many ticks each rule of the envelope acted in."""
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
-
-
-def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
-    """Has the arm play one high five.
-
-    Raises:
-        HighFiveError: it was not allowed to, or stopped by itself; it says why.
-    """
-    trial = played_until_stopped(asked, loop)
-    if trial is None or loop.trouble:
-        raise HighFiveError(f"{asked.emotion} {asked.cell}: {loop.trouble or 'too short to be played'}")
-    return trial
 
 
 def played_until_stopped(asked: Asked, loop: ArmLoop) -> ArmTrial | None:
@@ -146,6 +168,16 @@ def arm_trial(
     halted = any(tick.report.state in HALTED for tick in ticks[: asked.due + 1])
     broken_off = not met.touched and (halted or len(ticks) < len(asked.goals))
     return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due, broken_off)
+
+
+def _rows(rows: Sequence[Array | None]) -> Array:
+    """(T, 3), NaN where there is none."""
+    return np.array([np.full(3, np.nan) if row is None else row for row in rows])
+
+
+def _at(times: Array, known: Array, rows: Array) -> Array:
+    """Rows (T, 3), ``known`` at some times, at others (N,), s: (N, 3)."""
+    return np.array([np.interp(times, known, axis) for axis in rows.T]).T
 
 
 def _meanwhile(ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> list[Cycle]:

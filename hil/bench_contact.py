@@ -7,6 +7,7 @@ pace of the clock, both through retargeting and the safety envelope.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.arm_loop import ArmLoop, ArmTick
+from hil.arm_loop import ArmLoop
 from hil.arm_session import ArmOptions, full_errors, ready_arm, retarget_settings
-from hil.arm_trial import MS, ArmTrial, percentiles, played
-from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met, foretold
+from hil.arm_trial import MS, ArmTrial, percentiles, played_until_stopped
+from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met, foretold, notice
 from hil.drivers.latch import Latch
 from hil.drivers.rig import load_rig
-from hil.retarget import Retarget
+from hil.retarget import Retarget, Sacrifice
 from hil.safety.limits import load_limits
 from hil.safety.startup import Check
 from hil.servo_arm import READY, default_arm
@@ -28,15 +29,11 @@ from hil.sim.actors import CELLS
 from hil.sim.arm_plant import mounted_arm
 from hil.sim.emotions import EMOTIONS
 from hil.twin_arm import TwinArm
-from mocap_bridge.frames import PalmPose
 from model.errors import HighFiveError
 from model.hgpdm import HGPDM
 
 if TYPE_CHECKING:
     from hil.console import Bar
-
-MOST_STOPS = 5
-"""So often the emulated rig may be stopped, and begin again with the high five in which it was."""
 
 PLAYERS = ("avatar", "twin", "rig")
 
@@ -60,7 +57,9 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
 
     Returns:
         by player ``error_mm`` (``median``, ``max``), ``time_error_ms`` (the largest), ``max_relative_speed``,
-        ``unreachable`` (not in the other figures), ``missed``; of the rig also ``stops``; and ``rows``.
+        ``unreachable`` (not in the other figures), ``missed``; of an arm the largest speeds near hand and head, on the
+        wire and of the body; of the rig also ``stops``, each of which is a high five that counts as it was; and
+        ``rows``.
 
     Raises:
         HighFiveError: there is no such player, emotion or cell, the baseline cannot be read, the picture not written,
@@ -84,9 +83,9 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed, "foretold": options.foretold}
     rows: list[dict[str, Any]] = []
     for player in options.players:
-        met, commanded = _played_by(player, asked, bar)
-        result[player] = contact_figures(met) | commanded
-        rows += [_row(player, one, before) for one in met]
+        results, commanded = _played_by(player, asked, bar)
+        result[player] = contact_figures([one.met for one in results]) | commanded
+        rows += [_row(player, one, before) for one in results]
     if options.picture is not None:
         from hil.contact_map import draw_contact_map  # noqa: PLC0415 (matplotlib takes a second)
 
@@ -107,7 +106,8 @@ def contact_figures(met: Sequence[Met]) -> dict[str, Any]:
     """Of one player, over the high fives that are possible."""
     able = [one for one in met if one.possible]
     touched = [one for one in able if one.touched]
-    errors, late = [MS * one.error for one in able], [abs(MS * one.late) for one in touched]
+    errors = [MS * one.error for one in able if math.isfinite(one.error)]
+    late = [abs(MS * one.late) for one in touched]
     return {
         "error_mm": {
             "median": round(float(np.median(errors)), 2) if errors else None,
@@ -146,9 +146,11 @@ def print_contact(result: Mapping[str, Any]) -> None:
         change = "" if row["change_mm"] is None else f"{row['change_mm']:+.1f}"
         late = "–" if row["late_ms"] is None else f"{row['late_ms']:.0f}"
         note = "" if row["touched"] else "  not met" if row["possible"] else "  not possible"
+        note += f" (stopped: {row['stopped']})" if row["stopped"] else ""
+        error = "–" if row["error_mm"] is None else f"{row['error_mm']:.1f}"
+        speed = "–" if row["speed"] is None else f"{row['speed']:.2f}"
         print(
-            f"{row['player']:<8}{row['emotion']:<10}{row['cell']:<6}{row['error_mm']:>10.1f}{change:>9}{late:>10}"
-            f"{row['speed']:>12.2f}{note}"
+            f"{row['player']:<8}{row['emotion']:<10}{row['cell']:<6}{error:>10}{change:>9}{late:>10}{speed:>12}{note}"
         )
     for player in PLAYERS:
         if player not in result:
@@ -161,6 +163,12 @@ def print_contact(result: Mapping[str, Any]) -> None:
             f"relative speed up to {of['max_relative_speed']} m/s, {len(of['missed'])} missed, "
             f"{len(of['unreachable'])} not possible"
         )
+        if "body_closing_speed" in of:
+            print(
+                f"{'':{len(player)}}  near the hand {of['commanded_closing_speed']} m/s on the wire, "
+                f"{of['body_closing_speed']} of the body; near the head {of['commanded_face_speed']} and "
+                f"{of['body_face_speed']}"
+            )
         if "retarget_ms" in of:
             print(
                 f"{'':{len(player)}}  retargeting {of['retarget_ms']['p50']} / {of['retarget_ms']['p99']} ms, with the "
@@ -168,9 +176,29 @@ def print_contact(result: Mapping[str, Any]) -> None:
             )
 
 
-def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Met], dict[str, Any]]:
+@dataclass(frozen=True)
+class Played:
+    """How one high five went, and why the arm was stopped in it; '' where it was not."""
+
+    met: Met
+    stopped: str = ""
+
+
+def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
+    """Has the arm play one high five to its end.
+
+    Raises:
+        HighFiveError: it was not allowed to, or stopped by itself; it says why.
+    """
+    trial = played_until_stopped(asked, loop)
+    if trial is None or loop.trouble:
+        raise HighFiveError(f"{asked.emotion} {asked.cell}: {loop.trouble or 'too short to be played'}")
+    return trial
+
+
+def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
     if player == "avatar":
-        return [avatar_met(it) for it in asked], {}
+        return [Played(avatar_met(it)) for it in asked], {}
     advance = bar(player, len(asked))
     trials: list[ArmTrial] = []
     if player == "twin":
@@ -178,62 +206,61 @@ def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Met]
         for it in asked:
             trials.append(played(it, loop))
             advance()
-    else:
-        stops = 0
-        while len(trials) < len(asked):
-            try:
-                with ready_arm(ArmOptions()) as loop:
-                    for it in asked[len(trials) :]:
-                        trials.append(played(it, loop))
-                        advance()
-            except HighFiveError as error:  # a busy machine: what goes by the clock is stopped by its own rules
-                stops += 1
-                if stops > MOST_STOPS:
-                    raise HighFiveError(f"the arm was stopped {stops} times, the last time at {error}") from None
-        return [trial.met for trial in trials], {**_commanded(trials), "stops": stops}
-    return [trial.met for trial in trials], _commanded(trials)
+        return [Played(trial.met) for trial in trials], _commanded(trials)
+    results: list[Played] = []
+    while len(results) < len(asked):  # one that was stopped counts as it is; the arm is then made ready again
+        with ready_arm(ArmOptions()) as loop:
+            while len(results) < len(asked) and not loop.trouble:
+                it = asked[len(results)]
+                trial = played_until_stopped(it, loop)
+                trials += [] if trial is None else [trial]
+                met = _not_met(it, loop.retarget) if trial is None or trial.broken_off else trial.met
+                results.append(Played(met, loop.trouble))
+                advance()
+    stops = [result.stopped for result in results if result.stopped]
+    return results, {**_commanded(trials), "stops": len(stops), "stopped": stops}
+
+
+def _not_met(asked: Asked, retarget: Retarget) -> Met:
+    """A high five in which the arm was stopped before it met the hand; how near it came says nothing."""
+    nan = float("nan")
+    return Met(asked.emotion, asked.cell, nan, False, nan, nan, nan, notice(asked, retarget), Sacrifice())
 
 
 def _commanded(trials: Sequence[ArmTrial]) -> dict[str, Any]:
-    """The largest closing speed of plate and hand that was ever sent where they are near, m/s, and ms of planning.
+    """The largest speeds near hand and head, m/s, of what went on the wire and of the body, and ms of planning.
 
     What the hand is faster than the limit by itself is not counted: the plate then stands.
     """
-    limits = load_limits().contact
-    closing = [
-        tick.report.closing_speed - max(0.0, _approaching(tick, plate) - limits.speed)
-        for trial in trials
-        for tick, plate in zip(trial.ticks, trial.plates, strict=True)
-        if tick.report.closing_speed is not None and (tick.report.gap or 0.0) < limits.near
-    ]
+    limits, arm = load_limits(), default_arm()
+    speeds = [trial.separation_speeds(arm, limits) for trial in trials]
     ticks = [tick for trial in trials for tick in trial.ticks]
+    names = {"wire": "commanded", "body": "body"}
     return {
-        "commanded_closing_speed": round(max(closing, default=0.0), 3),
+        **{
+            f"{said}_{which}_speed": round(max((one[f"{name}_{which}_speed"] for one in speeds), default=0.0), 3)
+            for name, said in names.items()
+            for which in ("closing", "face")
+        },
         "retarget_ms": percentiles(np.array([tick.retarget_ms for tick in ticks])),
         "step_ms": percentiles(np.array([tick.step_ms for tick in ticks])),
     }
 
 
-def _approaching(tick: ArmTick, plate: PalmPose) -> float:
-    """m/s, how fast the hand comes nearer the plate."""
-    if tick.goal.person is None:
-        return 0.0
-    away = tick.goal.person.position - plate.position
-    return float(-away @ tick.goal.person.velocity / max(np.linalg.norm(away), 1e-3))
-
-
-def _row(player: str, met: Met, before: Mapping[str, float]) -> dict[str, Any]:
-    error, had = round(MS * met.error, 2), met.notice
+def _row(player: str, result: Played, before: Mapping[str, float]) -> dict[str, Any]:
+    met, had = result.met, result.met.notice
+    error = round(MS * met.error, 2) if math.isfinite(met.error) else None
     earlier = before.get(_key(player, met.emotion, met.cell))
     return {
         "player": player,
         "emotion": met.emotion,
         "cell": met.cell,
         "error_mm": error,
-        "change_mm": None if earlier is None else round(error - earlier, 2),
+        "change_mm": None if earlier is None or error is None else round(error - earlier, 2),
         "late_ms": round(MS * met.late, 1) if met.touched else None,
-        "speed": round(met.speed, 3),
+        "speed": round(met.speed, 3) if math.isfinite(met.speed) else None,
         "touched": met.touched,
+        "stopped": result.stopped,
         "possible": met.possible,
         "needed_s": None if had is None or not had.reached else round(had.needed, 3),
         "given_s": None if had is None else round(had.given, 3),

@@ -55,18 +55,20 @@ def _grid(axes: Axes, rows: Sequence[Mapping[str, Any]], colours: ScalarMappable
     for row in rows:
         line, column = divmod(CELLS.index(row["cell"]), 3)
         corner = (1.5 - column, line - 0.5)  # columns 1 to 3 go from the right to the left, seen from behind
-        hot = min(row["error_mm"], WORST_MM)
+        error = row["error_mm"]
+        hot = WORST_MM if error is None else min(error, WORST_MM)
         face = colours.to_rgba(np.array([hot]))[0] if row["possible"] else "#e4e6e9"
         axes.add_patch(Rectangle(corner, 1, 1, fc=face, ec="white", lw=2.0, hatch=None if row["possible"] else "///"))
         if row["possible"] and not row["touched"]:
             axes.add_patch(
                 Rectangle((corner[0] + 0.05, corner[1] + 0.05), 0.9, 0.9, fill=False, ec=INK, lw=1.2, ls=(0, (4, 2)))
             )
+        came = "stopped" if error is None else f"{error:.0f} mm"
         needs = "not reached" if row["needed_s"] is None else f"needs {row['needed_s']:.2f} s"
         axes.text(
             2 - column,
             line,
-            f"{row['cell']}   {row['error_mm']:.0f} mm\n{needs}\nhas {row['given_s']:.2f} s\n"
+            f"{row['cell']}   {came}\n{needs}\nhas {row['given_s']:.2f} s\n"
             f"known {row['place_known_s']:.2f} s",
             ha="center", va="center", fontsize=8, linespacing=1.35,
             color="white" if row["possible"] and hot > 0.6 * WORST_MM else INK,

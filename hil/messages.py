@@ -59,8 +59,8 @@ CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "/safety": (
         "high_five.Safety",
         {"state": _TEXT, "event": {"type": ["string", "null"]}, "reason": _TEXT, "wanted": _LIST, "asked": _MAYBE,
-         "positions": _MAYBE, "currents": _MAYBE, "acted": _NAMES, "share": _NUMBER, "closing_speed": _UNKNOWN,
-         "gap": _UNKNOWN, "step_ms": _NUMBER},
+         "reference": _MAYBE, "positions": _MAYBE, "currents": _MAYBE, "acted": _NAMES, "share": _NUMBER,
+         "closing_speed": _UNKNOWN, "gap": _UNKNOWN, "step_ms": _NUMBER},
     ),
     "/skeleton": ("foxglove.SceneUpdate", {"deletions": {"type": "array"}, "entities": {"type": "array"}}),
 }  # fmt: skip

@@ -21,6 +21,7 @@ import numpy as np
 from hil import arm_motion
 from hil.arm_motion import Planned, Task
 from hil.profiles import minimum_jerk
+from hil.safety.people import Sighting
 from hil.servo_arm import JOINTS, ServoArm, solve
 from mocap_bridge.frames import PalmPose
 from model.rotations import Array
@@ -131,12 +132,16 @@ class PalmGoal:
         person: the person's palm; None where nobody knows it.
         head: (3,) m, centre of the person's head, or None.
         contact: None while no high five is on.
+        person_seen, head_seen: how well palm and head are known, as of the tick's frame; None: measured in it where
+            they are given.
     """
 
     palm: PalmPose
     person: PalmPose | None = None
     head: Array | None = None
     contact: ExpectedContact | None = None
+    person_seen: Sighting | None = None
+    head_seen: Sighting | None = None
 
 
 @dataclass(frozen=True)

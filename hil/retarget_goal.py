@@ -13,6 +13,7 @@ import numpy as np
 
 from hil.reach import Phase, ReachSettings, ReachTarget
 from hil.retarget import ExpectedContact, PalmGoal
+from hil.safety.people import Sighting
 from hil.session import RATE_HZ, UNFAMILIAR, Tick
 from mocap_bridge.frames import PalmPose
 from model.forecast import BEGIN, END, ContactForecast
@@ -43,9 +44,16 @@ STEP, LATEST = 1.0 / RATE_HZ, 1.0
 
 def palm_goal(tick: Tick) -> PalmGoal:
     """The goal of one tick."""
-    person = tick.person.palm if tick.person.valid else None
-    head = tick.person.head_position if tick.person.valid else None
-    return PalmGoal(tick.palm, person, head, None if person is None else _contact(tick, person))
+    arm = tick.person
+    person, head = (arm.palm, arm.head_position) if arm.valid else (None, None)
+    return PalmGoal(
+        tick.palm,
+        person,
+        head,
+        None if person is None else _contact(tick, person),
+        Sighting(arm.hand_unseen_ns, arm.hand_deviation),
+        Sighting(arm.head_unseen_ns, arm.head_deviation),
+    )
 
 
 def _contact(tick: Tick, person: PalmPose) -> ExpectedContact | None:

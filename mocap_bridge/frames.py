@@ -90,6 +90,10 @@ class HumanArm:
         age_ns: age of the oldest marker that the hand rests on; the largest integer where none of them was ever seen.
         time_ns: source time, ns.
         hand_covariance: (2, 3, 3) m², of the hand points, as if the markers of each erred together; zero if not known.
+        head_unseen_ns, hand_unseen_ns: time since any marker of the head, or of wrist and hand, was last measured,
+            whatever the estimate; the largest integer where none ever was.
+        head_deviation, hand_deviation: m, standard deviation of the head's centre, and of wrist or knuckles, whichever
+            is less sure, as if the markers erred together.
     """
 
     head_position: Float[np.ndarray, "3"]
@@ -104,3 +108,7 @@ class HumanArm:
     age_ns: int
     time_ns: int
     hand_covariance: Float[np.ndarray, "2 3 3"] = field(default_factory=lambda: np.zeros((2, 3, 3)))
+    head_unseen_ns: int = 0
+    hand_unseen_ns: int = 0
+    head_deviation: float = 0.0
+    hand_deviation: float = 0.0

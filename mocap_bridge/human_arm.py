@@ -111,6 +111,8 @@ class HumanArmEstimator:
             self._recipe, tracked.positions, tracked.velocities, tracked.covariances, tracked.valid, tracked.age_ns
         )
         head, shoulder, elbow, wrist, palm, knuckles, normal, fingers, velocity = points
+        of_head, of_hand = self._recipe.head, self._recipe.of_hand
+        head_variances = np.trace(tracked.covariances[of_head], axis1=1, axis2=2)
         return HumanArm(
             head_position=head,
             head_orientation=quaternion,
@@ -124,6 +126,10 @@ class HumanArmEstimator:
             age_ns=age_ns,
             time_ns=tracked.time_ns,
             hand_covariance=covariance,
+            head_unseen_ns=int(tracked.age_ns[of_head].min()),
+            hand_unseen_ns=int(tracked.age_ns[of_hand].min()),
+            head_deviation=float(np.sqrt(head_variances).mean()),
+            hand_deviation=math.sqrt(float(np.trace(covariance, axis1=1, axis2=2).max())),
         )
 
 

@@ -1,7 +1,8 @@
 """The safety envelope: what stands between where the arm is wanted and what is sent to it.
 
 :func:`step` is called once a tick. It keeps no state of its own, reads no clock and sends nothing. Whoever calls it
-sends the command that comes back, and nothing else, and records the report.
+sends the command that comes back, and nothing else, and records the report. Nothing is added after it: what goals lead
+by, because loaded joints stand off them, comes in as a request and is held to the rules like everything else.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.drivers.values import JointCommand
-from hil.safety import faults, motion, people
+from hil.safety import faults, feed_forward, motion, people, wire
+from hil.safety.feed_forward import FeedForward
 from hil.safety.limits import JOINTS, Limits
 from hil.safety.motion import Motion
 from hil.safety.people import Human, Points, Remembered
@@ -56,12 +58,14 @@ def step(
     told = None if before.motion is None else before.motion.positions
     watch = faults.watched(limits, before.watch, inputs.arm, told, now_ns)
     points = None if told is None else placed(kinematics, told, inputs)
-    if told is not None and points is None:
-        reasons = {Rule.NOT_FINITE: "the kinematics of the arm are not finite"}
+    goals = None if told is None else placed(kinematics, told + before.feed_forward.offsets, inputs)
+    if told is not None and (points is None or goals is None):
+        reasons, points, goals = {Rule.NOT_FINITE: "the kinematics of the arm are not finite"}, None, None
     reasons |= faults.faults(limits, watch, inputs.arm, inputs.health, now_ns)
 
     wanted_ns = before.wanted_ns if inputs.wanted is None else now_ns
-    age_s = max(NEVER_S if inputs.human is None else 1e-9 * inputs.human.age_ns, 1e-9 * (now_ns - wanted_ns))
+    seen_s = NEVER_S if inputs.human is None else 1e-9 * inputs.human.measured_ns
+    age_s = max(seen_s, 1e-9 * (now_ns - wanted_ns))
     event = happened(limits, before, inputs, bool(reasons), age_s)
     now = entered(limits, before, event, inputs, reasons, now_ns)
     acted = set(reasons)
@@ -71,25 +75,37 @@ def step(
     human, seen = known(limits, inputs.human), now.seen
     if points is not None and human is not None:
         seen = people.remembered(limits.contact, seen, human, points, now_ns)
-    share, closing, then, way_point = 1.0, None, now.motion, now.way_point
-    if then is not None and now.state in MOVING:
+    share, closing, then, way_point, offset = 1.0, None, now.motion, now.way_point, now.feed_forward
+    if then is not None and now.state is not State.ESTOPPED:
         dt = min(max(watch.gap_s, 0.0), LATE_TICK * limits.timing.period_s)
-        velocities, wanted, way_point, clamped = led(limits, now, then, inputs.wanted, dt)
-        kept, closing, slowing = spared(limits, now.state, seen, human, points, velocities, dt)
-        kept = motion.share_within(limits, then, kept, dt) * kept
-        share = kept_share(velocities, kept)
-        acted |= clamped | slowing
-        then = motion.moved(then, kept, wanted, dt)
-    now = Standing(now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point)
+        velocities, wanted, kept = np.zeros_like(then.positions), then.wanted, np.zeros_like(then.positions)
+        if now.state in MOVING:
+            velocities, wanted, way_point, clamped = led(limits, now, then, inputs.wanted, dt)
+            kept, closing, slowing = spared(limits, now.state, seen, human, points, velocities, dt)
+            kept = motion.share_within(limits, then, kept, dt) * kept
+            acted |= clamped | slowing
+        rates = feed_forward.next_rates(limits, offset, inputs.feed_forward, then, kept, dt)
+        bounds = feed_forward.bounds(limits, offset, then.positions + kept * dt, dt)
+        sent, leading = on_the_wire(limits, seen, human, goals, kept, rates, bounds, dt)
+        closing = max((c for c in (closing, sent.closing_speed) if c is not None), default=None)
+        within = min(motion.share_within(limits, then, sent.reference, dt), joint_share(limits, sent))
+        share = kept_share(velocities, within * sent.reference)
+        acted |= leading
+        then = motion.moved(then, within * sent.reference, wanted, dt)
+        offset = feed_forward.moved(limits, offset, within * sent.offset, then.positions, dt)
+    now = Standing(now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point, offset)
 
-    gap = None if points is None or human is None else people.gap_to_hand(human, points)
-    command, limited = commanded(limits, then, gap)
+    gap = None
+    if points is not None and goals is not None and human is not None:
+        gap = min(people.gap_to_hand(human, points), people.gap_to_hand(human, goals))
+    command, limited = commanded(limits, then, offset, gap)
     report = Report(
         time_ns=now_ns,
         state=now.state,
         event=event,
         reason=now.reason or unchecked(now, inputs, reasons),
         asked=asked,
+        reference=None if then is None else then.positions,
         sent=command,
         acted=frozenset(acted | limited),
         share=share,
@@ -114,6 +130,8 @@ def numbers(inputs: Inputs) -> Iterator[tuple[str, str, NDArray[Any], tuple[int,
     joints, vector = (len(JOINTS),), (3,)
     if wanted is not None:
         yield "wanted", "wanted positions", wanted, joints
+    if inputs.feed_forward is not None:
+        yield "feed_forward", "what goals shall lead by", inputs.feed_forward, joints
     if arm is not None:
         yield "arm", "the servos' positions", arm.positions, joints
         yield "arm", "the servos' velocities", arm.velocities, joints
@@ -130,6 +148,8 @@ def numbers(inputs: Inputs) -> Iterator[tuple[str, str, NDArray[Any], tuple[int,
             yield "human", "the person's palm", human.palm, vector
         if human.palm_velocity is not None:
             yield "human", "the velocity of the person's palm", human.palm_velocity, vector
+        deviations = np.array([human.head_seen.deviation, human.palm_seen.deviation])
+        yield "human", "how sure head and palm are", deviations, (2,)
 
 
 def placed(kinematics: Kinematics, told: Array, inputs: Inputs) -> Points | None:
@@ -145,8 +165,11 @@ def placed(kinematics: Kinematics, told: Array, inputs: Inputs) -> Points | None
 
 
 def known(limits: Limits, human: Human | None) -> Human | None:
-    """The person, unless that was too long ago to say where they are."""
-    return human if human is not None and 1e-9 * human.age_ns <= limits.stale.retract_s else None
+    """The person, unless that was measured too long ago to say where they are; without the hand if that was."""
+    longest = round(1e9 * limits.stale.retract_s)
+    if human is None or max(human.age_ns, human.head_seen.age_ns) > longest:
+        return None
+    return human if human.palm_seen.age_ns <= longest else replace(human, palm=None, palm_velocity=None)
 
 
 def led(
@@ -194,13 +217,41 @@ def spared(
     return people.slowed(limits, seen, human, points, velocities, dt)
 
 
-def commanded(limits: Limits, told: Motion | None, gap: float | None) -> tuple[JointCommand | None, set[Rule]]:
-    """What may be sent: little current unless the hand is known to be further away than ``near`` (``gap``, m)."""
+def on_the_wire(
+    limits: Limits,
+    seen: Remembered,
+    human: Human | None,
+    goals: Points | None,
+    kept: Array,
+    rates: Array,
+    bounds: tuple[Array, Array],
+    dt: float,
+) -> tuple[wire.Rates, set[Rule]]:
+    """Rates (J,), rad/s, with which the goals, too, keep the rules for the person; see :mod:`hil.safety.wire`.
+
+    Where the arm's points are not known the goals stand.
+    """
+    if goals is None:
+        return wire.Rates(np.zeros_like(kept), np.zeros_like(rates), None), set()
+    return wire.within_rules(limits, seen, human, goals, kept, rates, bounds, dt)
+
+
+def joint_share(limits: Limits, rates: wire.Rates) -> float:
+    """How much of the rates may be kept so that no joint's goal is faster than its speed limit."""
+    return min(1.0, 1.0 / max(float((np.abs(rates.reference + rates.offset) / limits.speed).max()), 1e-12))
+
+
+def commanded(
+    limits: Limits, told: Motion | None, offset: FeedForward, gap: float | None
+) -> tuple[JointCommand | None, set[Rule]]:
+    """What is sent: goals that lead the reference by the ``offset``, with little current unless the hand is known to be
+    further away than ``near`` (``gap``, m)."""
     if told is None:
         return None, set()
+    goals = told.positions + offset.offsets
     if gap is not None and gap > limits.contact.near:
-        return JointCommand(told.positions, limits.current), set()
-    return JointCommand(told.positions, limits.contact_current), {Rule.CURRENT}
+        return JointCommand(goals, limits.current), set()
+    return JointCommand(goals, limits.contact_current), {Rule.CURRENT}
 
 
 def unchecked(now: Standing, inputs: Inputs, reasons: dict[Rule, str]) -> str:

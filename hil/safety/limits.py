@@ -172,10 +172,26 @@ class Motion:
     Attributes:
         catch_up: rad/s, how much faster than what is wanted of it a joint may go to make up for being behind.
         retract: rad/s of the fastest joint while the arm retracts.
+        point_speed: m/s of every known point of the arm, wherever it is; lowered where nobody is tracked.
     """
 
     catch_up: float = _limit("rad/s", 0.05, 1.5, -1)
     retract: float = _limit("rad/s", 0.05, 0.6, -1)
+    point_speed: float = _limit("m/s", 0.01, 3.0, -1)
+
+
+@dataclass(frozen=True)
+class Offset:
+    """How far goals may go beyond where the joints shall be; see :mod:`hil.safety.feed_forward`.
+
+    Attributes:
+        largest: rad.
+        speed, acceleration: rad/s and rad/s², by which the offset changes at most.
+    """
+
+    largest: float = _limit("rad", 0.0, 0.1, -1)
+    speed: float = _limit("rad/s", 0.0, 1.0, -1)
+    acceleration: float = _limit("rad/s²", 0.5, 20.0, -1)
 
 
 @dataclass(frozen=True)
@@ -201,7 +217,7 @@ class Limits:
 
     Attributes:
         joints: one a joint, in the order of :data:`JOINTS`.
-        servo, contact, face, stale, motion, timing: as said there.
+        servo, contact, face, stale, motion, feed_forward, timing: as said there.
         path: W poses (J,), rad, along which the arm retracts; in the last one it rests.
     """
 
@@ -211,6 +227,7 @@ class Limits:
     face: Face
     stale: Stale
     motion: Motion
+    feed_forward: Offset
     timing: Timing
     path: tuple[tuple[float, ...], ...]
 
@@ -258,7 +275,15 @@ class Limits:
         return _fixed(np.array([getattr(joint, name) for joint in self.joints]))
 
 
-SECTIONS = {"servo": Servo, "contact": Contact, "face": Face, "stale": Stale, "motion": Motion, "timing": Timing}
+SECTIONS = {
+    "servo": Servo,
+    "contact": Contact,
+    "face": Face,
+    "stale": Stale,
+    "motion": Motion,
+    "feed_forward": Offset,
+    "timing": Timing,
+}
 
 
 def load_limits(path: Path = FILE) -> Limits:

@@ -24,6 +24,28 @@ BORDER = 0.05
 STRAIGHT = 0.98
 """Share of a limit of the plate that is used: within a tick the plate moves on a bent line."""
 
+MEASURED, WIDENING = 0.003, 3.0
+"""m: standard deviation of a part of the body whose markers are measured, which the distances of the limits allow for;
+and by how many standard deviations beyond that the distance kept grows where an estimate is carried on without them."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """How well a part of the body is known, whatever an estimate believes.
+
+    Attributes:
+        age_ns: since one of its markers was last measured, at the time of the tick.
+        deviation: m, standard deviation of where it is.
+    """
+
+    age_ns: int = 0
+    deviation: float = 0.0
+
+    @property
+    def margin(self) -> float:
+        """m, by which the distance kept from it is wider."""
+        return WIDENING * max(0.0, self.deviation - MEASURED)
+
 
 @dataclass(frozen=True)
 class Human:
@@ -33,13 +55,21 @@ class Human:
         head: (3,) m, its centre.
         palm: (3,) m, centre of the palm's surface; None where the hand is not known.
         palm_velocity: (3,) m/s; None where the hand is not known.
-        age_ns: how old this is at the time of the tick.
+        age_ns: how old this estimate is at the time of the tick.
+        head_seen, palm_seen: how well they are known; a hand's markers are those of wrist and hand.
     """
 
     head: Array
     palm: Array | None
     palm_velocity: Array | None
     age_ns: int
+    head_seen: Sighting = field(default_factory=Sighting)
+    palm_seen: Sighting = field(default_factory=Sighting)
+
+    @property
+    def measured_ns(self) -> int:
+        """Age of the older of the two measurements that this rests on, head and hand."""
+        return max(self.age_ns, self.head_seen.age_ns, self.palm_seen.age_ns)
 
 
 @dataclass(frozen=True)
@@ -117,11 +147,15 @@ def allowed_speed(limit: float, fleeing: float, way: float, braking: float, stra
 
 
 def gap_to_hand(human: Human, points: Points) -> float:
-    """From the plate, where it is or is told to be, to the palm, m; 0 where the palm is not known."""
+    """From the plate, where it is or is told to be, to the nearest place where the palm may be, m.
+
+    0 where the palm is not known.
+    """
     if human.palm is None:
         return 0.0
     palm = human.palm.tolist()
-    return min(math.dist(palm, points.told[0].tolist()), math.dist(palm, points.measured[0].tolist()))
+    gap = min(math.dist(palm, points.told[0].tolist()), math.dist(palm, points.measured[0].tolist()))
+    return max(0.0, gap - human.palm_seen.margin)
 
 
 def spared_hand(
@@ -152,16 +186,18 @@ def spared_hand(
     return velocities - (towards - allowed) / float(along @ along) * along, allowed - fleeing
 
 
-def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: Array, dt: float) -> float:
+def face_zone_share(
+    limits: Face, seen: Remembered, points: Points, velocities: Array, dt: float, margin: float = 0.0
+) -> float:
     """How much of the points' velocities (P, 3), m/s, may be kept so that they are slow near the head.
 
-    Inside the zone a point is no faster than the limit, whatever its direction, less what the head itself comes nearer;
-    outside it can still brake before the zone, which one that passes by comes near more slowly. A point outside that
-    moves away is left alone.
+    Inside the zone, which is ``margin`` m wider where the head's place is not sure, a point is no faster than the
+    limit, whatever its direction, less what the head itself comes nearer; outside it can still brake before the zone,
+    which one that passes by comes near more slowly. A point outside that moves away is left alone.
     """
     if seen.head is None:
         return 0.0
-    share, limit = 1.0, STRAIGHT * limits.speed
+    share, limit, radius = 1.0, STRAIGHT * limits.speed, limits.radius + margin
     head, head_velocity = seen.head.tolist(), seen.head_velocity.tolist()
     told, measured = points.told.tolist(), points.measured.tolist()
     for number, velocity in enumerate(velocities.tolist()):
@@ -169,10 +205,10 @@ def face_zone_share(limits: Face, seen: Remembered, points: Points, velocities: 
         for place in (told[number], measured[number]):
             away = [h - p for h, p in zip(head, place, strict=True)]
             distance = length(away)
-            if distance - speed * dt > limits.radius and _dot(away, velocity) <= 0.0:
+            if distance - speed * dt > radius and _dot(away, velocity) <= 0.0:
                 continue
             fleeing = min(0.0, _dot(away, head_velocity) / max(distance, 1e-9))
-            way = distance - limits.radius - (speed - fleeing) * dt
+            way = distance - radius - (speed - fleeing) * dt
             straight = _dot(away, velocity) / max(distance * speed, 1e-9)
             share = min(share, _share(speed_near_face(limit, fleeing, way, limits.braking, straight), speed))
     return share
@@ -183,9 +219,9 @@ def speed_near_face(limit: float, fleeing: float, way: float, braking: float, st
     return allowed_speed(limit, fleeing, way, braking, min(max(straight, 1.0 - way / BORDER, 0.0), 1.0))
 
 
-def unseen_person_share(limits: Face, velocities: Array) -> float:
-    """How much of the points' velocities (P, 3), m/s, may be kept while nobody knows where the person is."""
-    return _share(STRAIGHT * limits.speed, max(length(velocity) for velocity in velocities.tolist()))
+def share_of_speed(limit: float, velocities: Array) -> float:
+    """How much of the points' velocities (P, 3), m/s, may be kept so that none is faster than ``limit``, m/s."""
+    return _share(STRAIGHT * limit, max(length(velocity) for velocity in velocities.tolist()))
 
 
 def slowed(
@@ -210,17 +246,19 @@ def slowed(
         the velocities, the closing speed of plate and hand that remains, m/s, or None, and the rules that acted.
     """
     if human is None:
-        share = unseen_person_share(limits.face, points.jacobians @ velocities)
+        slowest = min(limits.face.speed, limits.motion.point_speed)
+        share = share_of_speed(slowest, points.jacobians @ velocities)
         return share * velocities, None, {Rule.UNSEEN_PERSON} if share < 1.0 else set()
     spared, closing = spared_hand(limits.contact, seen, human, points, velocities, dt)
     acted = {Rule.CONTACT_SPEED} if spared is not velocities and (spared != velocities).any() else set()
     moving = points.jacobians @ spared
-    face = face_zone_share(limits.face, seen, points, moving, dt)
-    if face < 1.0:
-        acted.add(Rule.FACE_ZONE)
-        if closing is not None and seen.line is not None:
-            closing -= (1.0 - face) * _dot(seen.line.tolist(), moving[0].tolist())
-    return face * spared, closing, acted
+    face = face_zone_share(limits.face, seen, points, moving, dt, human.head_seen.margin)
+    anywhere = share_of_speed(limits.motion.point_speed, moving)
+    acted |= ({Rule.FACE_ZONE} if face < 1.0 else set()) | ({Rule.POINT_SPEED} if anywhere < face else set())
+    share = min(face, anywhere)
+    if share < 1.0 and closing is not None and seen.line is not None:
+        closing -= (1.0 - share) * _dot(seen.line.tolist(), moving[0].tolist())
+    return share * spared, closing, acted
 
 
 def length(vector: list[float]) -> float:

@@ -37,7 +37,9 @@ def happened(limits: Limits, now: Standing, inputs: Inputs, faulty: bool, age_s:
 
 def without_fault(limits: Limits, now: Standing, inputs: Inputs, age_s: float) -> Event | None:
     """What happened, if nothing is wrong."""
-    fresh, told, event = age_s <= limits.stale.hold_s, now.motion, None
+    # The next tick would be too late to hold in time.
+    next_s = age_s + limits.timing.period_s
+    fresh, told, event = next_s <= limits.stale.hold_s, now.motion, None
     match now.state:
         case State.UNCHECKED if start_up(now, inputs):
             event = Event.CHECKED
@@ -46,7 +48,7 @@ def without_fault(limits: Limits, now: Standing, inputs: Inputs, age_s: float) -
         case State.TRACKING | State.HOLDING if not inputs.run:
             event = Event.END
         case State.TRACKING | State.HOLDING if not fresh:
-            event = Event.LOST if age_s > limits.stale.retract_s else Event.STALE
+            event = Event.LOST if next_s > limits.stale.retract_s else Event.STALE
         case State.HOLDING:
             event = Event.FRESH
         case State.RETRACTING if inputs.run and fresh:

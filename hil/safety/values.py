@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from hil.drivers.values import JointCommand, JointHealth, JointState
 from hil.safety.faults import Watch, watch_from
+from hil.safety.feed_forward import FeedForward
 from hil.safety.motion import Motion
 from hil.safety.people import Human, Remembered
 from hil.safety.rules import Rule
@@ -28,6 +29,7 @@ class Inputs:
         check: what the start-up check found; None where it was not made.
         estop_ns: when the emergency stop was pulled; None while it is not.
         acknowledge: in this tick a person said that it may go on.
+        feed_forward: (J,) rad, by how much goals shall lead because joints give way; None leaves that as it is.
     """
 
     wanted: Array | None = None
@@ -38,6 +40,7 @@ class Inputs:
     check: Check | None = None
     estop_ns: int | None = None
     acknowledge: bool = False
+    feed_forward: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ class Standing:
         state: what the arm is doing.
         since_ns: when that began.
         reason: why it stopped; empty while it did not.
-        motion: where it was last told to be; None before anything was sent.
+        motion: the reference: where it was last told to be; None before anything was sent.
+        feed_forward: by how much goals lead the reference; what was sent is the sum of both.
         watch: what has to last before it is a fault.
         seen: what is known of the person.
         wanted_ns: when something was last wanted.
@@ -63,6 +67,7 @@ class Standing:
     seen: Remembered
     wanted_ns: int
     way_point: int = 0
+    feed_forward: FeedForward = field(default_factory=FeedForward)
 
 
 @dataclass(frozen=True)
@@ -75,11 +80,13 @@ class Report:
         event: what led there; None where nothing happened.
         reason: why the arm stopped, or does not start; empty where it moves.
         asked: (J,) rad, what was wanted; None where nothing was.
-        sent: what may be sent; None where nothing may be.
+        reference: (J,) rad, where the joints shall be; None where nothing is sent.
+        sent: what is sent, as it is sent; its positions lead the reference because joints give way. None for nothing.
         acted: the rules that changed the command or the state.
         share: how much of the joints' speed the person left, 0 to 1.
-        closing_speed: m/s, of plate and hand along the line between them, as commanded; None where it is not known.
-        gap: m, from the plate to the palm; None where it is not known.
+        closing_speed: m/s, of plate and hand along the line between them, as commanded, the larger one of reference
+            and goals; None where it is not known.
+        gap: m, from the plate to the palm, less what the palm's place is not known; None where it is not known.
     """
 
     time_ns: int
@@ -87,6 +94,7 @@ class Report:
     event: Event | None
     reason: str
     asked: Array | None
+    reference: Array | None
     sent: JointCommand | None
     acted: frozenset[Rule]
     share: float
@@ -101,6 +109,7 @@ class Report:
             "event": None if self.event is None else self.event.value,
             "reason": self.reason,
             "asked": None if self.asked is None else self.asked.tolist(),
+            "reference": None if self.reference is None else self.reference.tolist(),
             "positions": None if self.sent is None else self.sent.positions.tolist(),
             "currents": None if self.sent is None else self.sent.currents.tolist(),
             "acted": sorted(rule.value for rule in self.acted),
@@ -110,6 +119,10 @@ class Report:
         }
 
 
-def standing(now_ns: int) -> Standing:
-    """Where the envelope begins: nothing is checked, nothing is known, nothing is sent."""
-    return Standing(State.UNCHECKED, now_ns, "", None, watch_from(now_ns), Remembered(), now_ns)
+def standing(now_ns: int, feed_forward: FeedForward | None = None) -> Standing:
+    """Where the envelope begins: nothing is checked, nothing is known, nothing is sent.
+
+    An arm that is held from before goes on from its ``feed_forward``: without it, it would sag.
+    """
+    kept = FeedForward() if feed_forward is None else FeedForward(feed_forward.offsets)
+    return Standing(State.UNCHECKED, now_ns, "", None, watch_from(now_ns), Remembered(), now_ns, feed_forward=kept)

@@ -85,7 +85,7 @@ def well(now_ns: int) -> JointHealth:
 
 @dataclass
 class Loop:
-    """The loop around the envelope: the arm is where it was told to be a tick ago."""
+    """The loop around the envelope: the arm is where it was told to be a tick ago, and gives way by what goals lead."""
 
     limits: Limits = LIMITS
     start: Array = field(default_factory=REST.copy)
@@ -124,7 +124,8 @@ class Loop:
         )
         self.reports.append(report)
         if command is not None:
-            self.measured = command.positions.copy()
+            assert report.reference is not None
+            self.measured = report.reference.copy()
             self.told.append(command.positions)
             self.times.append(self.now_ns)
         return command

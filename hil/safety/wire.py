@@ -1,0 +1,86 @@
+"""The rules for the person, held by what goes on the wire: the reference and what goals lead it by, together.
+
+The body follows the reference where the servos give way as planned, and the goal where nothing loads them: both have
+to keep the rules. What breaks them is taken from the offset first.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hil.safety import people
+from hil.safety.limits import Limits
+from hil.safety.people import Human, Points, Remembered
+from hil.safety.rules import Rule
+from model.rotations import Array
+
+
+class Rates(NamedTuple):
+    """What moves in a tick.
+
+    Attributes:
+        reference: (J,) rad/s.
+        offset: (J,) rad/s, of the goals beside the reference.
+        closing_speed: m/s, of plate and hand as the goals have it; None where it is not known.
+    """
+
+    reference: Array
+    offset: Array
+    closing_speed: float | None
+
+
+def within_rules(
+    limits: Limits,
+    seen: Remembered,
+    human: Human | None,
+    goals: Points,
+    reference: Array,
+    offset: Array,
+    bounds: tuple[Array, Array],
+    dt: float,
+) -> tuple[Rates, set[Rule]]:
+    """Rates (J,), rad/s, of reference and offset with which the goals keep the rules for hand and face.
+
+    Args:
+        limits: all of them.
+        seen: what is known of the person.
+        human: the person; None where nobody knows where they are: then only the offset has to be slow, since the
+            reference may be braking.
+        goals: the arm's points if the joints were where the goals are.
+        reference: (J,) rad/s, which keeps the rules by itself.
+        offset: (J,) rad/s.
+        bounds: (J,) rad/s each, lowest and highest rates of the offset.
+        dt: s, of the tick.
+    """
+    if human is None:
+        share = people.share_of_speed(limits.face.speed, goals.jacobians @ offset)
+        return Rates(reference, share * offset, None), {Rule.FEED_FORWARD} if share < 1.0 else set()
+    spared, closing = people.spared_hand(limits.contact, seen, human, goals, reference + offset, dt)
+    excess = reference + offset - spared
+    if too_fast := bool(excess.any()):
+        if seen.line is None or human.palm is None or human.palm_velocity is None:  # all of it is slower
+            share = _share(reference + offset, spared)
+            reference, offset = share * reference, share * offset
+        else:
+            offset = np.clip(offset - _part_along(excess, offset), *bounds)
+            reference = spared - offset
+    moving = goals.jacobians @ (reference + offset)
+    share = people.face_zone_share(limits.face, seen, goals, moving, dt, human.head_seen.margin)
+    share = min(share, people.share_of_speed(limits.motion.point_speed, moving))
+    if closing is not None and seen.line is not None:
+        closing -= (1.0 - share) * float(seen.line @ moving[0])
+    return Rates(share * reference, share * offset, closing), {Rule.FEED_FORWARD} if too_fast or share < 1.0 else set()
+
+
+def _part_along(excess: Array, offset: Array) -> Array:
+    """What of the ``excess`` (J,), rad/s, the ``offset`` (J,), rad/s, adds to it."""
+    size = float(np.linalg.norm(excess))
+    direction = excess / size
+    return min(max(float(direction @ offset), 0.0), size) * direction
+
+
+def _share(whole: Array, kept: Array) -> float:
+    """How much of the ``whole`` (J,) is ``kept`` (J,), which has its direction."""
+    return float(np.linalg.norm(kept)) / max(float(np.linalg.norm(whole)), 1e-12)

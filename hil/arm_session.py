@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
+from calibration.registration import load_registration
 from hil.arm_loop import ArmLoop, first_of
 from hil.console import Bar
 from hil.drivers.arm_process import ArmProcess
@@ -25,8 +28,8 @@ from hil.drivers.servo_port import ALLOWANCE_MS
 from hil.estop import SIGNALS, check_pipe, listening
 from hil.retarget import Retarget, RetargetSettings
 from hil.safety.limits import JOINTS, Limits, load_limits, load_safer, lowered, parse_changes
-from hil.safety.startup import Check, Registers, ServoLimits, start_up_check
-from hil.servo_arm import READY, default_arm
+from hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown, start_up_check
+from hil.servo_arm import DEFAULT_MOUNT, READY, default_arm
 from hil.session import RATE_HZ
 from mocap_bridge.frames import MarkerFrame
 from model.errors import HighFiveError
@@ -48,6 +51,9 @@ START_S = 30.0
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
 
+EVERYWHERE = 10.0
+"""m: where no point may be faster than near a face, the plan takes the whole room for its zone."""
+
 FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
@@ -64,6 +70,10 @@ class ArmOptions:
         armed: a person said that a real arm may move.
         estop: path of a named pipe that pulls the emergency stop, besides key and signals.
         faults: what goes wrong on an emulated bus.
+        person: address of the live person whom the arm meets; '' where nobody is tracked.
+        registration: file that says where the arm's base stands in that person's room.
+        nobody_near: the operator answers for it that the arm can reach nobody.
+        slow: every known point of the arm is as slow as near a face.
     """
 
     port: str = EMULATED
@@ -73,6 +83,10 @@ class ArmOptions:
     armed: bool = False
     estop: Path | None = None
     faults: tuple[str, ...] = ()
+    person: str = ""
+    registration: Path | None = None
+    nobody_near: bool = False
+    slow: bool = False
 
     @property
     def emulated(self) -> bool:
@@ -137,16 +151,41 @@ def check_arm(options: ArmOptions) -> None:
         _refuse_unless_ready(options.port, rig)
 
 
+def fingerprint(rig: Rig) -> str:
+    """Tells this arm, with its mount, from others: what a registration of it depends on."""
+    parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
+
+
+def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
+    """Who is near the arm, and whether that is known.
+
+    Raises:
+        HighFiveError: the registration cannot be read, or goes with no live person.
+    """
+    if options.registration is None:
+        return Room(options.person, nobody_near=options.nobody_near, slow=options.slow)
+    if not options.person:
+        raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
+    found = load_registration(options.registration)
+    mismatches = found.mismatches(fingerprint(rig), options.person.partition("://")[0], now)
+    return Room(options.person, True, mismatches, options.nobody_near, options.slow)
+
+
 def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
     limits = load_limits()
     if options.limits is not None:
         limits = load_safer(options.limits, limits)
     limits = lowered(limits, parse_changes(options.lower))
+    if options.slow:
+        limits = lowered(limits, {"motion.point_speed": min(limits.motion.point_speed, limits.face.speed)})
     rig = load_rig(options.rig)
     if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
         raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
     if not options.emulated and not options.armed:
         raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
+    if troubles := room_unknown(not options.emulated, room(options, rig, datetime.now(UTC))):
+        raise HighFiveError(f"{options.port}: {first_of(troubles)}")
     if options.estop is not None:
         check_pipe(options.estop)
     watchdog = min(rig.settings.watchdog, limits.timing.watchdog_s)
@@ -168,7 +207,8 @@ def checked(arm: ArmProcess, rig: Rig, limits: Limits, options: ArmOptions) -> C
     held = arm.engage(START_S)
     wanted = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
     now = time.monotonic_ns()
-    return start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now)
+    near = room(options, rig, datetime.now(UTC))
+    return start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now, near)
 
 
 def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
@@ -205,7 +245,7 @@ def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) 
         sag=tuple((full / stall).tolist()),
         contact_speed=limits.contact.speed,
         face_speed=limits.face.speed,
-        face_radius=limits.face.radius,
+        face_radius=EVERYWHERE if limits.motion.point_speed <= limits.face.speed else limits.face.radius,
         face_braking=limits.face.braking,
     )
 

@@ -66,6 +66,14 @@ def simulate(
     limits: cli_rig.LimitsFile = None,
     lower: cli_rig.Lower = None,
     estop: cli_rig.Estop = None,
+    registration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml", help="Where the arm's base stands in the live person's room (docs/safety.md)."
+        ),
+    ] = None,
+    nobody_near: cli_rig.NobodyNear = False,
+    slow: cli_rig.Slow = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
     json: Json = False,
 ) -> None:
@@ -86,7 +94,7 @@ def simulate(
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
-        arm=_arm(rig, arm, rig_file, limits, lower, estop),
+        arm=_arm(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow),
     )
     folder = out or next_folder("session")
     with progress_bars() as bar:
@@ -100,14 +108,35 @@ def simulate(
 
 
 def _arm(
-    port: str | None, armed: bool, rig: Path | None, limits: Path | None, lower: list[str] | None, estop: Path | None
+    port: str | None,
+    armed: bool,
+    rig: Path | None,
+    limits: Path | None,
+    lower: list[str] | None,
+    estop: Path | None,
+    registration: Path | None,
+    nobody_near: bool,
+    slow: bool,
 ) -> ArmOptions | None:
     """The arm that takes part, if there is one."""
     from hil.arm_session import ArmOptions  # noqa: PLC0415
 
     if port is not None:
-        return ArmOptions(port, rig, limits, tuple(lower or ()), armed, estop)
-    given = {"--arm": armed, "--rig-file": rig, "--limits": limits, "--lower": lower, "--estop": estop}
+        changes = tuple(lower or ())
+        return ArmOptions(
+            port, rig, limits, changes, armed, estop,
+            registration=registration, nobody_near=nobody_near, slow=slow,
+        )  # fmt: skip
+    given = {
+        "--arm": armed,
+        "--rig-file": rig,
+        "--limits": limits,
+        "--lower": lower,
+        "--estop": estop,
+        "--registration": registration,
+        "--nobody-near": nobody_near,
+        "--slow": slow,
+    }
     if said := next((name for name, value in given.items() if value), None):
         raise HighFiveError(f"{said} is about an arm, and none takes part; add --rig emulated, or --rig PORT")
     return None

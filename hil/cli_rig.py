@@ -19,6 +19,13 @@ LimitsFile = Annotated[
 Estop = Annotated[
     Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm when anything is written to it.")
 ]
+NobodyNear = Annotated[
+    bool,
+    typer.Option("--nobody-near", help="Beside --arm: nobody can be reached by the real arm. You answer for that."),
+]
+Slow = Annotated[
+    bool, typer.Option("--slow", help="Beside --arm: every point of the arm at most as fast as near a face, 0.22 m/s.")
+]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 
 app = typer.Typer(help="The servo arm, and the stand-in that behaves like it.", no_args_is_help=True)
@@ -129,16 +136,19 @@ def play(
     limits: LimitsFile = None,
     lower: Lower = None,
     estop: Estop = None,
+    nobody_near: NobodyNear = False,
+    slow: Slow = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
     json: Json = False,
 ) -> None:
-    """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base: nobody is tracked, so
-    keep everyone away from it. Space or Esc stops it."""
+    """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base. Nobody is tracked: a
+    real arm needs --nobody-near or --slow beside --arm. Space or Esc stops it."""
     from hil.arm_session import ArmOptions  # noqa: PLC0415
     from hil.folders import next_folder  # noqa: PLC0415
     from hil.rig_play import PlayOptions, play, print_played  # noqa: PLC0415
 
-    options = PlayOptions(session, ArmOptions(port, file, limits, tuple(lower or ()), arm, estop), tuple(trial or ()))
+    which = ArmOptions(port, file, limits, tuple(lower or ()), arm, estop, nobody_near=nobody_near, slow=slow)
+    options = PlayOptions(session, which, tuple(trial or ()))
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)

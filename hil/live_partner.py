@@ -58,8 +58,16 @@ def live_source(address: str, person: str | None) -> LiveSource:
 class LivePerson:
     """Follows a live source; makes of it partners, and frames in the avatar's world."""
 
-    def __init__(self, source: LiveSource, address: str, marker_set: MarkerSet | None = None):
+    def __init__(
+        self,
+        source: LiveSource,
+        address: str,
+        marker_set: MarkerSet | None = None,
+        registered: Placement | None = None,
+    ):
         """Waits for the first frame, finds the marker set, and watches the person for :data:`PRACTICE_S`.
+
+        Where the room is ``registered`` the world lies where that says: nobody is watched, and the person comes to it.
 
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
@@ -69,6 +77,10 @@ class LivePerson:
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
         tell(f"{address}: {len(first.names)} markers, set {self._set.name}")
+        if registered is not None:
+            tell(registered.notes[0])
+            self._placement = registered
+            return
         tell(f"for {PRACTICE_S:g} s now: raise the right hand once, as for a high five; there the avatar will meet it")
         self._placement = place_person(self._watched(first), self._set)
 

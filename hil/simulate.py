@@ -13,6 +13,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
+from calibration.registration import load_registration
 from hil.arm_report import draw_arm
 from hil.arm_session import ArmOptions, at_their_time, check_arm, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
@@ -103,15 +104,20 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
             cannot be written.
     """
     check_free(folder, "session.mcap", "the recording of an earlier session")
+    live = options.source is not None and is_live(options.source)
     if options.arm is not None:
-        check_arm(options.arm)
+        arm = replace(options.arm, person=str(options.source) if live else "")
+        check_arm(arm)
+        options = replace(options, arm=arm)
     with ExitStack() as stack:
         if options.arm is not None:
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         model, person = load_model(options.model), None
-        if options.source is not None and is_live(options.source):
+        if live:
             source = stack.enter_context(closing(live_source(str(options.source), options.human)))
-            person = LivePerson(source, str(options.source), _marker_set(options))
+            file = None if options.arm is None else options.arm.registration
+            registered = None if file is None else load_registration(file).placement
+            person = LivePerson(source, str(options.source), _marker_set(options), registered)
         return _simulate(options, model, folder, bar, person)
 
 

@@ -54,5 +54,7 @@ class Rule(StrEnum):
     """Nothing moves until what was read back from the servos is what it has to be."""
     ARM = "arm"
     """Nothing moves on a real port that nobody armed."""
+    ROOM = "room"
+    """Nothing moves on a real port unless it is known where people are beside the arm, or somebody answers for it."""
     ESTOP = "estop"
     """The emergency stop freezes the arm at once; leaving it needs a person."""

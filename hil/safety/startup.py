@@ -103,6 +103,47 @@ def not_armed(real_port: bool, armed: bool) -> list[str]:
     return ["the port is a real one: nothing moves it without --arm"] if real_port and not armed else []
 
 
+@dataclass(frozen=True)
+class Room:
+    """Who is near a real arm, and how that is known.
+
+    Attributes:
+        person: where a live person comes from, such as ``vicon://host``; '' where nobody is tracked: a simulated or a
+            recorded person is not in the room.
+        registered: the motion capture's room is registered with the arm's base: a file says so.
+        mismatches: why that file is not of this arm, or this room, or this month, a line each.
+        nobody_near: the operator said that nobody can be reached by the arm, and answers for it.
+        slow: every known point of the arm is as slow as near a face.
+    """
+
+    person: str = ""
+    registered: bool = False
+    mismatches: tuple[str, ...] = ()
+    nobody_near: bool = False
+    slow: bool = False
+
+
+def room_unknown(real_port: bool, room: Room) -> list[str]:
+    """Lines where a real arm would move and nobody knows where people are beside it; an emulated one reaches nobody."""
+    if not real_port:
+        return []
+    if not room.person:
+        if room.nobody_near or room.slow:
+            return []
+        return [
+            "the port is a real one and nobody is tracked beside the arm: nothing moves it without --nobody-near "
+            "(nobody can be reached by it; you answer for that) or --slow (every point as slow as near a face)"
+        ]
+    if room.nobody_near:
+        return [f"--nobody-near contradicts the live person from {room.person}; leave it out"]
+    if not room.registered:
+        return [
+            f"the port is a real one, and nothing says where the arm's base stands in the room of {room.person}: "
+            "nothing moves it without --registration FILE.toml (docs/safety.md)"
+        ]
+    return list(room.mismatches)
+
+
 def start_up_check(
     limits: Limits,
     wanted: Registers,
@@ -111,6 +152,7 @@ def start_up_check(
     real_port: bool,
     armed: bool,
     time_ns: int,
+    room: Room,
 ) -> Check:
     """Everything that keeps the arm from moving; nothing moves until there is nothing.
 
@@ -122,8 +164,14 @@ def start_up_check(
         real_port: the port is not the emulated bus.
         armed: a person gave ``--arm``.
         time_ns: when the servos were read.
+        room: who is near the arm.
     """
-    lines = [*not_armed(real_port, armed), *register_mismatches(wanted, found), *limit_mismatches(limits, servos)]
+    lines = [
+        *not_armed(real_port, armed),
+        *room_unknown(real_port, room),
+        *register_mismatches(wanted, found),
+        *limit_mismatches(limits, servos),
+    ]
     return Check(time_ns, tuple(lines))
 
 

@@ -3,13 +3,19 @@
 import json
 import signal
 import time
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import pytest
 from live_commands import ended, lab_recording, serving, start, stop
 
+from calibration.placement import Placement
+from hil.live_partner import PRACTICE_S, LivePerson, live_source
 from hil.partners import simulated_partners
-from mocap_bridge.c3d import write_c3d
+from mocap_bridge.c3d import read_c3d, write_c3d
+from model import rotations
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -84,3 +90,26 @@ def test_somebody_with_other_markers_is_told_what_was_wanted(tmp_path: Path) -> 
         assert code == 2 and "RFIN" in err
     finally:
         stop(server)
+
+
+def test_in_a_registered_room_the_world_is_where_the_file_says_and_nobody_is_watched(greeting: Path) -> None:
+    """Every marker lies where rotation and translation take it, from the first frame on, wherever the person stands."""
+    turn, shift = rotations.about_axis("z", 0.7), np.array([2.0, -1.0, 0.1])
+    registered = Placement(turn, shift, ("the room is registered",))
+    server, address, _ = serving("vicon", greeting, "--loop", "--port", 0)
+    try:
+        with closing(live_source(address, None)) as source:
+            began = time.monotonic()
+            person = LivePerson(source, address, None, registered)
+            assert time.monotonic() - began < PRACTICE_S  # she need not raise the hand to be found
+            frames = list(islice(person.trial(), 20))
+    finally:
+        stop(server)
+    recording = read_c3d(greeting)
+    where = rotations.rotate(turn, recording.points) + shift
+    for frame in frames:
+        columns = [recording.names.index(name) for name in frame.names]
+        seen = frame.positions[None] - where[:, columns]
+        away = np.where(frame.valid[None] & recording.valid[:, columns], np.linalg.norm(seen, axis=2), 0.0).max(axis=1)
+        assert away.min() < 1e-3 or not frame.valid.any()
+    assert any(frame.valid.all() for frame in frames)

@@ -20,9 +20,11 @@ from mcap.writer import Writer
 from trial_results import simulated_result
 
 from hil import cli
-from hil.arm_session import PLANT, ArmOptions, ready_arm
+from hil.arm_session import PATIENCE_MS, PLANT, ArmOptions, ready_arm
 from hil.console import Advance
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.rig import load_rig
+from hil.drivers.servo_bus import ServoBus
 from hil.recorded_asked import FORESEEN, recorded_high_fives
 from hil.recording import SessionRecorder, read_recording
 from hil.rig_play import PlayOptions, play
@@ -32,6 +34,8 @@ from hil.summary import SessionSettings
 from model.errors import HighFiveError
 
 clockwork = pytest.mark.realtime
+EXAMPLE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]
+"""A registration, as the documentation shows it."""
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +71,8 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     assert "holds something already; give another --out" in said(recorded, "--out", recorded.parent)
     assert "Not a directory" in said(recorded, "--out", recorded)
     assert "only with --arm" in said(recorded, "--port", "/dev/ttyUSB99")
-    assert "no such port" in said(recorded, "--port", "/dev/ttyUSB99", "--arm")
-    assert "not a serial port" in said(recorded, "--port", empty, "--arm")
+    assert "no such port" in said(recorded, "--port", "/dev/ttyUSB99", "--arm", "--nobody-near")
+    assert "not a serial port" in said(recorded, "--port", empty, "--arm", "--slow")
     assert "cannot read the recording" in said(tmp_path / "none")
     assert "is empty" in said(empty)
     assert "no high five 1 in which the palms met; there are 0" in said(recorded, "--trial", "1")
@@ -88,13 +92,47 @@ def test_a_session_whose_arm_cannot_be_used_is_refused_at_once_and_leaves_no_fol
         return refused(monkeypatch, capsys, "simulate", "--model", model, "--out", out, "--rig", *words)
 
     assert "only with --arm" in said("/dev/ttyUSB99")
-    assert "no such port" in said("/dev/ttyUSB99", "--arm")
-    assert "not a serial port" in said(file, "--arm")
+    assert "no such port" in said("/dev/ttyUSB99", "--arm", "--nobody-near")
+    assert "not a serial port" in said(file, "--arm", "--nobody-near")
     assert "contact.speed is 2 m/s" in said("emulated", "--lower", "contact.speed=2")
     assert str(file) in said("emulated", "--rig-file", file)
     assert "is no named pipe" in said("emulated", "--estop", file)
     assert "there is no folder" in said("emulated", "--estop", tmp_path / "none" / "pipe")
     assert "model.safetensors" in said("emulated")  # all is well with the arm
+    assert not out.exists()
+
+
+def torques(emulator: EmulatorProcess) -> set[int]:
+    """Of every servo, as it is now."""
+    rig = load_rig()
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, PATIENCE_MS)
+    found = {bus.read(servo, "torque_enable") for servo in rig.servos}
+    bus.close()
+    return found
+
+
+def test_a_real_port_is_refused_where_nobody_knows_who_is_beside_the_arm(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recorded: Path, tmp_path: Path
+) -> None:
+    """A bus that answers, and all is well with it; for the program its pseudo-terminal is a real port."""
+    out, old = tmp_path / "out", tmp_path / "room.toml"
+    old.write_text(EXAMPLE.replace("2026-11-23", "2026-01-01"))
+    with EmulatorProcess(EmulatorOptions()) as emulator:
+        play = ("rig", "play", recorded, "--port", emulator.port, "--arm", "--out", out)
+        live = ("simulate", "--rig", emulator.port, "--arm", "--source", "vicon://127.0.0.1:1", "--out", out)
+        simulated = ("simulate", "--rig", emulator.port, "--arm", "--out", out)
+        for words, says in (
+            (play, "--nobody-near"),
+            (simulated, "--slow"),
+            (live, "--registration"),
+            ((*live, "--slow"), "--registration"),
+            ((*live, "--nobody-near"), "contradicts the live person"),
+            ((*live, "--registration", old), "another arm"),
+            ((*live, "--registration", tmp_path / "none.toml"), "cannot read the registration"),
+            ((*simulated, "--registration", old), "--source"),
+        ):
+            assert says in refused(monkeypatch, capsys, *words), words
+        assert torques(emulator) == {0}  # nothing was switched on
     assert not out.exists()
 
 
@@ -170,7 +208,7 @@ def test_a_recording_whose_values_cannot_be_is_refused_in_one_line_before_the_po
 
     path = rewritten(recorded, tmp_path / "damaged.mcap", changed)
     # A port that is not there is told only once somebody wants to open it.
-    error = refused(monkeypatch, capsys, "rig", "play", path, "--port", tmp_path / "no-port", "--arm")
+    error = refused(monkeypatch, capsys, "rig", "play", path, "--port", tmp_path / "no-port", "--arm", "--slow")
     assert error.startswith(f"error: {path}") and said in error, error
 
 
@@ -303,8 +341,10 @@ def grows(recording: Path, process: subprocess.Popen[str]) -> bool:
 def broken_session(fault: str, out: Path) -> tuple[int, str, str]:
     """A session of two high fives, with a fault of the bus in the second."""
     with EmulatorProcess(EmulatorOptions(plant=PLANT)) as emulator:
-        process = start("simulate", "--rig", emulator.port, "--arm", "--trials", 2, "--emotion", "neutral",
-                        "--no-pictures", "--out", out, "--json")  # fmt: skip
+        process = start(
+            "simulate", "--rig", emulator.port, "--arm", "--nobody-near", "--trials", 2, "--emotion", "neutral",
+            "--no-pictures", "--out", out, "--json",
+        )  # fmt: skip
         if grows(out / "session.mcap", process):
             time.sleep(1.5)  # in the second high five
             emulator.set_faults(fault)
@@ -369,7 +409,7 @@ def stopped_play(how: str, recording: Path, out: Path) -> dict[str, Any]:
 
             return advance
 
-        options = ArmOptions(emulator.port, armed=True) if how == "fault" else ArmOptions(estop=pipe)
+        options = ArmOptions(emulator.port, armed=True, nobody_near=True) if how == "fault" else ArmOptions(estop=pipe)
         try:
             return play(PlayOptions(recording, options), out, bar)
         except KeyboardInterrupt:

@@ -45,11 +45,11 @@ def test_a_rule_says_what_it_does_and_does_not_protect_against_and_its_test_exis
 
 
 def test_every_rule_acts_somewhere_in_the_code() -> None:
-    """Rules that act in a tick are named by the code; the other two are lines of the start-up check."""
+    """Rules that act in a tick are named by the code; the others are lines of the start-up check."""
     source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "hil" / "safety").glob("*.py"))
     tests = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("test_*.py"))
     for rule in Rule:
-        if rule not in (Rule.ARM, Rule.WATCHDOG):
+        if rule not in (Rule.ARM, Rule.ROOM, Rule.WATCHDOG):
             assert f"Rule.{rule.name}" in source, rule
             assert f"Rule.{rule.name}" in tests, rule
 

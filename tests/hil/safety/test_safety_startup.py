@@ -9,7 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.safety.limits import JOINTS, load_limits
-from hil.safety.startup import Check, ServoLimits, limit_mismatches, not_armed, register_mismatches, start_up_check
+from hil.safety.startup import (
+    Check,
+    Room,
+    ServoLimits,
+    limit_mismatches,
+    not_armed,
+    register_mismatches,
+    room_unknown,
+    start_up_check,
+)
 
 LIMITS = load_limits()
 WELL = [
@@ -21,6 +30,7 @@ WANTED = {1: {"operating_mode": 5, "homing_offset": 0}, 2: {"operating_mode": 5,
 
 def check(**other: Any) -> tuple[str, ...]:
     usual = {"wanted": WANTED, "found": WANTED, "servos": WELL, "real_port": True, "armed": True, "time_ns": 7}
+    usual["room"] = Room(nobody_near=True)
     found = start_up_check(LIMITS, **(usual | other))
     assert found.time_ns == 7
     return found.mismatches
@@ -35,6 +45,33 @@ def test_a_real_port_has_to_be_armed() -> None:
     assert "--arm" in check(armed=False)[0]
     assert check(armed=False, real_port=False) == ()
     assert not_armed(real_port=False, armed=True) == []
+
+
+REGISTERED = Room("vicon://host", registered=True)
+
+
+@pytest.mark.parametrize(
+    ("room", "says"),
+    [
+        (Room(), "--nobody-near"),
+        (Room(), "--slow"),
+        (Room("vicon://host"), "--registration"),
+        (Room("vicon://host", slow=True), "--registration"),
+        (Room("vicon://host", nobody_near=True), "contradicts"),
+        (replace(REGISTERED, nobody_near=True), "contradicts"),
+        (replace(REGISTERED, mismatches=("it is of another arm", "it is old")), "it is of another arm"),
+    ],
+)
+def test_a_real_arm_does_not_move_where_nobody_knows_who_is_beside_it(room: Room, says: str) -> None:
+    """Rule.ROOM: a live person whose room is not registered, or nobody tracked and no word of the operator."""
+    assert says in " ".join(check(room=room))
+    assert room_unknown(real_port=True, room=room)
+    assert room_unknown(real_port=False, room=room) == []
+
+
+@pytest.mark.parametrize("room", [Room(nobody_near=True), Room(slow=True), REGISTERED, replace(REGISTERED, slow=True)])
+def test_a_real_arm_moves_where_it_is_known_who_is_beside_it(room: Room) -> None:
+    assert check(room=room) == ()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,165 @@
+"""Where the arm stands in the motion capture's room: the extrinsic calibration of one rig and room, as a file.
+
+A live person's hand and head are where the motion capture says; the arm is where its mount says. Without this file
+they are in two worlds, and no distance between them means anything: a real arm does not move near a live person then.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.placement import Placement
+from model.errors import HighFiveError
+from model.rotations import Array
+
+FORMAT = 1
+"""Version of the file's format."""
+
+LONGEST_AGE = timedelta(days=30)
+"""An older registration is not relied on: tripods and tables are moved."""
+
+WORST = 0.004
+"""m: most that the plate was off in 95 of 100 poses that were held out of the fit."""
+
+FEWEST_POSES = 10
+"""Of the arm, that the fit rests on: with fewer the worst of 100 places is further off than :data:`WORST`."""
+
+FURTHEST = 50.0
+"""m, from the motion capture's origin to the avatar's: further off, the unit is wrong."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """One rig and room.
+
+    Attributes:
+        path: of the file.
+        date: when it was measured, UTC.
+        arm: fingerprint of the arm that was measured: servos, directions, zeros, lengths and mount.
+        system: the motion capture, as in its address: ``vicon``, ``qtm``, ``natnet``, ``lsl``.
+        world_from_mocap: (4,) quaternion and ...
+        translation: ... (3,) m, added after the rotation: from the motion capture's frame to the world in which the
+            arm's mount is given.
+        poses: of the arm, that the fit rests on.
+        held_out_p95: m, distance of the plate from where it was seen, in 95 of 100 poses that were held out of the fit.
+    """
+
+    path: Path
+    date: datetime
+    arm: str
+    system: str
+    world_from_mocap: Array
+    translation: Array
+    poses: int
+    held_out_p95: float
+
+    @property
+    def placement(self) -> Placement:
+        """From the motion capture's frame to the world."""
+        return Placement(
+            self.world_from_mocap, self.translation, (f"the room is registered with the arm, {self.path.name}",)
+        )
+
+    def mismatches(self, arm: str, system: str, now: datetime) -> tuple[str, ...]:
+        """Why this does not say where this arm stands in this room now, a line each; nothing where it does.
+
+        Args:
+            arm: fingerprint of the arm that is to move.
+            system: of the live person's address.
+            now: UTC.
+        """
+        found, age = [], now - self.date
+        if self.arm != arm:
+            found.append(f"it is of another arm ({self.arm}; this one is {arm})")
+        if self.system != system:
+            found.append(f"it is of a {self.system} system; the person comes from {system}")
+        if age > LONGEST_AGE:
+            found.append(f"it is {age.days} days old, at most {LONGEST_AGE.days} are relied on")
+        if age < timedelta(days=-1):
+            found.append(f"it is from {self.date:%Y-%m-%d}, which is to come; set this computer's clock")
+        if self.poses < FEWEST_POSES:
+            found.append(f"it rests on {self.poses} poses, at least {FEWEST_POSES} are needed")
+        if self.held_out_p95 > WORST:
+            found.append(
+                f"the plate was {1e3 * self.held_out_p95:.1f} mm off (95 %), at most {1e3 * WORST:.0f} are safe"
+            )
+        return tuple(f"registration {self.path}: {line}; measure it again" for line in found)
+
+
+def load_registration(path: Path) -> Registration:
+    """Reads a registration.
+
+    Raises:
+        HighFiveError: there is no such file, or it is no registration; one line says what.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise HighFiveError(f"cannot read the registration {path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise HighFiveError(f"{path} is no TOML file: {error}") from None
+    try:
+        return _registration(path, data)
+    except HighFiveError as error:
+        raise HighFiveError(f"{path} is no registration: {error}; measure it again") from None
+
+
+def _registration(path: Path, data: Mapping[str, Any]) -> Registration:
+    meta, arm, world, quality = (_table(data, name) for name in ("meta", "arm", "world", "quality"))
+    if (version := _entry(meta, "meta", "format", int)) != FORMAT:
+        raise HighFiveError(f"meta.format is {version}, this program reads {FORMAT}")
+    date = _entry(meta, "meta", "date", datetime)
+    if date.tzinfo is None:
+        raise HighFiveError("meta.date has no time zone; write it in UTC, such as 2026-11-23T09:30:00Z")
+    rotation = _vector(world, "world", "rotation", 4)
+    if abs(float(np.linalg.norm(rotation)) - 1.0) > 1e-6:
+        raise HighFiveError("world.rotation is no unit quaternion (w, x, y, z)")
+    translation = _vector(world, "world", "translation_m", 3)
+    if float(np.linalg.norm(translation)) > FURTHEST:
+        raise HighFiveError(f"world.translation_m is further than {FURTHEST:g} m; is it in millimetres?")
+    p95 = float(_entry(quality, "quality", "held_out_p95_m", (float, int)))
+    if not 0.0 < p95 < math.inf:
+        raise HighFiveError(f"quality.held_out_p95_m is {p95}, expected a distance in m")
+    return Registration(
+        path=path,
+        date=date.astimezone(UTC),
+        arm=_entry(arm, "arm", "fingerprint", str),
+        system=_entry(world, "world", "system", str),
+        world_from_mocap=rotation,
+        translation=translation,
+        poses=_entry(quality, "quality", "poses", int),
+        held_out_p95=p95,
+    )
+
+
+def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    if not isinstance(table := data.get(name), Mapping):
+        raise HighFiveError(f"[{name}] is missing")
+    return table
+
+
+def _entry(table: Mapping[str, Any], where: str, name: str, kind: Any) -> Any:
+    if name not in table:
+        raise HighFiveError(f"{where}.{name} is missing")
+    value = table[name]
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise HighFiveError(f"{where}.{name} is {value!r}, which it cannot be")
+    return value
+
+
+def _vector(table: Mapping[str, Any], where: str, name: str, length: int) -> Array:
+    values = _entry(table, where, name, list)
+    if len(values) != length or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
+        raise HighFiveError(f"{where}.{name} is {values!r}, expected {length} numbers")
+    vector = np.array(values, dtype=float)
+    if not np.isfinite(vector).all():
+        raise HighFiveError(f"{where}.{name} has {values!r}, which are not all numbers")
+    return vector

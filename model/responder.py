@@ -18,8 +18,11 @@ from model.hgpdm import HGPDM
 from model.inertia import Inertia
 from model.rotations import Array
 from model.style import style_weights
-from model.tick import Generated
+from model.tick import Belief, Generated
 
+HAND_SHAPE = (2, 3)
+FURTHEST = 1e6
+"""m, and m²: what is larger is no hand, and its square spoils a belief by rounding."""
 HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
 CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
 MAXIMUM_FORECAST = 5.0  # s
@@ -141,23 +144,27 @@ class Responder:
             hand_points: (2, 3) m, the person's wrist and knuckle centre in the world, or None where the hand is hidden.
             covariance: (2, 3, 3) m², of the two points; by default 2 mm in each direction.
 
+        A belief that rounding has spoilt, by points that no hand can have, is given up: the hand begins anew.
+
         Raises:
-            HighFiveError: the points have another shape or are not finite.
+            HighFiveError: points or covariance have another shape, are not finite or beyond :data:`FURTHEST`, or a
+                variance is negative. The state is as before.
         """
-        hand = None if hand_points is None else np.asarray(hand_points, dtype=float)
+        hand = None if hand_points is None else _finite("hand points", hand_points, HAND_SHAPE)
         variance = HAND_VARIANCE
         if covariance is not None:
-            variance = np.diagonal(np.asarray(covariance, dtype=float), axis1=-2, axis2=-1).reshape(-1)
-        if hand is not None:
-            if hand.size != HAND_DIMS or variance.size != HAND_DIMS:
-                raise HighFiveError(
-                    f"hand points of shape {hand.shape}; expected (2, 3): wrist and knuckles, and (2, 3, 3)"
-                )
-            if not math.isfinite(hand.sum() + variance.sum()):
-                raise HighFiveError("the hand points hold NaN or infinity; pass None while the hand is hidden")
-            hand = hand.reshape(HAND_DIMS)
+            variance = np.diagonal(_finite("hand covariance", covariance, (*HAND_SHAPE, 3)), axis1=-2, axis2=-1)
+            if variance.min() < 0.0:
+                raise HighFiveError(f"a variance of {variance.min():g} m² of the hand points; expected 0 or more")
+            variance = variance.reshape(-1)
+        hand = None if hand is None else hand.reshape(HAND_DIMS)
         changed = self._belief.started and (hand is None) == (self._belief.away == 0)
-        self._belief, generated = self._filter.step(self._belief, hand, variance, self._style)
+        belief, generated = self._filter.step(self._belief, hand, variance, self._style)
+        if not _usable(belief, generated):
+            self.reset()
+            changed = False
+            belief, generated = self._filter.step(self._belief, None, HAND_VARIANCE, self._style)
+        self._belief = belief
         # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
         generated = generated._replace(avatar=self._inertia.step(generated.avatar, changed))
         foresee = partial(self._filter.foresee, self._belief)
@@ -200,6 +207,23 @@ class Responder:
             generated=generated,
             foresee=foresee,
         )
+
+
+def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape:
+        raise HighFiveError(f"{what} of shape {array.shape}; expected {shape}: wrist, then knuckles")
+    if not math.isfinite(array.sum()):
+        raise HighFiveError(f"the {what} hold NaN or infinity; pass None while the hand is hidden")
+    if (largest := float(np.abs(array).max())) > FURTHEST:
+        raise HighFiveError(f"the {what} hold {largest:g}; expected metres of a room")
+    return array
+
+
+def _usable(belief: Belief, generated: Generated) -> bool:
+    """Sums tell: one number that is none spoils them."""
+    parts = (belief.latent, belief.covariance, belief.hands, belief.residual, generated.avatar, generated.human)
+    return math.isfinite(sum(float(part.sum()) for part in parts))
 
 
 def _checked(weights: str | Mapping[str, float] | ArrayLike, model: HGPDM) -> Array:

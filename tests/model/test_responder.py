@@ -118,7 +118,59 @@ def test_bad_style_weights_are_named(responder: Responder, weights, message: str
 
 
 def test_bad_hands_are_named(responder: Responder):
-    with pytest.raises(HighFiveError, match="expected \\(2, 3\\)"):
-        responder.step(np.zeros((3, 3)))
-    with pytest.raises(HighFiveError, match="NaN"):
-        responder.step(np.full((2, 3), np.nan))
+    """And leave no trace: the next answer is that of a responder that was never asked."""
+    hand = np.zeros((2, 3))
+    responder.reset()
+    before = [responder.step(None) for _ in range(2)][-1]
+    responder.reset()
+    responder.step(None)
+    wrong = [np.zeros((3, 3)), np.zeros(6), np.zeros((3, 2)), np.zeros((1, 2, 3)), 0.0]
+    for points in wrong:
+        with pytest.raises(HighFiveError, match="shape"):
+            responder.step(points)
+    for covariance in (np.zeros((2, 3)), np.zeros(6), np.zeros((3, 2, 3))):
+        with pytest.raises(HighFiveError, match="shape"):
+            responder.step(hand, covariance)
+        with pytest.raises(HighFiveError, match="shape"):
+            responder.step(None, covariance)
+    for bad in (np.nan, np.inf):
+        with pytest.raises(HighFiveError, match="NaN"):
+            responder.step(np.full((2, 3), bad))
+        with pytest.raises(HighFiveError, match="NaN"):
+            responder.step(None, np.full((2, 3, 3), bad))
+        with pytest.raises(HighFiveError, match="metres"):
+            responder.step(np.full((2, 3), 1e60))
+    with pytest.raises(HighFiveError, match="variance"):
+        responder.step(hand, np.tile(-np.eye(3), (2, 1, 1)))
+    assert np.array_equal(responder.step(None).joints, before.joints)
+
+
+@pytest.mark.parametrize("size", [3e1, 1e3, 1e6])
+def test_a_responder_recovers_from_what_no_hand_can_be(responder: Responder, trials: list[Trial], size: float):
+    """One such hand, or one such covariance; a moment later the answers are those of one that never saw it."""
+    hands = trials[0].hand_points[:90]
+    responder.reset()
+    usual = [responder.step(hand) for hand in hands][-1]
+    for points, covariance in ((np.full((2, 3), size), None), (hands[0], np.full((2, 3, 3), size))):
+        responder.reset()
+        for _ in range(3):
+            responder.step(points, covariance)
+        for hand in hands:
+            response = responder.step(hand)
+            assert np.isfinite(response.joints).all()
+        np.testing.assert_allclose(response.joints, usual.joints, atol=0.05)
+
+
+@pytest.mark.parametrize("part", ["latent", "covariance", "hands", "residual"])
+def test_a_belief_that_is_spoilt_begins_anew(responder: Responder, trials: list[Trial], part: str):
+    """Rounding may leave a number that is none; without a new beginning it would stay for ever."""
+    hands = trials[0].hand_points[:90]
+    responder.reset()
+    usual = [responder.step(hand) for hand in hands][-1]
+    spoilt = getattr(responder._belief, part).copy()
+    spoilt.flat[0] = np.nan
+    responder._belief = responder._belief._replace(**{part: spoilt})
+    for hand in hands:
+        response = responder.step(hand)
+        assert np.isfinite(response.joints).all()
+    np.testing.assert_allclose(response.joints, usual.joints, atol=0.05)

@@ -129,7 +129,7 @@ class ArmLoop:
         self._arm, self.retarget, self._limits = arm, retarget, limits
         self._checked, self._estop, self._clock, self._pause = checked, estop, clock, pause
         self._human: Human | None = None
-        self._estimated_ns = self._frame_ns = clock()
+        self._estimated_ns = self._frame_ns = self._arrived_ns = clock()
         self._head = self._palm = _Seen(self._frame_ns)
         self._check: Check | None = None
         self._standing = standing(clock())
@@ -180,12 +180,13 @@ class ArmLoop:
     def timed(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
         """The frames, each with a note of when it came."""
         for frame in frames:
-            self.note_frame()
+            self.note_frame(frame.arrival_time_ns)
             yield frame
 
-    def note_frame(self) -> None:
-        """Now is when the next tick's frame came."""
+    def note_frame(self, arrived_ns: int | None = None) -> None:
+        """The next tick's frame is there, and came at ``arrived_ns`` of the loop's clock; None: now."""
         self._frame_ns = self._clock()
+        self._arrived_ns = self._frame_ns if arrived_ns is None else min(arrived_ns, self._frame_ns)
 
     def cycles(self) -> list[Cycle]:
         """What the bus did since the last call."""
@@ -257,12 +258,12 @@ class ArmLoop:
 
     def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
         """The person as estimated last, and when head and hand were last measured."""
-        self._head = self._head.again(goal.head_seen, goal.head is not None, self._frame_ns)
-        self._palm = self._palm.again(goal.person_seen, goal.person is not None, self._frame_ns)
+        self._head = self._head.again(goal.head_seen, goal.head is not None, self._arrived_ns)
+        self._palm = self._palm.again(goal.person_seen, goal.person is not None, self._arrived_ns)
         if goal.head is not None:
             palm = goal.person
             at, velocity = (None, None) if palm is None else (palm.position, palm.velocity)
-            self._human, self._estimated_ns = Human(goal.head, at, velocity, 0), self._frame_ns
+            self._human, self._estimated_ns = Human(goal.head, at, velocity, 0), self._arrived_ns
         if self._human is None:
             return None
         age_ns = max(0, now_ns - self._estimated_ns)

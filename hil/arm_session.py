@@ -256,7 +256,7 @@ def at_their_time(frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
     for frame in frames:
         if (left := start + frame.source_time_ns - time.monotonic_ns()) > 0:
             time.sleep(1e-9 * left)
-        yield frame
+        yield replace(frame, arrival_time_ns=time.monotonic_ns())
 
 
 def _refuse_unless_ready(port: str, rig: Rig) -> None:

@@ -15,10 +15,10 @@ from hil.bench_retarget import Asked, Met, asked_in, judged, notice
 from hil.drivers.arm_process import Cycle
 from hil.retarget import Retarget, Sacrifice
 from hil.retarget_goal import palm_goal
-from hil.safety.limits import Limits
+from hil.safety.limits import Limits, load_limits
 from hil.safety.speeds import closing_speed, face_speed
 from hil.safety.states import HALTED
-from hil.servo_arm import ServoArm
+from hil.servo_arm import ServoArm, default_arm
 from hil.session import RATE_HZ, Tick
 from mocap_bridge.frames import MarkerFrame, PalmPose
 from model.rotations import Array
@@ -233,7 +233,8 @@ def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
 
     ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
     contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them;
-    those that were ``broken_off`` by a stop are counted and not in them.
+    those that were ``broken_off`` by a stop are counted and not in them. ``closing_speed`` and ``face_speed`` are the
+    largest near hand and head, m/s, of what went on the ``wire`` and of the ``body``.
     """
     whole = [trial for trial in trials if not trial.broken_off]
     able = [trial for trial in whole if trial.met.possible]
@@ -241,6 +242,8 @@ def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
     periods = np.concatenate([trial.periods_ms for trial in trials]) if trials else np.zeros(0)
     following = np.abs(np.concatenate([trial.following_error(lag) for trial in trials])) if trials else np.zeros((0, 6))
     period = MS / RATE_HZ
+    arm, limits = default_arm(), load_limits()
+    speeds = [trial.separation_speeds(arm, limits) for trial in trials]
     return {
         "trials": len(trials),
         "error_mm": _extent([MS * trial.met.error for trial in able]),
@@ -256,6 +259,8 @@ def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
         "cycle_ms": percentiles(np.array([1e-6 * c.took_ns for trial in trials for c in trial.cycles])),
         "retarget_ms": percentiles(np.array([tick.retarget_ms for trial in trials for tick in trial.ticks])),
         "step_ms": percentiles(np.array([tick.step_ms for trial in trials for tick in trial.ticks])),
+        "closing_speed": {which: _largest(speeds, f"{which}_closing_speed") for which in ("wire", "body")},
+        "face_speed": {which: _largest(speeds, f"{which}_face_speed") for which in ("wire", "body")},
         "largest_current_A": max((round(float(np.abs(t.currents).max()), 2) for t in trials), default=None),
         "unanswered": sum(not bool(c.state.answered.all()) for trial in trials for c in trial.cycles),
         "rules": dict(sum((trial.acted for trial in trials), Counter())),
@@ -280,6 +285,10 @@ def _row(trial: ArmTrial) -> dict[str, Any]:
         "miss_mm": round(MS * met.sacrifice.miss, 1),
         "limits": list(met.sacrifice.limit_names),
     }
+
+
+def _largest(speeds: Sequence[dict[str, float]], name: str) -> float:
+    return round(max((found[name] for found in speeds), default=0.0), 3)
 
 
 def _extent(values: Sequence[float]) -> dict[str, float | None]:

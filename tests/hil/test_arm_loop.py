@@ -222,6 +222,8 @@ def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     assert summary["missed_cycles"] == 0
     assert summary["unanswered"] == 0
     assert summary["error_mm"]["max"] >= summary["error_mm"]["median"] > 0.0
+    assert 0.0 < summary["closing_speed"]["wire"] <= LIMITS.contact.speed
+    assert summary["face_speed"]["wire"] <= LIMITS.face.speed
     assert summary["cycles"] == sum(len(trial.cycles) for trial in trials)
     assert set(summary["rules"]) <= {rule.value for rule in Rule}
     assert [row["cell"] for row in summary["rows"]] == ["B2", "B1"]

@@ -22,6 +22,7 @@ class MarkerFrame:
         unlabelled: (U, 3) m, points without a label (ghosts, or markers whose label was lost).
         counted: the source counts its frames itself; otherwise ``number`` is told from ``source_time_ns``, and a loss
             shows some time after it.
+        impossible: markers that are not ``valid`` because their coordinates cannot be meant (infinite, or too far).
     """
 
     names: tuple[str, ...]
@@ -32,6 +33,7 @@ class MarkerFrame:
     arrival_time_ns: int
     unlabelled: Float[np.ndarray, "U 3"]
     counted: bool = True
+    impossible: int = 0
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ class LslLink:
             offset, arrival = self._offset(), time.monotonic()
         except RuntimeError as error:
             raise LinkError(f"the stream {self._name!r}: {error}") from None
-        points, valid = markers_of(self._layout, np.asarray(samples))
+        points, valid, impossible = markers_of(self._layout, np.asarray(samples))
         if self._y_up:
             points = np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
         column = self._layout.frame_column
@@ -137,6 +137,7 @@ class LslLink:
                 arrival_time_ns=0,
                 unlabelled=nothing,
                 counted=column >= 0,
+                impossible=int(impossible[k]),
             )
             for k, time_s in enumerate(checked_times(np.asarray(stamps)) + offset)
         ]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_bridge.lost_samples import LostSamples
+from mocap_bridge.plausible import plausible
 from model.errors import HighFiveError
 from model.rotations import Array
 
@@ -143,8 +144,10 @@ def _factor(unit: str, label: str) -> float:
     return METRES[short]
 
 
-def markers_of(layout: Layout, samples: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Positions (T, M, 3), m, and validity (T, M) from samples (T, channels); a coordinate that is none hides a marker.
+def markers_of(layout: Layout, samples: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+    """Positions (T, M, 3), m, validity (T, M), and how many were impossible (T,), from samples (T, channels).
+
+    A coordinate that is no number hides a marker; see also :func:`mocap_bridge.plausible.plausible`.
 
     Raises:
         DescriptionError: the samples have another number of channels than was described.
@@ -153,8 +156,7 @@ def markers_of(layout: Layout, samples: Array) -> tuple[Array, NDArray[np.bool_]
         raise DescriptionError(f"a sample has shape {samples.shape[1:]}, expected ({layout.channels},)")
     with np.errstate(over="ignore", invalid="ignore"):
         points = samples[:, layout.columns].astype(float) * layout.factors
-    seen = np.asarray(np.isfinite(points).all(axis=2))
-    return np.where(seen[..., None], points, 0.0), seen
+    return plausible(points, np.ones(points.shape[:2], dtype=bool))
 
 
 def checked_times(stamps: Array) -> Array:

@@ -51,7 +51,7 @@ def test_what_a_server_describes_is_read_back() -> None:
 )
 def test_units(unit: str, factor: float) -> None:
     layout = parse_description(labels("RFIN_X", "RFIN_Y", "RFIN_Z", unit=unit), 3)
-    points, seen = markers_of(layout, np.array([[1.0, 2.0, 3.0]]))
+    points, seen, _ = markers_of(layout, np.array([[1.0, 2.0, 3.0]]))
     assert np.allclose(points[0, 0], factor * np.array([1.0, 2.0, 3.0]))
     assert seen.all()
 
@@ -197,9 +197,10 @@ def test_a_hundred_thousand_descriptions_give_a_layout_or_our_own_error() -> Non
 
 def test_coordinates_that_are_none_hide_a_marker() -> None:
     layout = parse_description(labels("A_X", "A_Y", "A_Z", "B_X", "B_Y", "B_Z"), 6)
-    points, seen = markers_of(layout, np.array([[1, 2, np.nan, 4, 5, 6], [1, 2, 3, np.inf, 5, -np.inf]]))
+    points, seen, impossible = markers_of(layout, np.array([[1, 2, np.nan, 4, 5, 6], [1, 2, 3, np.inf, 5, -np.inf]]))
     assert seen.tolist() == [[False, True], [True, False]]
     assert np.isfinite(points).all()
+    assert impossible.tolist() == [0, 1]
     with pytest.raises(DescriptionError):
         markers_of(layout, np.zeros((2, 5)))
 

@@ -32,6 +32,7 @@ from hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown
 from hil.servo_arm import DEFAULT_MOUNT, READY, default_arm
 from hil.session import RATE_HZ
 from mocap_bridge.frames import MarkerFrame
+from model.compiled import when_compiling
 from model.errors import HighFiveError
 from model.rotations import Array
 from scenes import servo_arm as measures
@@ -113,9 +114,10 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None) -> Iterator[ArmLoop]:
     limits, rig = _loaded(options)
     advance = None if bar is None else bar("arm", 1)
     if advance is not None:
-        advance("compiling, a minute or two the first time", 0)
+        advance("starting", 0)
     slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))  # what may not be sent shall not be planned
-    retarget = Retarget(slow, READY, retarget_settings(rig, limits))
+    with when_compiling(lambda: advance and advance("compiling, a minute or two the first time", 0)):
+        retarget = Retarget(slow, READY, retarget_settings(rig, limits))
     estop = Latch()
     with ExitStack() as stack:
         port = options.port

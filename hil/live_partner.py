@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.placement import Placement, place_person
 from hil.partners import Partner
@@ -20,6 +22,7 @@ from mocap_bridge.marker_sets import MarkerSet, find_marker_set
 from mocap_bridge.recording import Recording, make_recording
 from mocap_bridge.sources import Connection
 from model.errors import HighFiveError
+from model.rotations import Array
 
 PRACTICE_S = 5.0
 """For so long the person is looked at before the first trial, s: with the hand raised once, that is where it is met."""
@@ -82,7 +85,9 @@ class LivePerson:
             self._placement = registered
             return
         tell(f"for {PRACTICE_S:g} s now: raise the right hand once, as for a high five; there the avatar will meet it")
-        self._placement = place_person(self._watched(first), self._set)
+        watched = self._watched(first)
+        self._placement = place_person(watched, self._set)
+        tell(f"hand seen{self._height(watched.names, self._placement.apply(watched.points), watched.valid)}")
 
     def partner(self, emotion: str) -> Partner:
         """The person, to be answered in an emotion."""
@@ -110,11 +115,23 @@ class LivePerson:
             before = frame
         return LiveTrial(self._source, self._placement)
 
+    def _height(self, names: tuple[str, ...], points: Array, valid: NDArray[np.bool_]) -> str:
+        """How high the right hand comes, in words, in points (T, M, 3), m, where they are ``valid``; '' for never."""
+        points, seen = self._set.arrange(names, points, valid)
+        hand = self._set.indices(self._set.arm.hand or self._set.arm.wrist)
+        whole = seen[:, hand].all(axis=1)
+        return f" at {points[whole][:, hand, 2].mean(axis=1).max():.2f} m" if whole.any() else ""
+
     def _watched(self, first: MarkerFrame) -> Recording:
         """What the person did for some seconds, in the system's own frame."""
         frames, newest, end = [first], first, time.monotonic() + PRACTICE_S
+        told = math.ceil(PRACTICE_S)
         while (left := end - time.monotonic()) > 0.0:
-            frame = self._source.wait(newest, min(left, 0.5))
+            if math.ceil(left) < told:
+                told = math.ceil(left)
+                height = self._height(newest.names, newest.positions[None], newest.valid[None])
+                tell(f"{told} s{height and f', hand{height}'}")
+            frame = self._source.wait(newest, min(left, 0.1))
             if frame is not None and frame.names == first.names:
                 frames.append(newest := frame)
             elif frame is None and (health := self._source.health(time.monotonic_ns())).age_ns > SILENT_S * 1e9:

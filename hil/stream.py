@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,10 +27,7 @@ from mocap_bridge.sources import Connection, Source, SourceHealth
 from model.errors import HighFiveError
 
 FIRST_FRAME_S = 5.0
-"""With ``--seconds``, how long the first frame may take at least, s."""
-
-UNUSABLE_S = 1.0
-"""With ``--seconds``, frames that cannot be used (no such person, wrong unit) may come for so long, s."""
+"""With ``--seconds``, how long the first frame that can be used may take at least, s: a person may be tracked later."""
 
 SWITCH_S = 5e-4
 """How long a thread that draws or computes may keep the others waiting, s; Python's own 5 ms is most of a frame."""
@@ -77,7 +75,8 @@ def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]
         if options.record.suffix.lower() == ".c3d" and (line := recover(options.record)):
             say(line)
         recorder = Recorder(options.record)
-    prepare_tracker(say)  # the seconds count from the first frame
+    with STDERR.status("starting …") if STDERR.is_terminal else nullcontext():
+        prepare_tracker(say)  # the seconds count from the first frame
     try:
         sys.setswitchinterval(SWITCH_S)
         with until_told() as told:
@@ -116,8 +115,8 @@ class _Listener:
         self._statistics = StreamStatistics()
         self._arm: ArmThread | None = None
         self._marker_set: str | None = None  # not looked for yet; '' where none fits
-        self._first: tuple[MarkerFrame, int] | None = None  # and how many had been received by then
-        self._last: MarkerFrame | None = None
+        self._first: tuple[MarkerFrame, SourceHealth] | None = None  # and how the source was then
+        self._told: str | None = None  # why nothing comes
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._take, name="statistics", daemon=True)
         self._thread.start()
@@ -140,11 +139,19 @@ class _Listener:
                     live.update(screen(self._view(recorder), STDERR.width, STDERR.height), refresh=True)
                 elif not self._options.quiet and time.monotonic() >= next_line:
                     next_line += 1.0
-                    STDERR.print(plain_line(self._view(recorder)), markup=False, soft_wrap=True)
+                    self._tell(self._view(recorder), time.monotonic() - start)
         finally:
             if live is not None:
                 live.update(screen(self._view(recorder), STDERR.width, STDERR.height), refresh=True)
                 live.stop()
+
+    def _tell(self, view: StreamView, waited_s: float) -> None:
+        """A line about what comes; where nothing has come yet, about why, if that is not soon over and is news."""
+        if self._first is None:
+            if waited_s < FIRST_FRAME_S or view.health.trouble == self._told:
+                return
+            self._told = view.health.trouble
+        STDERR.print(plain_line(view), markup=False, soft_wrap=True)
 
     def close(self) -> None:
         """Ends the threads and the source."""
@@ -163,9 +170,10 @@ class _Listener:
             "source": str(address),
             "connection": health.connection.value,
             "trouble": health.trouble,
-            "frames": health.received if self._first is not None else 0,
+            "frames": health.received - health.refused,
             "lost_frames": health.lost,
             "refused_frames": health.refused,
+            "impossible_markers": health.impossible,
             "rate_hz": round(self._rate(health), 3),
             "nominal_rate_hz": None if self._first is None else self._source.rate_hz,
             "age_ms": _rounded(zip(("p50", "p99", "max"), seen.age_ms, strict=True)),
@@ -194,8 +202,7 @@ class _Listener:
             seen = frame
             self._statistics.add(frame, now)
             if self._first is None:
-                self._first = frame, self._source.health(now).received
-            self._last = frame
+                self._first = frame, self._source.health(now)
             if self._arm is not None:
                 self._arm.offer(frame)
 
@@ -236,21 +243,24 @@ class _Listener:
         health = self._source.health(now)
         if health.connection is Connection.ENDED:
             return True
+        if health.hopeless:
+            raise HighFiveError(health.trouble)
         if self._options.seconds is None:
             return False
         if self._first is not None:
             return (now - self._first[0].arrival_time_ns) * 1e-9 >= self._options.seconds
-        waited = time.monotonic() - start
-        if health.received and health.trouble and waited > UNUSABLE_S:
+        if time.monotonic() - start < max(self._options.seconds, FIRST_FRAME_S):
+            return False
+        if health.received and health.trouble:
             raise HighFiveError(health.trouble)
-        return waited >= max(self._options.seconds, FIRST_FRAME_S)
+        return True
 
     def _rate(self, health: SourceHealth) -> float:
-        """Frames received a second, from the first that was looked at to the newest, Hz."""
-        if self._first is None or self._last is None or self._last is self._first[0]:
+        """Frames received a second, used or refused, from the first that was looked at to the newest, Hz."""
+        if self._first is None:
             return 0.0
-        elapsed = (self._last.arrival_time_ns - self._first[0].arrival_time_ns) * 1e-9
-        return (health.received - self._first[1]) / elapsed if elapsed > 0.0 else 0.0
+        elapsed = (health.arrived_ns - self._first[1].arrived_ns) * 1e-9
+        return (health.received - self._first[1].received) / elapsed if elapsed > 0.0 else 0.0
 
     def _view(self, recorder: Recorder | None) -> StreamView:
         health = self._source.health(time.monotonic_ns())

@@ -14,11 +14,9 @@ from mocap_bridge.frames import HumanArm, MarkerFrame
 from mocap_bridge.human_arm import HumanArmEstimator
 from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.tracker import Tracker
+from model.compiled import when_compiling
 from model.errors import HighFiveError
 from model.rotations import Array
-
-NOTICE_S = 3.0
-"""What takes longer, s, is told."""
 
 
 @dataclass(frozen=True)
@@ -82,15 +80,9 @@ def arm_follower(marker_set: MarkerSet, rate_hz: float) -> Callable[[MarkerFrame
 
 
 def prepare_tracker(say: Callable[[str], None]) -> None:
-    """Has the tracker compiled, if it is not; a line says so where that takes longer than a moment."""
-    line = "compiling the tracker, once after installing: this takes a minute or two"
-    notice = threading.Timer(NOTICE_S, say, [line])
-    notice.daemon = True
-    notice.start()
-    try:
+    """Has the tracker loaded; a line says so where it has to be compiled first."""
+    with when_compiling(lambda: say("compiling the tracker, once after installing: this takes a minute or two")):
         Tracker(load_marker_set("paper"), 120.0)
-    finally:
-        notice.cancel()
 
 
 class ArmThread:

@@ -62,6 +62,7 @@ def screen(view: StreamView, width: int, height: int) -> RenderableType:
             f"[dim]rate[/] {seen.rate_hz:.0f} Hz [dim]of {view.nominal_hz:g}[/]   [dim]frames[/] {health.received}   "
             f"[dim]lost[/] {_warned(health.lost)}   [dim]refused[/] {_warned(health.refused)}   "
             f"[dim]without a label[/] {seen.unlabelled}"
+            + (f"   [dim]impossible[/] {_warned(health.impossible)}" if health.impossible else "")
         ),
         Text.from_markup(
             f"[dim]age[/] {age[0]:.2f} ms [dim]p99[/] {age[1]:.2f} [dim]max[/] {age[2]:.1f}   "
@@ -105,7 +106,8 @@ def arm_text(arm: ArmView) -> str:
 
 
 def _refused(health: SourceHealth) -> str:
-    return f"{health.refused} refused, " if health.refused else ""
+    impossible = f"{health.impossible} impossible markers, " if health.impossible else ""
+    return (f"{health.refused} refused, " if health.refused else "") + impossible
 
 
 def _since(health: SourceHealth) -> str:

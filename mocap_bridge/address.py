@@ -192,9 +192,9 @@ def connector(address: Address) -> Callable[[], Link]:
 
         return lambda: connect_qtm(host, port)
     if address.scheme == "natnet":
-        from mocap_bridge.natnet import connect_natnet  # noqa: PLC0415
+        from mocap_bridge.natnet import DATA_PORT, connect_natnet  # noqa: PLC0415
 
-        data_port, y_up = int(options.get("data_port", "1511")), options.get("up", "y") == "y"
+        data_port, y_up = int(options.get("data_port", DATA_PORT)), options.get("up", "y") == "y"
         return lambda: connect_natnet(host, port, data_port, options.get("multicast"), y_up)
     if address.scheme == "lsl":
         from mocap_bridge.lsl import FrameCounter, connect_lsl  # noqa: PLC0415

@@ -17,6 +17,7 @@ KINDS = {
     "swap": "two markers have each other's label (swap=RWRA+RFIN)",
     "ghosts": "so many points a frame without a label, near the markers (ghosts=3)",
     "nan": "markers have coordinates that are no numbers (nan=RFIN)",
+    "overflow": "markers have coordinates that no unit can hold (overflow=RFIN)",
     "metres": "numbers in metres where the protocol has millimetres",
     "reorder": "the labels come in another order in each frame",
     "gap": "so many frames are never sent, all at once (gap=12)",
@@ -32,8 +33,9 @@ MOST_GHOSTS = 1000
 LONGEST_BURST_S = 60.0
 """So long frames can be held back, s: they wait in memory."""
 
-_VALUED = {"occlusion", "swap", "ghosts", "nan", "gap"}
+_VALUED = {"occlusion", "swap", "ghosts", "nan", "overflow", "gap"}
 _SPELLING = re.compile(r"(?P<kind>[a-z]+)(=(?P<value>[^@]+))?(@(?P<start>[\d.]+)(-(?P<end>[\d.]+))?)?")
+_OVERFLOWS = 1e37  # m: a number of 32 bits, which in millimetres it is not any more
 _SPREAD = 0.3  # m, of ghosts about a marker
 
 
@@ -85,7 +87,7 @@ def parse_fault(text: str) -> Fault:
         or (kind == "swap" and len(set(names)) != 2)
         or (kind == "ghosts" and amount > MOST_GHOSTS)
         or (kind == "burst" and end - start > LONGEST_BURST_S)
-        or (kind == "nan" and not names)
+        or (kind in {"nan", "overflow"} and not names)
         or (kind == "occlusion" and amount > 1.0)
     ):
         raise HighFiveError(f"fault {text!r} makes no sense; {kind}: {KINDS[kind]}")
@@ -136,6 +138,8 @@ class Faults:
             points[[one, other]], valid[[one, other]] = points[[other, one]], valid[[other, one]]
         for fault in self._on("nan", time):
             points[self._columns(frame, fault)] = np.nan
+        for fault in self._on("overflow", time):
+            points[self._columns(frame, fault)] = _OVERFLOWS
         for fault in self._on("ghosts", time):
             loose = np.concatenate([loose, _ghosts(points[valid], int(fault.amount), rng)])
         names = frame.names

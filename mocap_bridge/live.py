@@ -5,7 +5,6 @@ What is the same for every protocol is here; what differs, one connection and wh
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -16,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.recording import columns_of_person
+from mocap_bridge.plausible import FARTHEST_M
+from mocap_bridge.recording import SeveralPersons, columns_of_person
 from mocap_bridge.sources import Connection, SourceHealth
 from model.errors import HighFiveError
 
@@ -67,7 +67,7 @@ class Link(Protocol):
         """Whole frames that have come, oldest first; waits up to ``timeout_s`` for something to come.
 
         Names keep the system's prefix of the person (``'Subject:RFIN'``). Positions are in metres, z up; a marker that
-        is not seen is not valid. Coordinates that are no numbers are the caller's to sort out.
+        is not seen is not valid, nor one whose coordinates cannot be meant (:mod:`mocap_bridge.plausible`).
 
         Raises:
             LinkError: the connection is lost, or what came is not of the protocol.
@@ -104,7 +104,9 @@ class LiveSource:
         self._changed = threading.Condition()
         self._newest: MarkerFrame | None = None
         self._number: int | None = None  # of the newest frame that came, whether it could be used or not
-        self._received = self._lost = self._refused = 0
+        self._received = self._lost = self._refused = self._impossible = 0
+        self._came = 0, 0  # frames, and when the newest of them arrived, ns: read together
+        self._hopeless = False
         self._linked = False
         self._trouble = "connecting"
         self._closing = threading.Event()
@@ -133,9 +135,15 @@ class LiveSource:
         """The newest frame, waiting for the first one if there is none yet.
 
         Raises:
-            HighFiveError: none came in time; the message says what stood in the way.
+            HighFiveError: none came in time, or there is nothing to wait for; the message says what stood in the way.
         """
-        frame = self._newest or self.wait(None, timeout_s)
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._newest is not None or self._hopeless or self._closing.is_set(), timeout_s
+            )
+            frame = self._newest
+        if frame is None and self._hopeless:
+            raise HighFiveError(self._trouble)
         if frame is None:
             raise HighFiveError(
                 f"{self._title}: no frame came within {timeout_s:g} s ({self._trouble or 'nothing was sent'})"
@@ -152,7 +160,18 @@ class LiveSource:
             state = Connection.CONNECTING
         else:
             state = Connection.LIVE if age_ns <= STALLED_S * 1e9 else Connection.STALLED
-        return SourceHealth(state, age_ns, self._received, self._lost, self._trouble, self._refused)
+        received, arrived_ns = self._came
+        return SourceHealth(
+            state,
+            age_ns,
+            received,
+            self._lost,
+            self._trouble,
+            self._refused,
+            arrived_ns,
+            self._impossible,
+            self._hopeless and newest is None,
+        )
 
     def close(self) -> None:
         """Ends the thread and the connection."""
@@ -169,7 +188,7 @@ class LiveSource:
             try:
                 self._follow()
             except Exception as error:  # a source whose thread has died would be silent for ever
-                self._trouble = str(error) or type(error).__name__
+                self._trouble, self._hopeless = str(error) or type(error).__name__, False
             self._linked = False
             pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
             self._closing.wait(pause)
@@ -201,36 +220,39 @@ class LiveSource:
                 continue
             self._received += 1
             self._lost += step - 1 if 1 < step <= LONGEST_GAP else 0
+            self._impossible += frame.impossible
             self._number, newest = frame.number, frame
         if newest is None:
             return
+        self._came = self._received, now
         try:
             newest = replace(self._of_person(newest), arrival_time_ns=now)
         except HighFiveError as error:
-            self._trouble, self._refused = str(error), self._refused + self._received - received
+            with self._changed:
+                self._trouble, self._refused = str(error), self._refused + self._received - received
+                self._hopeless = isinstance(error, SeveralPersons)
+                self._changed.notify_all()
             return
         with self._changed:
-            self._newest, self._trouble = newest, ""
+            self._newest, self._trouble, self._hopeless = newest, "", False
             self._changed.notify_all()
 
-    @np.errstate(invalid="ignore", over="ignore")  # ∞ - ∞ is looked for, not warned of
     def _of_person(self, frame: MarkerFrame) -> MarkerFrame:
-        """The person's part of a frame, checked: no number that is none is ever called valid."""
+        """The person's part of a frame, if it is of the right unit."""
         if frame.names is not self._names and frame.names != self._names:
             columns = columns_of_person(frame.names, self._person, self._title)
             self._own_names = tuple(frame.names[m].rpartition(":")[2] for m in columns)
             self._columns = np.array(columns, dtype=np.intp)
         self._names = frame.names
         points, valid = frame.positions[self._columns], frame.valid[self._columns]
-        if not math.isfinite(points.sum()):
-            finite = np.asarray(np.isfinite(points).all(axis=1))
-            points, valid = np.where(finite[:, None], points, 0.0), valid & finite
+        if frame.impossible > frame.valid.sum():
+            raise HighFiveError(
+                f"most markers are further than {FARTHEST_M:g} m away: "
+                f"{self._title} sends another unit than its protocol says; set it right there"
+            )
         if of_another_unit(span := spans(points, valid)):
             raise HighFiveError(
                 f"the markers span {span:.3g} m, a person spans about 2 m: "
                 f"{self._title} sends another unit than its protocol says; set it right there"
             )
-        loose = frame.unlabelled
-        if len(loose) and not math.isfinite(loose.sum()):
-            loose = loose[np.isfinite(loose).all(axis=1)]
-        return replace(frame, names=self._own_names, positions=points, valid=valid, unlabelled=loose)
+        return replace(frame, names=self._own_names, positions=points, valid=valid)

@@ -118,10 +118,10 @@ class LslLink:
             samples, stamps = self._inlet.pull_chunk(timeout_s, _MOST, min_samples=1, as_numpy=True)
             if not len(stamps):
                 return ()
-            offset = self._offset()
+            offset, arrival = self._offset(), time.monotonic()
         except RuntimeError as error:
             raise LinkError(f"the stream {self._name!r}: {error}") from None
-        points, valid = markers_of(self._layout, np.asarray(samples))
+        points, valid, impossible = markers_of(self._layout, np.asarray(samples))
         if self._y_up:
             points = np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
         column = self._layout.frame_column
@@ -132,12 +132,14 @@ class LslLink:
                 names=self._layout.names,
                 positions=points[k],
                 valid=valid[k],
-                number=self._counter.next(float(stamp), float(stated[k])),
-                source_time_ns=round((stamp + offset) * 1e9),
+                number=self._counter.next(float(time_s), arrival, float(stated[k])),
+                source_time_ns=round(time_s * 1e9),
                 arrival_time_ns=0,
                 unlabelled=nothing,
+                counted=column >= 0,
+                impossible=int(impossible[k]),
             )
-            for k, stamp in enumerate(checked_times(np.asarray(stamps)))
+            for k, time_s in enumerate(checked_times(np.asarray(stamps)) + offset)
         ]
 
     def close(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import select
 import socket
 import struct
@@ -15,7 +14,11 @@ from numpy.typing import NDArray
 
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.live import LinkError
+from mocap_bridge.plausible import plausible, plausible_only
 from mocap_bridge.wire import natnet as wire
+
+DATA_PORT = 1511
+"""Where Motive sends frames by multicast, unless it is set otherwise."""
 
 ASK_AGAIN_S = 0.25
 """What has not been answered is asked for again after so long, s: datagrams get lost."""
@@ -26,6 +29,7 @@ ANSWER_S = 2.0
 KEEP_ALIVE_S = 0.5
 """So often the server is told that someone listens, s; otherwise it stops to send."""
 
+_RATES_HZ = (10.0, 2000.0)  # of cameras; an answer outside was damaged on its way, and is asked for again
 _STRANGE_S = 0.8  # without a frame, after which what could not be read is told
 
 _MOST_READ = 512  # datagrams at a time, so that a flood cannot hold up the caller
@@ -36,7 +40,7 @@ _RECEIVE_BUFFER = 1 << 20  # bytes
 def connect_natnet(
     host: str,
     port: int = 1510,
-    data_port: int = 1511,
+    data_port: int = DATA_PORT,
     multicast: str | None = None,
     y_up: bool = True,
     timeout_s: float = 2.0,
@@ -158,7 +162,12 @@ class NatNetLink:
         if self._strange and now - self._last > _STRANGE_S:
             raise LinkError(self._strange)
         if len(self._sockets) == 1 and self._info.group and now - self._last > 0.8:
-            raise LinkError(f"it sends to multicast group {self._info.group}:{self._info.data_port}, not here: say so")
+            port = self._info.data_port
+            options = f"?multicast={self._info.group}" + (f"&data_port={port}" if port != DATA_PORT else "")
+            raise LinkError(
+                f"it sends to multicast group {self._info.group}:{port}, not here; "
+                f"put {options} behind the address, all in quotation marks"
+            )
 
     def _ask_until(self, kind: wire.Kind, text: str, wanted: wire.Kind, deadline: float) -> bytes:
         """Asks again and again until the answer comes."""
@@ -242,7 +251,7 @@ class NatNetLink:
             self._info = wire.decode_server_info(body)
         elif kind == wire.Kind.RESPONSE and len(body) == 4:
             rate = struct.unpack("<f", body)[0]
-            self._rate_hz = rate if 0.0 < rate < 1e5 else self._rate_hz
+            self._rate_hz = rate if _RATES_HZ[0] <= rate <= _RATES_HZ[1] else self._rate_hz
 
     def _ask(self) -> None:
         """Asks for the descriptions; until they come no name is certain."""
@@ -251,18 +260,22 @@ class NatNetLink:
         self._send(wire.Kind.REQUEST_MODEL)
 
 
-@np.errstate(invalid="ignore", over="ignore")  # a NaN may be of the signalling kind
+@np.errstate(invalid="ignore")  # a NaN may be of the signalling kind
 def marker_frame(frame: wire.Frame, columns: Columns, y_up: bool) -> MarkerFrame:
     """A frame of the wire that fits ``columns``, z up."""
-    points, valid, loose = columns.place(frame)
-    if not math.isfinite(points.sum()):
-        finite = np.asarray(np.isfinite(points).all(axis=1))
-        points[~finite] = 0.0
-        valid &= finite
-    if len(loose):
-        loose = loose[np.isfinite(loose).all(axis=1)]
     turn = wire.z_up if y_up else _as_it_is
-    return MarkerFrame(columns.names, turn(points), valid, frame.number, round(frame.time * 1e9), 0, turn(loose))
+    points, valid, loose = columns.place(frame)
+    points, valid, impossible = plausible(turn(points), valid)
+    return MarkerFrame(
+        columns.names,
+        points,
+        valid,
+        frame.number,
+        round(frame.time * 1e9),
+        0,
+        plausible_only(turn(loose)),
+        impossible=int(impossible),
+    )
 
 
 def _as_it_is(points: NDArray[np.floating]) -> NDArray[np.float64]:

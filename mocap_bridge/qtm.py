@@ -12,6 +12,7 @@ import numpy as np
 
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.live import LinkError
+from mocap_bridge.plausible import plausible, plausible_only
 from mocap_bridge.wire import qtm as wire
 
 VERSIONS = ("1.25", "1.23", "1.19", "1.13")
@@ -212,9 +213,14 @@ def marker_frame(data: wire.Data, parameters: wire.Parameters) -> MarkerFrame:
     """A frame of the wire in metres, z up. It holds as many labelled points as there are labels."""
     points = parameters.metres(np.zeros((0, 3), np.float32) if data.labelled is None else data.labelled)
     loose = parameters.metres(data.unlabelled)
-    valid = np.asarray(np.isfinite(points).all(axis=1))
-    if not valid.all():
-        points[~valid] = 0.0
-    if len(loose):
-        loose = loose[np.isfinite(loose).all(axis=1)]
-    return MarkerFrame(parameters.labels, points, valid, data.number, data.time_us * 1000, 0, loose)
+    points, valid, impossible = plausible(points, np.ones(len(points), dtype=bool))
+    return MarkerFrame(
+        parameters.labels,
+        points,
+        valid,
+        data.number,
+        data.time_us * 1000,
+        0,
+        plausible_only(loose),
+        impossible=int(impossible),
+    )

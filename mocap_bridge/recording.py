@@ -57,17 +57,24 @@ class Recording:
         return replace(self, names=names, points=self.points[:, columns], valid=self.valid[:, columns])
 
 
+class SeveralPersons(HighFiveError):
+    """There are several persons, and nobody said which one is meant: waiting does not help."""
+
+
 def columns_of_person(names: Sequence[str], prefix: str | None, source: str) -> list[int]:
     """Columns of the labels ``names`` that are one person's; see :meth:`Recording.person`.
 
     Raises:
-        HighFiveError: there is no such person, or more than one to choose from.
+        SeveralPersons: there is more than one to choose from.
+        HighFiveError: there is no such person, or none at all.
     """
     prefixes = tuple(dict.fromkeys(name.rpartition(":")[0] for name in names))
     known = ", ".join(p or "(labels without a prefix)" for p in prefixes) or "(no labels)"
     if prefix is None:
+        if not prefixes:
+            raise HighFiveError(f"{source} has no labels; label the markers of a person there")
         if len(prefixes) != 1:
-            raise HighFiveError(
+            raise SeveralPersons(
                 f"{source} holds several persons: {known}; say which one (--person, in a session --human)"
             )
         prefix = prefixes[0]

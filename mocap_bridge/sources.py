@@ -38,6 +38,9 @@ class SourceHealth:
         lost: frames that never arrived, from gaps in the source's frame numbers.
         trouble: why there is no newer frame, in one line; '' where there is nothing to say.
         refused: frames that arrived and could not be used: of another unit, or without the person.
+        arrived_ns: when the newest of the frames that were ``received`` arrived, whether it could be used or not, ns.
+        impossible: markers of all frames that were left out for coordinates that cannot be meant.
+        hopeless: ``trouble`` is not mended by waiting.
     """
 
     connection: Connection
@@ -46,6 +49,9 @@ class SourceHealth:
     lost: int
     trouble: str = ""
     refused: int = 0
+    arrived_ns: int = 0
+    impossible: int = 0
+    hopeless: bool = False
 
 
 class Source(Protocol):
@@ -121,7 +127,8 @@ class C3DSource:
             return SourceHealth(Connection.CONNECTING, -1, 0, 0)
         last = min(number, len(self) - 1)
         age_ns = now_ns - self._start_ns - round(last * 1e9 / self._rate_hz)
-        return SourceHealth(Connection.LIVE if number < len(self) else Connection.ENDED, age_ns, last + 1, 0)
+        state = Connection.LIVE if number < len(self) else Connection.ENDED
+        return SourceHealth(state, age_ns, last + 1, 0, arrived_ns=now_ns - age_ns)
 
     def close(self) -> None:
         """Nothing to let go of."""

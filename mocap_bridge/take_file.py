@@ -1,7 +1,8 @@
 """What a live system sends, kept as it comes: an append-only file that a crash cannot spoil, and a C3D file from it.
 
 The file is a row of blocks: a byte for the kind, the length and the checksum of the body, the body. ``N`` names the
-markers of the frames that follow, ``F`` is a frame. What a crash cut off is left out when the file is read.
+markers of the frames that follow, ``F`` is a frame; before it stands ``S``, its time stamp, where the source does not
+count its frames. What a crash cut off is left out when the file is read.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from mocap_bridge.c3d_writer import MAX_POINTS, write_frames
 from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.lost_samples import lost_before
 from model.errors import HighFiveError
 from model.rotations import Array
 
@@ -32,9 +34,13 @@ ENDING = ".part"
 AHEAD_S = 5.0
 """A frame number so far ahead of the clock that frames arrive by is not believed, s."""
 
+CLOCKS_DIFFER = 3e-4
+"""A rate that is measured to be this close to the nominal one, as a share, is the nominal one."""
+
 _MAGIC = b"HIGHFIVE TAKE 1\n"
 _BLOCK = struct.Struct("<cII")
 _FRAME = struct.Struct("<qqII")  # number, arrival (ns), markers, points without a label
+_STAMP = struct.Struct("<q")  # source time (ns)
 _MOST_LOOSE = 32  # points without a label that a frame of the C3D file holds
 _LONGEST = 1 << 24  # bytes of a block
 
@@ -76,6 +82,8 @@ class TakeWriter:
             with np.errstate(over="ignore"):
                 points = np.where(frame.valid[:, None], frame.positions, np.nan).astype("<f4")
                 loose = frame.unlabelled[:_MOST_LOOSE].astype("<f4")
+            if not frame.counted:
+                blocks.append(_block(b"S", _STAMP.pack(frame.source_time_ns)))
             head = _FRAME.pack(frame.number, frame.arrival_time_ns, len(points), len(loose))
             blocks.append(_block(b"F", head + points.tobytes() + loose.tobytes()))
         data = memoryview(b"".join(blocks))
@@ -94,13 +102,14 @@ def _block(kind: bytes, body: bytes) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a frame lies in the raw file, and under which names."""
+    """Where a frame lies in the raw file, under which names, and when it was stamped, if it was not counted."""
 
     offset: int
     names: int
     number: int
     arrival_ns: int
     loose: int
+    stamp_ns: int | None
 
 
 def being_written(path: Path) -> bool:
@@ -141,7 +150,10 @@ def take_to_c3d(raw: Path, path: Path) -> tuple[int, int]:
             if not places:
                 raise NoFrames(f"{raw} holds no frame")
             rate = _rate(rates, places)
-            slots = _slots(places, rate)
+            if all(place.stamp_ns is not None for place in places):
+                rate, slots = _stamped(places, rates, rate)
+            else:
+                slots = _slots(places, rate)
             names = list(dict.fromkeys(name for table in tables for name in table))[:MAX_POINTS]
             loose = min(max(place.loose for place in places), MAX_POINTS - len(names))
             columns = {name: m for m, name in enumerate(names)}
@@ -164,6 +176,7 @@ def _index(file: BinaryIO) -> tuple[list[tuple[str, ...]], list[float], list[_Pl
     tables: list[tuple[str, ...]] = []
     rates: list[float] = []
     places: list[_Place] = []
+    stamp = None
     while True:
         offset = file.tell()
         head = file.read(_BLOCK.size)
@@ -181,7 +194,10 @@ def _index(file: BinaryIO) -> tuple[list[tuple[str, ...]], list[float], list[_Pl
             rates.append(float(said["rate_hz"]))
         elif kind == b"F" and tables:
             number, arrival, _, loose = _FRAME.unpack_from(body)
-            places.append(_Place(offset, len(tables) - 1, number, arrival, loose))
+            places.append(_Place(offset, len(tables) - 1, number, arrival, loose, stamp))
+            stamp = None
+        elif kind == b"S":
+            (stamp,) = _STAMP.unpack(body)
     return tables, rates, places
 
 
@@ -193,6 +209,20 @@ def _rate(rates: Sequence[float], places: Sequence[_Place]) -> float:
     elapsed = (places[-1].arrival_ns - places[0].arrival_ns) * 1e-9
     counted = places[-1].number - places[0].number
     return float(np.clip(round(counted / elapsed), 1, 10_000)) if elapsed > 0.5 and counted > 0 else 120.0
+
+
+def _stamped(places: Sequence[_Place], rates: Sequence[float], rate: float) -> tuple[float, list[int]]:
+    """The rate, and the place of each frame in time, counted from 0, where frames are stamped but not counted.
+
+    The nominal rate is kept where it is right to what clocks differ by, or over the whole recording to a frame.
+    """
+    stamps = (1e-9 * ((place.stamp_ns or 0) - (places[0].stamp_ns or 0)) for place in places)
+    arrivals = (1e-9 * (place.arrival_ns - places[0].arrival_ns) for place in places)
+    lost, period_s = lost_before(stamps, arrivals, rates[-1])
+    slots = (np.arange(len(places)) + np.cumsum(lost)).tolist()
+    if period_s > 0.0 and abs(rate * period_s - 1.0) > max(CLOCKS_DIFFER, 1.0 / (slots[-1] + 1)):
+        rate = float(np.clip(round(1.0 / period_s, 3), 1.0, 10_000.0))
+    return rate, slots
 
 
 def _slots(places: Sequence[_Place], rate: float) -> list[int]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.live import LinkError
+from mocap_bridge.plausible import plausible, plausible_only
 from mocap_bridge.wire import vicon as wire
 from mocap_bridge.wire.vicon import Kind, Packet, Subject
 from model.rotations import Array
@@ -230,15 +231,17 @@ class ViconLink:
                 loose = np.concatenate([loose, points[~known]])
                 points, columns = points[known], columns[known]
             positions[columns], valid[columns] = points, True
+        positions, valid, impossible = plausible(self._upright(positions), valid)
         arrival = time.monotonic_ns()
         return MarkerFrame(
             names=self._names,
-            positions=self._upright(positions),
+            positions=positions,
             valid=valid,
             number=packet.number or 0,
             source_time_ns=self._source_time(packet, arrival),
             arrival_time_ns=arrival,
-            unlabelled=self._upright(loose),
+            unlabelled=plausible_only(self._upright(loose)),
+            impossible=int(impossible),
         )
 
     def _find(self, ids: NDArray[np.uint32]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

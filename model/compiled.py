@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar, cast
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar, cast
 
 from numba import njit
+from numba.core import event as events
 
 Compiled = TypeVar("Compiled", bound=Callable)
 
@@ -28,3 +30,23 @@ def compiled_entry(function: Compiled) -> Compiled:
         return cast(Compiled, njit(**OPTIONS, cache=True)(function))
     except RuntimeError:  # no place can be written to: each process compiles for itself
         return cast(Compiled, njit(**OPTIONS)(function))
+
+
+class _Listener(events.Listener):
+    def __init__(self, tell: Callable[[], Any]):
+        self._tell, self._told = tell, False
+
+    def on_start(self, event: events.Event) -> None:
+        if not self._told:
+            self._told = True
+            self._tell()
+
+    def on_end(self, event: events.Event) -> None:
+        """Nothing to tell."""
+
+
+@contextmanager
+def when_compiling(tell: Callable[[], Any]) -> Iterator[None]:
+    """Calls ``tell`` once, as soon as a function really is compiled meanwhile; what is only loaded is quick."""
+    with events.install_listener("numba:compile", _Listener(tell)):
+        yield

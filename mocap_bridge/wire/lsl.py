@@ -11,7 +11,6 @@ import configparser
 import io
 import math
 import re
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -19,6 +18,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_bridge.lost_samples import LostSamples
+from mocap_bridge.plausible import plausible
 from model.errors import HighFiveError
 from model.rotations import Array
 
@@ -34,10 +35,7 @@ _LABEL = re.compile(r"(?P<marker>.+)[_. /:-](?P<axis>[XYZxyz])")
 _TYPE = re.compile(r"position[_ ]?(?P<axis>[xyz])", re.IGNORECASE)
 _FRAME = {"frame", "framenumber", "frame_number", "frame number"}
 _LATEST = 1e12  # s; a time stamp beyond this is none
-_FOLLOW = 0.1  # how much of a time stamp's deviation the expected time of the next one takes over
 _SLOWEST, _FASTEST = 1e-3, 1e6  # Hz; what is outside is no rate
-_CONFIRMED = 4  # samples in a row that are late by a period before one is taken for lost
-_SEVERAL = 1.5  # periods that a sample is late, from which on the next one may confirm it alone
 
 
 class DescriptionError(HighFiveError):
@@ -146,8 +144,10 @@ def _factor(unit: str, label: str) -> float:
     return METRES[short]
 
 
-def markers_of(layout: Layout, samples: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Positions (T, M, 3), m, and validity (T, M) from samples (T, channels); a coordinate that is none hides a marker.
+def markers_of(layout: Layout, samples: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+    """Positions (T, M, 3), m, validity (T, M), and how many were impossible (T,), from samples (T, channels).
+
+    A coordinate that is no number hides a marker; see also :func:`mocap_bridge.plausible.plausible`.
 
     Raises:
         DescriptionError: the samples have another number of channels than was described.
@@ -156,8 +156,7 @@ def markers_of(layout: Layout, samples: Array) -> tuple[Array, NDArray[np.bool_]
         raise DescriptionError(f"a sample has shape {samples.shape[1:]}, expected ({layout.channels},)")
     with np.errstate(over="ignore", invalid="ignore"):
         points = samples[:, layout.columns].astype(float) * layout.factors
-    seen = np.asarray(np.isfinite(points).all(axis=2))
-    return np.where(seen[..., None], points, 0.0), seen
+    return plausible(points, np.ones(points.shape[:2], dtype=bool))
 
 
 def checked_times(stamps: Array) -> Array:
@@ -172,51 +171,42 @@ def checked_times(stamps: Array) -> Array:
 
 
 class FrameCounter:
-    """Frame numbers from time stamps and the nominal rate, so that lost samples leave a gap.
+    """Frame numbers from time stamps, so that lost samples leave a gap.
 
-    The time at which the next sample is expected follows the stamps slowly, so that a rate that is not quite the
-    nominal one counts right. A sample that is late may only have been stamped late: lost ones are counted when the
-    next sample is as late, a single one when :data:`_CONFIRMED` in a row are. One counter serves all connections to a
-    stream: what is lost while it is gone shows when it is back.
+    A number is given at once, but a sample may only have been stamped late: what was lost shows some half a second
+    afterwards (:mod:`mocap_bridge.lost_samples`). One counter serves all connections to a stream: what is lost while it
+    is gone shows when it is back.
     """
 
     def __init__(self, rate_hz: float = 0.0):
-        """Args: ``rate_hz`` is the nominal rate; where there is none (0) every sample is the next one."""
-        self.set_rate(rate_hz)
-        self._expected: float | None = None
+        """Args: ``rate_hz`` is the nominal rate; 0 where there is none."""
+        self._rate = 0.0
+        self._samples = LostSamples(0.0)
         self._number = -1
-        self._late: deque[float] = deque(maxlen=_CONFIRMED)
+        self._next = 0  # number of the next sample, less what was lost
+        self.set_rate(rate_hz)
 
     def set_rate(self, rate_hz: float) -> None:
         """The nominal rate that the stream has now, Hz."""
-        self._rate = rate_hz if _SLOWEST <= rate_hz <= _FASTEST else 0.0
+        rate_hz = rate_hz if _SLOWEST <= rate_hz <= _FASTEST else 0.0
+        if rate_hz != self._rate:
+            self._rate, self._samples, self._next = rate_hz, LostSamples(rate_hz), self._number + 1
 
-    def next(self, stamp: float, stated: float = math.nan) -> int:
-        """Number of the sample stamped ``stamp``, s; ``stated`` is what the stream itself says, if it does."""
+    def next(self, stamp: float, arrival: float, stated: float = math.nan) -> int:
+        """Number of a sample; ``stated`` is what the stream itself says, if it does.
+
+        Args:
+            stamp: when it was sent, s.
+            arrival: when it arrived, s on a clock that is never set.
+            stated: the frame number in the sample.
+        """
         if 0.0 <= stated < 2.0**53:
             self._number = int(stated)
             return self._number
-        if self._expected is None or not self._rate:
-            self._expected = stamp
-            self._number += 1
-            return self._number
-        late = (stamp - self._expected) * self._rate - 1.0  # periods
-        self._late.append(late)
-        lost = 0
-        if self._confirmed():
-            lost = max(0, round(late))
-            self._late.clear()
-            self._expected = stamp - (1.0 - _FOLLOW) * (late - lost) / self._rate
-        else:  # a stamp that stands alone says nothing of the next one
-            self._expected += (1.0 + (_FOLLOW * late if abs(late) < _SEVERAL else 0.0)) / self._rate
-        self._number += 1 + lost
+        self._samples.add(stamp, arrival)
+        self._number = max(self._number + 1, self._next + self._samples.total)
+        self._next += 1
         return self._number
-
-    def _confirmed(self) -> bool:
-        """Whether the newest samples say alike that some were lost, or that the stream's clock was set back."""
-        late = list(self._late)
-        single = len(late) == _CONFIRMED and min(late) > 0.5
-        return single or (len(late) > 1 and (min(late[-2:]) > _SEVERAL or max(late[-2:]) < -_SEVERAL))
 
 
 def channel_descriptions(names: Sequence[str], unit: str = "meters") -> list[dict[str, str]]:

@@ -5,8 +5,11 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -19,6 +22,7 @@ from hil.stream_screen import StreamView, plain_line, screen
 from hil.stream_statistics import Histogram, StreamStatistics
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.frames import MarkerFrame
+from mocap_bridge.servers.vicon import ViconServer
 from mocap_bridge.sources import Connection, SourceHealth
 
 
@@ -75,6 +79,63 @@ def test_a_summary_for_machines(vicon: str) -> None:
     assert min(said["markers"].values()) > 0.9
     assert said["marker_set"] == "paper"
     assert said["arm"] is None or 0.0 <= said["arm"]["elbow_flexion_deg"] < 60.0
+
+
+def test_of_two_people_one_has_to_be_chosen_at_once(fails, vicon: str) -> None:
+    begun = time.monotonic()
+    said = fails(vicon)
+    assert "human, avatar" in said
+    assert "--person" in said
+    assert time.monotonic() - begun < 10.0
+
+
+@contextmanager
+def joined_later(after_s: float) -> Iterator[str]:
+    """A Vicon that tracks Bert, and Anna too from so long after its first client came."""
+    server, stop = ViconServer(port=0), Event()
+    points = np.random.default_rng(0).uniform(0.2, 1.6, size=(3, 3))
+
+    def send() -> None:
+        served = 0
+        for number in count():
+            served += server.sent_ns > 0
+            people = ("Bert", "Anna") if served > 120.0 * after_s else ("Bert",)
+            names = tuple(f"{person}:M{m}" for person in people for m in range(3))
+            both = np.tile(points, (len(people), 1)), np.ones(len(names), dtype=bool)
+            server.send(MarkerFrame(names, *both, number, 0, 0, np.zeros((0, 3))))
+            if stop.wait(1.0 / 120.0):
+                return
+
+    thread = Thread(target=send)
+    thread.start()
+    try:
+        yield f"vicon://127.0.0.1:{server.port}"
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+
+
+def test_a_person_who_comes_later_is_waited_for() -> None:
+    with joined_later(2.5) as address:
+        said = summary(address, "--person", "Anna", "--seconds", 1)
+    assert said["frames"] > 60
+    assert said["refused_frames"] > 150
+    assert set(said["markers"]) == {"M0", "M1", "M2"}
+
+
+@pytest.mark.realtime
+def test_frames_that_were_refused_neither_raise_nor_lower_the_rate(lab: Path) -> None:
+    """The unit goes wrong: those frames come, in their time, and are counted apart."""
+    process, address, _ = serving("vicon", lab, "--loop", "--port", 0, "--faults", "metres@5-6,metres@7-8,metres@9-60")
+    try:
+        said = summary(address, "--person", "human", "--seconds", 12)
+    finally:
+        stop(process)
+    assert said["refused_frames"] > 300
+    assert said["frames"] > 120
+    assert 115.0 < said["rate_hz"] < 125.0
+    assert said["frames"] + said["refused_frames"] == pytest.approx(120.0 * 12.0, abs=90)
 
 
 def test_what_is_recorded_is_whole_after_ctrl_c_and_after_a_kill(vicon: str, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import itertools
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pylsl
@@ -16,6 +17,8 @@ from mocap_bridge.recording import Recording, make_recording
 from mocap_bridge.servers.lsl import LslServer
 from mocap_bridge.serving import serve
 from mocap_bridge.sources import Connection
+from mocap_bridge.take_file import TakeWriter, take_to_c3d
+from mocap_bridge.tap import tapped
 from model.errors import HighFiveError
 
 NAMES = ("human:RFIN", "human:RMC5", "human:RWRA", "human:LFHD")
@@ -101,6 +104,38 @@ def test_an_outlet_of_someone_else_in_millimetres_with_y_up() -> None:
         link.close()
     with pytest.raises(LinkError, match="closed"):
         link.receive(0.0)
+
+
+@pytest.mark.parametrize("lost_every", [0, 97])
+def test_an_outlet_that_stamps_at_push_and_is_late_at_times(tmp_path: Path, lost_every: int) -> None:
+    """One sample in 30 is 25 ms late, and those that are due meanwhile follow at once: as a busy sender does."""
+    info = pylsl.StreamInfo("LateAtTimes", "MoCap", 3, 120.0, pylsl.cf_float32, "late at times")
+    channels = info.desc().append_child("channels")
+    for label in ("RFIN_X", "RFIN_Y", "RFIN_Z"):
+        channels.append_child("channel").append_child_value("label", label)
+    outlet, count = pylsl.StreamOutlet(info, chunk_size=1), 600
+    told: list[MarkerFrame] = []
+    source = LiveSource("lsl://LateAtTimes", tapped(lambda: connect_lsl("LateAtTimes"), lambda f, _: told.extend(f)))
+    try:
+        assert outlet.wait_for_consumers(5.0)
+        start = time.monotonic() + 0.1
+        for k in range(count):
+            held_up = 0.025 if k % 30 == 11 else 0.0
+            time.sleep(max(0.0, start + k / 120.0 + held_up - time.monotonic()))
+            if not lost_every or k % lost_every != lost_every // 2:
+                outlet.push_sample([float(k), 1.0, 2.0])
+        until = time.monotonic() + 2.0
+        while (not told or told[-1].positions[0, 0] < count - 1) and time.monotonic() < until:
+            time.sleep(0.01)
+    finally:
+        source.close()
+    writer = TakeWriter(tmp_path / "take.part")
+    writer.add(told, 120.0)
+    writer.close()
+    due = round(told[-1].positions[0, 0] - told[0].positions[0, 0]) + 1
+    assert take_to_c3d(tmp_path / "take.part", tmp_path / "take.c3d") == (due, len(told))
+    lost, shown = due - len(told), told[-1].number - told[0].number + 1 - len(told)
+    assert lost - 2 <= shown <= lost  # what was lost in the last second may not be known yet
 
 
 def test_streams_that_are_none() -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import socket
+import struct
 import threading
 import time
 from dataclasses import replace
@@ -166,7 +167,7 @@ def test_by_multicast():
         contextlib.closing(NatNetServer(port=0, multicast=GROUP, data_port=port)) as server,
         following(server) as source,
     ):
-        until(lambda: f"multicast group {GROUP}:{port}" in source.health(0).trouble)
+        until(lambda: f"put ?multicast={GROUP}&data_port={port} behind the address" in source.health(0).trouble)
     with pytest.raises(LinkError, match="cannot join multicast group"):
         connect_natnet(LOOPBACK, port, multicast="10.0.0.1")
 
@@ -400,6 +401,23 @@ def test_descriptions_that_get_lost_are_asked_for_again():
         until(lambda: frames.extend(link.receive(0.05)) or frames)
         assert frames[0].names == ("Anna:b", "Anna:a")
         assert len(asked) == 3
+
+
+@pytest.mark.parametrize("damaged", [1e-40, 1e-3, 0.0, -120.0, 1e9, float("inf"), float("nan")])
+def test_a_frame_rate_that_no_camera_has_is_asked_for_again(damaged):
+    asked = []
+
+    def answer(datagram):
+        if datagram[0] == Kind.REQUEST and b"FrameRate" in datagram:
+            asked.append(datagram)
+            return [wire.encode(Kind.RESPONSE, struct.pack("<f", damaged if len(asked) < 3 else 100.0))]
+        return motive()(datagram)
+
+    with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:
+        link.receive(0.1)
+        assert link.rate_hz == 0.0
+        until(lambda: link.receive(0.05) or link.rate_hz)
+        assert link.rate_hz == 100.0
 
 
 def test_only_the_server_is_listened_to(server):

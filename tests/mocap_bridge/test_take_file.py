@@ -1,15 +1,18 @@
 """Raw recordings: nothing that came is lost, and lost frames are gaps, so that time is right."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import ezc3d
 import numpy as np
 import pytest
+from stamped_senders import send
 
 from mocap_bridge.c3d import read_c3d
 from mocap_bridge.c3d_writer import write_frames
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.take_file import NoFrames, TakeWriter, being_written, take_to_c3d
+from mocap_bridge.wire.lsl import FrameCounter
 from model.errors import HighFiveError
 
 POINTS = np.random.default_rng(0).uniform(0.1, 1.7, size=(4, 3))
@@ -48,6 +51,43 @@ def test_a_system_that_counts_anew_goes_on_at_the_time_of_arrival(tmp_path: Path
     assert (total, came) == (250, 100)
     wild = [frame(0, 0.0), frame(90_000, 0.01), frame(180_000, 0.02)]
     assert take_to_c3d(take(tmp_path / "b.part", wild), tmp_path / "b.c3d") == (3, 3)
+
+
+@pytest.mark.parametrize("nominal_hz", [120.0, 0.0], ids=["nominal rate", "irregular"])
+@pytest.mark.parametrize("true_hz", [113.0, 120.0])
+@pytest.mark.parametrize(
+    "case",
+    [{"late": 1 / 30}, {"wander_s": 0.003}, {"late": 1 / 30, "wander_s": 0.003}, {"late": 1 / 30, "lost": 0.01}],
+    ids=["late bursts", "drift", "both", "late bursts and losses"],
+)
+def test_frames_that_are_stamped_and_not_counted_are_as_many_as_were_due(
+    tmp_path: Path, nominal_hz: float, true_hz: float, case: dict[str, float]
+) -> None:
+    sent = send(5, true_hz, **case)
+    counter = FrameCounter(nominal_hz)
+    frames = [
+        replace(
+            frame(counter.next(stamp, stamp), stamp + 0.01),
+            positions=POINTS + 1e-3 * (number % 97),
+            source_time_ns=round(1e9 * stamp),
+            counted=False,
+        )
+        for number, stamp in zip(sent.numbers.tolist(), sent.stamps.tolist(), strict=True)
+    ]
+    total, came = take_to_c3d(take(tmp_path / "a.part", frames, nominal_hz), tmp_path / "a.c3d")
+    assert (total, came) == (sent.numbers[-1] + 1, len(sent.numbers))
+    recording = read_c3d(tmp_path / "a.c3d")
+    assert len(recording) / recording.rate_hz == pytest.approx(10.0, abs=1.0 / true_hz)
+    shown = np.flatnonzero(recording.valid.any(axis=1))
+    where = np.rint(1e3 * (recording.points[shown, 0, 0] - POINTS[0, 0]))
+    assert np.array_equal(where, sent.numbers % 97)  # each in its turn
+    late = round(1.0 + 0.025 * true_hz) if "late" in case else 0
+    assert np.abs(shown - sent.numbers).max() <= late
+
+
+def test_where_only_some_frames_are_stamped_the_numbers_hold(tmp_path: Path) -> None:
+    frames = [replace(frame(n, n / 100), source_time_ns=1, counted=n > 2) for n in (0, 1, 2, 5)]
+    assert take_to_c3d(take(tmp_path / "a.part", frames), tmp_path / "a.c3d") == (6, 4)
 
 
 def test_markers_that_come_in_another_order_later_or_not_at_all(tmp_path: Path) -> None:

@@ -380,12 +380,19 @@ class _Loop:
         return self._joints.write(wanted)
 
     def _engage(self) -> None:
-        """Torque on, watchdogs armed, everything read back: that many instructions keep the watchdogs quiet."""
-        if not self._engaged:
+        """Torque on, everything read back, then the watchdogs armed: what takes long comes before."""
+        first = not self._engaged
+        if first:
             self._joints.engage()
             self._engaged, self._mode = True, Mode.HOLDING
+        held = read_back(self._bus, self._rig, self._joints.feed)
+        if first:
+            self._joints.arm_watchdog()
+            for servo, registers in held.items():
+                self._joints.feed()
+                registers["bus_watchdog"] = self._bus.read(servo, "bus_watchdog")
         self._shared.head["engage"][0] = 0
-        self._held.send(read_back(self._bus, self._rig))
+        self._held.send(held)
 
     def _wanted(self) -> tuple[JointCommand | None, int]:
         """The newest command that is whole, and when it was given; None if there is none."""

@@ -201,9 +201,11 @@ class EmulatedBus:
             self._ids = [servo.id for servo in hearing]
             if isinstance(one, Packet):
                 self._count(one)
-                for servo in hearing:
-                    servo.heard(time)
                 if one.instruction != Instruction.STATUS:
+                    named = addressed(one)
+                    for servo in hearing:
+                        if named is None or servo.id in named:
+                            servo.heard(time)
                     self._carry_out(one, hearing, time, byte_ns)
             else:
                 self.counts.damaged += 1
@@ -346,6 +348,22 @@ class EmulatedBus:
             if volts != servo.voltage:
                 servo.power(volts, time)
         self._troubled = bool(self._faults)
+
+
+def addressed(packet: Packet) -> set[int] | None:
+    """IDs of the servos that an instruction names; None for all of them.
+
+    The manual says that all instruction packets count for the watchdog, not whether those to others do. A host is held
+    to the less: here only those that name a servo keep its watchdog quiet.
+    """
+    try:
+        if packet.instruction in _READS | _FAST:
+            return {target.id for target in read_targets(packet)}
+        if packet.instruction in _WRITES:
+            return {target.id for target in write_targets(packet)}
+    except PacketError:
+        return set()
+    return None if packet.id == BROADCAST else {packet.id}
 
 
 def garbled(data: bytes) -> bytes:

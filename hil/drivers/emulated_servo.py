@@ -134,7 +134,7 @@ class EmulatedServo:
         return self._powered(self.voltage) and now_ns >= self._silent_until
 
     def heard(self, now_ns: int) -> None:
-        """An instruction went over the bus, to whomever: its watchdog counts from here."""
+        """An instruction named it: its watchdog counts from here."""
         self._heard_ns = max(self._heard_ns, now_ns)
 
     def read(self, address: int, length: int) -> tuple[Error, bytes]:
@@ -242,7 +242,7 @@ class EmulatedServo:
         return direction * torque
 
     def _watch(self, now_ns: int) -> None:
-        """The bus watchdog: the servo stops when no instruction has come for too long."""
+        """The bus watchdog: the servo stops when no instruction has come for too long, and forgets its profile."""
         values = self.values
         count = values["bus_watchdog"]
         if count > 0 and values["torque_enable"] and now_ns - self._heard_ns > count * WATCHDOG_NS:
@@ -253,6 +253,8 @@ class EmulatedServo:
             )
             if driving:
                 self._put(driving, 0)
+            self._put("profile_velocity", 0)
+            self._put("profile_acceleration", 0)
             self._stay(now_ns)
 
     def _protect(self, seconds: float) -> None:

@@ -29,6 +29,12 @@ LAST_ID = 252
 REVERSE = 1
 """Bit of the drive mode: the servo counts the other way."""
 
+PROFILE = ("profile_acceleration", "profile_velocity")
+"""Registers of the servo's own profile, which the driver goes without: goals come 120 times a second."""
+
+SET_AT_START = ("position_p_gain", *PROFILE)
+"""Registers that a servo forgets when it starts again, and its watchdog's trip in part: each session sets them."""
+
 
 @dataclass(frozen=True)
 class RigJoint:
@@ -125,8 +131,8 @@ def count(joint: RigJoint, angle: float) -> int:
 def wanted_registers(rig: Rig) -> dict[int, dict[str, int]]:
     """What the registers of every servo shall hold: by ID, then by the register's name, raw.
 
-    Those above 64 (status return level, gain, bus watchdog) a servo forgets when it starts again. The watchdog counts
-    only while torque is on.
+    Those above 64 (status return level, gain, profile, bus watchdog) a servo forgets when it starts again. The watchdog
+    counts only while torque is on.
     """
     return {servo: _wanted(rig, joint, servo) for servo, joint in rig.servos.items()}
 
@@ -169,6 +175,7 @@ def _wanted(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
         "max_position_limit": min(count(joint, joint.upper), COUNTS - 1),
         "min_position_limit": count(joint, joint.lower),
         "position_p_gain": joint.position_p_gain,
+        **dict.fromkeys(PROFILE, 0),
         "status_return_level": settings.status_return_level,
         "bus_watchdog": to_raw(table["bus_watchdog"], settings.watchdog),
     }

@@ -331,7 +331,7 @@ class EmulatedBus:
     # What happens to servos.
 
     def _happen(self, time: int) -> None:
-        """Faults that are not of the line: overload, heat, voltage."""
+        """Faults that are not of the line: overload, heat, slips, voltage."""
         if not self._faults and not self._troubled:
             return
         now = time * 1e-9
@@ -343,6 +343,7 @@ class EmulatedBus:
             heat = self._on("hot", now, servo.id)
             limit = servo.values["temperature_limit"] + 5.0
             servo.hot = (limit if math.isnan(heat[0].amount) else heat[0].amount) if heat else None
+            servo.slip = math.radians(sum(fault.amount for fault in self._on("slip", now, servo.id)))
             dim = self._on("brownout", now, servo.id)
             volts = dim[0].amount if dim else servo.table.motor.voltage
             if volts != servo.voltage:

@@ -7,6 +7,7 @@ What is read every cycle lies in different places of the control table; each ser
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.drivers.control_table import Table, decode, encode, to_raw, to_si
-from hil.drivers.rig import PROFILE, SET_AT_START, Rig, angle, count, wanted_registers
+from hil.drivers.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, wanted_registers
 from hil.drivers.servo_bus import NoAnswer, ServoBus, ServoError
 from hil.drivers.values import Array, JointCommand, JointHealth, JointState
 from model.errors import HighFiveError
@@ -372,6 +373,7 @@ class JointBus:
             errors=np.array([_bits(own) for own in of], dtype=np.int64),
             answered=np.array([all(servo.answered for servo in own) for own in of]),
             tripped=np.array([any(servo.values["bus_watchdog"] == TRIPPED for servo in own) for own in of]),
+            apart=np.array([_apart(own) for own in of]),
         )
 
     def _mean(self, name: str, of: list[list[_Servo]]) -> Array:
@@ -392,6 +394,11 @@ class JointBus:
             low.append(min(to_si(table["present_input_voltage"], v["present_input_voltage"]) for v in own))
         heard_ns = min(servo.heard_ns for servo in self._servos.values())
         return JointHealth(heard_ns, np.array(hot), np.array(low))
+
+
+def _apart(own: list[_Servo]) -> float:
+    first, last = own[0], own[-1]
+    return (last.values["present_position"] - first.values["present_position"]) * math.tau / COUNTS
 
 
 def _bits(own: list[_Servo]) -> int:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hil.drivers.control_table import load_table
-from hil.drivers.rig import SET_AT_START, Rig, wanted_registers
+from hil.drivers.rig import COUNTS, SET_AT_START, Rig, wanted_registers
 from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus
 from model.errors import HighFiveError
 
@@ -87,6 +88,28 @@ def read_back(bus: ServoBus, rig: Rig, between: Callable[[], None]) -> dict[int,
             between()
             held[servo][name] = bus.read(servo, name)
     return held
+
+
+def shadow_gaps(bus: ServoBus, rig: Rig, most: float) -> list[str]:
+    """A line for every joint whose two servos stand more than ``most`` rad apart: switched on, they would push against
+    each other.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    lines = []
+    for joint in rig.joints:
+        if joint.shadow_id is None:
+            continue
+        before, second, after = (bus.read(servo, "present_position") for servo in (*joint.ids, joint.id))
+        gap = round((before + after) / 2) - second  # a limp arm may still be falling
+        if abs(gap) * math.tau / COUNTS > most:
+            lines.append(
+                f"{joint.name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart, at most "
+                f"{int(most * COUNTS / math.tau)}: has a horn slipped? if not, write shadow_offset = "
+                f"{joint.shadow_offset + gap} into the rig's file, and highfive rig configure"
+            )
+    return lines
 
 
 def differences(bus: ServoBus, rig: Rig) -> list[Difference]:

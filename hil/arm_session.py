@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import shlex
 import sys
 import time
 from collections.abc import Iterable, Iterator
@@ -16,20 +17,22 @@ import numpy as np
 
 from calibration.registration import load_registration
 from hil.arm_loop import ArmLoop, first_of
-from hil.console import Bar
-from hil.drivers.arm_process import ArmProcess
+from hil.console import Bar, say_aside
+from hil.drivers.arm_process import ArmProcess, Mode
 from hil.drivers.control_table import load_table, to_si
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 from hil.drivers.latch import Latch
+from hil.drivers.ports import too_slow
 from hil.drivers.rig import COUNTS, Rig, load_rig, wanted_registers
-from hil.drivers.rig_setup import differences, missing_servos
+from hil.drivers.rig_setup import differences, missing_servos, shadow_gaps
 from hil.drivers.servo_bus import ServoBus
 from hil.drivers.servo_port import ALLOWANCE_MS
 from hil.estop import SIGNALS, check_pipe, listening
 from hil.retarget import Retarget, RetargetSettings
-from hil.safety.limits import JOINTS, Limits, load_limits, load_safer, lowered, parse_changes
+from hil.safety.limits import JOINTS, STALL_CURRENTS, Limits, load_limits, load_safer, lowered, parse_changes
+from hil.safety.posture import posture_mismatches
 from hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown, start_up_check
-from hil.servo_arm import DEFAULT_MOUNT, READY, default_arm
+from hil.servo_arm import DEFAULT_MOUNT, READY, ServoArm, default_arm
 from hil.session import RATE_HZ
 from mocap_bridge.frames import MarkerFrame
 from model.compiled import when_compiling
@@ -48,6 +51,9 @@ PATIENCE_MS = 50.0
 
 START_S = 30.0
 """So long the driver's process may take to begin, s."""
+
+STOOD_S, STANDS_WITHIN_S = 0.3, 4.0
+"""So long an arm has to stand where it can before it is driven, and so long that is waited for, s."""
 
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
@@ -126,14 +132,16 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None) -> Iterator[ArmLoop]:
             emulator = stack.enter_context(EmulatorProcess(told))
             emulator.set_faults(options.faults)
             port = emulator.port
-        _refuse_unless_ready(port, rig)
+        _refuse_unless_ready(port, rig, limits)
         terminal = 0 if sys.stdin.isatty() else None
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
+        if not options.emulated:
+            stack.callback(tell_torque, options.port, rig, options.rig)
         allowance = PATIENCE_MS if options.emulated else ALLOWANCE_MS
         arm = ArmProcess(port, weakened(rig, limits), RATE_HZ, estop, allowance)
         stack.callback(arm.close)
         arm.wait_ready(START_S)
-        loop = ArmLoop(arm, retarget, limits, lambda: checked(arm, rig, limits, options), estop)
+        loop = ArmLoop(arm, retarget, limits, lambda: checked(arm, retarget.arm, rig, limits, options), estop)
         if advance is not None:
             advance("", 1)
         try:
@@ -148,9 +156,9 @@ def check_arm(options: ArmOptions) -> None:
     Raises:
         HighFiveError: as :func:`ready_arm`. Nothing has moved.
     """
-    _, rig = _loaded(options)
+    limits, rig = _loaded(options)
     if not options.emulated:
-        _refuse_unless_ready(options.port, rig)
+        _refuse_unless_ready(options.port, rig, limits)
 
 
 def fingerprint(rig: Rig) -> str:
@@ -204,13 +212,70 @@ def weakened(rig: Rig, limits: Limits) -> Rig:
     return replace(rig, joints=tuple(own))
 
 
-def checked(arm: ArmProcess, rig: Rig, limits: Limits, options: ArmOptions) -> Check:
-    """Switches the servos on, if they are not, reads everything back, and compares it with rig and limits."""
+def checked(arm: ArmProcess, body: ServoArm, rig: Rig, limits: Limits, options: ArmOptions) -> Check:
+    """Switches the servos on, if they are not, reads everything back, and compares it with rig and limits.
+
+    Before and after they are switched on the posture that they claim has to be one in which an arm can stand.
+    """
+    first = arm.mode is Mode.READING
+    if first and (impossible := _posture(arm, body, limits, held=True)):
+        return Check(time.monotonic_ns(), impossible)
     held = arm.engage(START_S)
+    if first and (impossible := _posture(arm, body, limits, held=False)):
+        return Check(time.monotonic_ns(), impossible)
     wanted = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
     now = time.monotonic_ns()
     near = room(options, rig, datetime.now(UTC))
     return start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now, near)
+
+
+def _posture(arm: ArmProcess, body: ServoArm, limits: Limits, *, held: bool) -> tuple[str, ...]:
+    """What speaks against where the servos say that the arm stands, once it has stood for a moment; waits for that."""
+    strength = np.array([count * servo.stall for servo, count in measures.SERVOS])
+    now = time.monotonic()
+    well, end, found = now, now + STANDS_WITHIN_S, ("the arm was not read",)
+    while now < end and now - well < STOOD_S and not arm.trouble:
+        if (newest := arm.newest()) is not None:
+            state = newest.state
+            given = state.currents / STALL_CURRENTS * strength
+            found = posture_mismatches(
+                limits,
+                state,
+                body.gravity(state.positions),
+                strength,
+                given,
+                body.clearance(state.positions),
+                held=held,
+            )
+        time.sleep(limits.timing.period_s)
+        now = time.monotonic()
+        well = now if found else well
+    return found
+
+
+def tell_torque(port: str, rig: Rig, file: Path | None) -> None:
+    """Says in one line that an arm is left with torque on, and how to let it go; asked of its servos. One that does not
+    answer may hold.
+
+    Args:
+        port: of the arm; nobody else has it open.
+        rig: the arm.
+        file: of the rig; None for the one that comes with the project.
+    """
+    words = ["highfive", "rig", "release", port, *(["--rig", str(file)] if file else [])]
+    how = f"to let it go, hold the arm, then: {shlex.join(words)}"
+    try:
+        bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
+        try:
+            on = [servo for servo in rig.servos if bus.read(servo, "torque_enable")]
+        finally:
+            bus.close()
+    except HighFiveError as error:
+        say_aside(f"the arm MAY STILL HOLD, with torque on ({error}); {how}")
+        return
+    if on:
+        who = "" if len(on) == len(rig.servos) else f" in servos {', '.join(map(str, on))}"
+        say_aside(f"the arm holds where it is, torque is on{who}; {how}")
 
 
 def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
@@ -261,11 +326,14 @@ def at_their_time(frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
         yield replace(frame, arrival_time_ns=time.monotonic_ns())
 
 
-def _refuse_unless_ready(port: str, rig: Rig) -> None:
+def _refuse_unless_ready(port: str, rig: Rig, limits: Limits) -> None:
     """Looks at every servo before anything is switched on."""
     bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
     try:
+        if slow := too_slow(port):
+            raise HighFiveError(f"{port}: {slow}; nothing moves")
         troubles = missing_servos(bus, rig) or [str(one) for one in differences(bus, rig)]
+        troubles = troubles or shadow_gaps(bus, rig, limits.servo.shadow_rest)
     finally:
         bus.close()
     if troubles:

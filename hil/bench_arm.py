@@ -40,6 +40,7 @@ def dead_servo(rig: Rig, seconds: float) -> dict[str, float]:
             joints = JointBus(bus, rig)
             joints.prepare()
             joints.engage()
+            joints.arm_watchdog()
             still = JointCommand(joints.read().positions, np.full(len(rig.joints), 0.5))
             emulator.set_faults(f"dead={rig.joints[2].id}")
             times = [time.perf_counter()]

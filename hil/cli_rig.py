@@ -132,6 +132,8 @@ def play(
     port: Annotated[str, typer.Option(help="Serial port of a real arm, which MOVES (with --arm).")] = "emulated",
     arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
     trial: Annotated[list[int] | None, typer.Option(help="Only this trial; may be given again.")] = None,
+    begin: Annotated[int | None, typer.Option("--from", metavar="TRIAL", min=0, help="Begin with this trial.")] = None,
+    trials: Annotated[int | None, typer.Option(min=1, help="Play so many at most.")] = None,
     file: RigFile = None,
     limits: LimitsFile = None,
     lower: Lower = None,
@@ -148,13 +150,17 @@ def play(
     from hil.rig_play import PlayOptions, play, print_played  # noqa: PLC0415
 
     which = ArmOptions(port, file, limits, tuple(lower or ()), arm, estop, nobody_near=nobody_near, slow=slow)
-    options = PlayOptions(session, which, tuple(trial or ()))
+    options = PlayOptions(session, which, tuple(trial or ()), begin, trials)
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)
     print_result(summary, json, lambda found: print_played(found, folder))
     if summary["stopped"]:
         say_aside(f"the arm was stopped: {summary['stopped']}")
+        if summary["remedy"]:
+            say_aside(summary["remedy"])
+        if summary["from"] is not None:
+            say_aside(f"go on with the same command, --from {summary['from']} and another --out")
         raise typer.Exit(1)
 
 

@@ -10,7 +10,7 @@ import termios
 import threading
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from hil.drivers.latch import Cause, Latch
@@ -19,8 +19,11 @@ from model.errors import HighFiveError
 KEYS = b" \x1b"
 """Keys that pull: space and Esc (and so every key that begins with Esc, such as an arrow)."""
 
-SIGNALS = (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-"""Signals that pull; the last one says that the terminal is gone."""
+SIGNALS = (signal.SIGUSR1, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGTSTP)
+"""Signals that pull; SIGHUP says that the terminal is gone, SIGTSTP is Ctrl-Z: a suspended host watches over nobody."""
+
+_ENDS = (signal.SIGUSR1, signal.SIGHUP, signal.SIGTSTP)  # what would end, or suspend, who still writes a report
+_NOT_SUSPENDED = b"\nCtrl-Z stops the arm; the program goes on to its end\n"
 
 
 @contextmanager
@@ -210,8 +213,8 @@ def _named_pipe(path: Path) -> Iterator[int]:
 def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None]:
     """Signals pull, and then call what handled them before.
 
-    Where nothing did, SIGUSR1 and SIGHUP do nothing any more afterwards: who stops an arm that stands already must not
-    end the program that writes its report. A program that was told to outlive its terminal (``nohup``) does.
+    Where nothing did, SIGUSR1, SIGHUP and SIGTSTP do nothing any more afterwards: who stops an arm that stands already
+    must not end the program that writes its report. A program that was told to outlive its terminal (``nohup``) does.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -220,6 +223,9 @@ def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None
 
     def pull(number: int, frame: object) -> None:
         latch.pull(Cause.SIGNAL)
+        if number == signal.SIGTSTP:
+            with suppress(OSError):
+                os.write(2, _NOT_SUSPENDED)
         earlier = before[signal.Signals(number)]
         if callable(earlier):
             earlier(number, frame)  # pyright: ignore[reportArgumentType]
@@ -231,5 +237,5 @@ def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None
         yield
     finally:
         for number, handler in before.items():
-            unhandled = signal.SIG_IGN if number in (signal.SIGUSR1, signal.SIGHUP) else signal.SIG_DFL
+            unhandled = signal.SIG_IGN if number in _ENDS else signal.SIG_DFL
             signal.signal(number, unhandled if handler in (None, signal.SIG_DFL) else handler)

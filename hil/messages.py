@@ -54,7 +54,7 @@ CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
         "high_five.ArmCycle",
         {"number": _NUMBER, "mode": _TEXT, "due_ns": _NUMBER, "begun_ns": _NUMBER, "took_ns": _NUMBER, "sent": _MAYBE,
          "sent_currents": _MAYBE, "positions": _LIST, "velocities": _LIST, "currents": _LIST, "errors": _LIST,
-         "answered": _ANSWERS, "tripped": _ANSWERS, "temperatures": _LIST, "voltages": _LIST},
+         "answered": _ANSWERS, "tripped": _ANSWERS, "apart": _LIST, "temperatures": _LIST, "voltages": _LIST},
     ),
     "/safety": (
         "high_five.Safety",
@@ -142,6 +142,7 @@ def arm_cycle(cycle: Cycle) -> dict[str, Any]:
         "errors": state.errors.tolist(),
         "answered": state.answered.tolist(),
         "tripped": state.tripped.tolist(),
+        "apart": rounded(state.apart),
         "temperatures": rounded(health.temperatures, 1),
         "voltages": rounded(health.voltages, 2),
     }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from html import escape
@@ -16,18 +17,24 @@ from hil.arm_report import arm_section, draw_arm
 from hil.arm_session import ArmOptions, ready_arm
 from hil.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from hil.bench_retarget import Asked
-from hil.console import counted
+from hil.busy import too_busy
+from hil.console import counted, say_aside
 from hil.drawing import to_png
+from hil.drivers.priority import going_first
 from hil.estop import uninterrupted
 from hil.folders import check_free
 from hil.page import render, section, write_file
 from hil.recorded_asked import recorded_high_fives
 from hil.recording import SessionRecorder, SessionRecording, read_recording
+from hil.session import RATE_HZ
 from hil.summary import SessionSettings, versions
 from model.errors import HighFiveError
 
 if TYPE_CHECKING:
     from hil.console import Bar
+
+BACK_S = 2.5
+"""About so long the arm takes back to rest after a high five, s (measured on the emulated one)."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +45,15 @@ class PlayOptions:
         session: folder of a session, or its recording.
         arm: which arm.
         trials: numbers of the trials; empty for all.
+        begin: number of the first trial; None for the recording's.
+        most: so many trials at most; None for all.
     """
 
     session: Path
     arm: ArmOptions
     trials: tuple[int, ...] = ()
+    begin: int | None = None
+    most: int | None = None
 
 
 def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
@@ -51,8 +62,8 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     A stop, or Ctrl-C, ends it early.
 
     Returns:
-        the summary of :func:`hil.arm_trial.arm_summary`, with ``session`` and ``port``, and in ``stopped`` why it ended
-        early, if it did.
+        the summary of :func:`hil.arm_trial.arm_summary`, with ``session`` and ``port``, and, if it ended early, why in
+        ``stopped``, what helps in ``remedy``, and the trial to go on ``from``.
 
     Raises:
         HighFiveError: the folder holds something; the recording is of another avatar, or without a high five; the arm
@@ -62,19 +73,49 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     recording = read_recording(path)
     asked = recorded_high_fives(recording, path)
-    wanted = options.trials or tuple(asked)
+    wanted = _wanted(options, asked, path)
     if absent := [number for number in wanted if number not in asked]:
         known = ", ".join(map(str, asked))
         raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
     about = _settings(recording, path, len(wanted))
+    say_aside(f"{counted(len(wanted), 'high five')}, {_duration([asked[number] for number in wanted])}")
     with uninterrupted() as from_now_on:
-        trials, lag, stopped = _played(
-            [asked[number] for number in wanted], about, options.arm, folder, bar, from_now_on
-        )
+        trials, lag, end = _played([asked[number] for number in wanted], about, options.arm, folder, bar, from_now_on)
         said = {"session": str(path), "port": options.arm.port}
-        summary = {**said, **arm_summary(trials, lag), "stopped": stopped, "versions": versions()}
+        ended = {
+            "stopped": end.why,
+            "remedy": end.remedy,
+            "from": wanted[end.whole] if end.whole < len(wanted) else None,
+        }
+        summary = {**said, **arm_summary(trials, lag), **ended, "versions": versions()}
         _write_report(summary, trials, lag, options.arm.emulated, path, folder)
     return summary
+
+
+@dataclass(frozen=True)
+class _End:
+    """How it ended: why early, '' if it did not; what helps; how many high fives were played to their end."""
+
+    why: str
+    remedy: str
+    whole: int
+
+
+def _wanted(options: PlayOptions, asked: Mapping[int, Asked], path: Path) -> tuple[int, ...]:
+    """Numbers of the trials that are to be played."""
+    begin = options.begin
+    wanted = tuple(number for number in options.trials or asked if begin is None or number >= begin)[: options.most]
+    if not wanted and asked:
+        raise HighFiveError(f"{path} has no high five from {begin} on; its last one is {max(asked)}")
+    return wanted
+
+
+def _duration(wanted: Sequence[Asked]) -> str:
+    """How long that takes, for people."""
+    seconds = sum(len(asked.goals) / RATE_HZ + BACK_S for asked in wanted)
+    return (
+        f"about {seconds / 60.0:.0f} minutes" if seconds > 90.0 else f"about {10.0 * math.ceil(seconds / 10.0):.0f} s"
+    )
 
 
 def _played(
@@ -84,8 +125,8 @@ def _played(
     folder: Path,
     bar: Bar,
     ready: Callable[[], object],
-) -> tuple[list[ArmTrial], float, str]:
-    """What the arm did, its lag, s, and why it was stopped; ``ready`` is called once it is switched on.
+) -> tuple[list[ArmTrial], float, _End]:
+    """What the arm did, its lag, s, and how it ended; ``ready`` is called once it is switched on.
 
     What was played is recorded after each high five.
     """
@@ -95,11 +136,12 @@ def _played(
         loop = stack.enter_context(ready_arm(arm, bar))
         recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
         ready()
-        lag, stopped = loop.retarget.settings.lag, ""
+        lag, stopped, remedy, whole = loop.retarget.settings.lag, "", "", 0
         advance = bar("high fives", len(wanted))
         for asked in wanted:
             try:
-                trial = played_until_stopped(asked, loop)
+                with going_first():
+                    trial = played_until_stopped(asked, loop)
             except HighFiveError as error:
                 if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
                     recorder.close()
@@ -115,9 +157,11 @@ def _played(
                 except HighFiveError as error:  # a full disk; there is still a report to try
                     stopped = str(error)
             if stopped := loop.trouble or stopped:
+                remedy, whole = too_busy(trial, loop.cycles()), whole + (trial is not None and not trial.broken_off)
                 break
+            whole += 1
             advance()
-    return trials, lag, stopped
+    return trials, lag, _End(stopped, remedy, whole)
 
 
 def _settings(recording: SessionRecording, path: Path, trials: int) -> SessionSettings:

@@ -14,11 +14,12 @@ from typing import Any
 from hil.console import counted
 from hil.drivers.control_table import to_si
 from hil.drivers.joint_bus import TRIPPED, JointBus
-from hil.drivers.ports import Port, latency_ms, serial_ports
+from hil.drivers.ports import Port, latency_ms, serial_ports, too_slow
 from hil.drivers.rig import Rig, load_rig
-from hil.drivers.rig_setup import Difference, configure, differences, missing_servos
+from hil.drivers.rig_setup import Difference, configure, differences, missing_servos, shadow_gaps
 from hil.drivers.servo_bus import Found, ServoBus
 from hil.drivers.servo_port import PortError
+from hil.safety.limits import load_limits
 from model.errors import HighFiveError
 
 PROBED_IDS = range(1, 21)
@@ -75,6 +76,7 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
                 break
             finally:
                 advance()
+            row |= {"latency_ms": latency_ms(port.path), "advice": too_slow(port.path)}  # opening it may have mended it
             if found or damaged:
                 row |= {"baud": baud, "servos": [_described(one) for one in found], "double_or_damaged": damaged}
                 break
@@ -115,15 +117,18 @@ def check(port: str, rig_file: Path | None) -> dict[str, Any]:
     """
     rig = load_rig(rig_file)
     with opened(port, rig) as bus:
+        slow = too_slow(port)
         troubles = missing_servos(bus, rig)
         wrong: list[Difference] = []
         servos: list[dict[str, Any]] = []
         if not troubles:
             wrong = differences(bus, rig)
             servos = [_health(bus, rig, servo) for servo in rig.servos]
+            if not wrong:
+                troubles = shadow_gaps(bus, rig, load_limits().servo.shadow_rest)
         troubles += [
             f"servo {row['id']} ({row['joint']}): {', '.join(row['errors'])}" for row in servos if row["errors"]
-        ]
+        ] + ([slow] if slow else [])
     return {
         "port": port,
         "rig": rig.name,

@@ -84,6 +84,7 @@ class TwinArm:
         state = JointState(
             self._now, self._positions.copy(), self._velocities.copy(), self._torques / self._stall * STALL_CURRENTS,
             np.zeros(joints, dtype=np.int64), np.ones(joints, dtype=bool), np.zeros(joints, dtype=bool),
+            np.zeros(joints),
         )  # fmt: skip
         begun = self._now - nanoseconds
         health = JointHealth(self._now, np.full(joints, WARM), np.full(joints, SUPPLY))

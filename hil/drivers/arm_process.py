@@ -95,7 +95,7 @@ def _row_type(joints: int) -> np.dtype[Any]:
         ("number", np.int64), ("mode", np.int64), ("due_ns", np.int64), ("begun_ns", np.int64), ("took_ns", np.int64),
         ("is_sent", np.int64), ("sent_positions", *each), ("sent_currents", *each), ("time_ns", np.int64),
         ("positions", *each), ("velocities", *each), ("currents", *each), ("errors", np.int64, (joints,)),
-        ("answered", np.int64, (joints,)), ("tripped", np.int64, (joints,)), ("health_ns", np.int64),
+        ("answered", np.int64, (joints,)), ("tripped", np.int64, (joints,)), ("apart", *each), ("health_ns", np.int64),
         ("temperatures", *each), ("voltages", *each),
     ])  # fmt: skip
 
@@ -254,7 +254,7 @@ class ArmProcess:
         sent = JointCommand(row["sent_positions"], row["sent_currents"]) if row["is_sent"] else None
         state = JointState(
             int(row["time_ns"]), row["positions"], row["velocities"], row["currents"], row["errors"],
-            row["answered"].astype(bool), row["tripped"].astype(bool),
+            row["answered"].astype(bool), row["tripped"].astype(bool), row["apart"],
         )  # fmt: skip
         health = JointHealth(int(row["health_ns"]), row["temperatures"], row["voltages"])
         return Cycle(
@@ -267,7 +267,8 @@ def _run(
     raw: Any, held: Connection, port: str, rig: Rig, rate_hz: float, estop: Latch, parent: int, allowance_ms: float
 ) -> None:
     """The other side, until it is told to end or the host is gone."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the host's to handle, which stops the arm in order
+    # The host's to handle, which stops the arm in order; SIGTSTP goes to the terminal's whole group.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     go_first()
     shared = _Shared(raw, len(rig.joints))
@@ -380,12 +381,19 @@ class _Loop:
         return self._joints.write(wanted)
 
     def _engage(self) -> None:
-        """Torque on, watchdogs armed, everything read back: that many instructions keep the watchdogs quiet."""
-        if not self._engaged:
+        """Torque on, everything read back, then the watchdogs armed: what takes long comes before."""
+        first = not self._engaged
+        if first:
             self._joints.engage()
             self._engaged, self._mode = True, Mode.HOLDING
+        held = read_back(self._bus, self._rig, self._joints.feed)
+        if first:
+            self._joints.arm_watchdog()
+            for servo, registers in held.items():
+                self._joints.feed()
+                registers["bus_watchdog"] = self._bus.read(servo, "bus_watchdog")
         self._shared.head["engage"][0] = 0
-        self._held.send(read_back(self._bus, self._rig))
+        self._held.send(held)
 
     def _wanted(self) -> tuple[JointCommand | None, int]:
         """The newest command that is whole, and when it was given; None if there is none."""
@@ -455,7 +463,7 @@ class _Loop:
             number, self._mode, due, begun, state.time_ns - begun, sent is not None,
             nothing if sent is None else sent.positions, nothing if sent is None else sent.currents, state.time_ns,
             state.positions, state.velocities, state.currents, state.errors, state.answered, state.tripped,
-            health.time_ns, health.temperatures, health.voltages,
+            state.apart, health.time_ns, health.temperatures, health.voltages,
         )  # fmt: skip
         for name, value in zip(row.dtype.names or (), values, strict=True):
             row[name][0] = value

@@ -21,15 +21,16 @@ KINDS = {
     "brownout": "servos have so many V (brownout:8; without a number 8; below half of what they need they are off)",
     "unplug": "the adapter's cable is out: the port is gone, and comes back at the end (unplug@4-6)",
     "echo": "the adapter sends back what it is given",
+    "slip": "a servo's horn has slipped, and it says so many degrees more than it should (slip=3:10, slip=3:-10)",
     "twice": "there is a second servo of the same ID (twice=3)",
 }
 """Every fault and what it does."""
 
-_DEFAULTS = {"crc": 1.0, "noise": 1.0, "half": 1.0, "hot": math.nan, "brownout": 8.0}
-_MOST = {"late": 10_000.0, "crc": 1.0, "noise": 1.0, "half": 1.0, "hot": 200.0, "brownout": 30.0}
-_NEEDS_SERVO, _NO_SERVO = {"dead", "overload", "twice"}, {"unplug", "echo"}
+_DEFAULTS = {"crc": 1.0, "noise": 1.0, "half": 1.0, "hot": math.nan, "brownout": 8.0, "slip": 10.0}
+_MOST = {"late": 10_000.0, "crc": 1.0, "noise": 1.0, "half": 1.0, "hot": 200.0, "brownout": 30.0, "slip": 180.0}
+_NEEDS_SERVO, _NO_SERVO = {"dead", "overload", "slip", "twice"}, {"unplug", "echo"}
 _SPELLING = re.compile(
-    r"(?P<kind>[a-z]+)(=(?P<servos>[\d+]+))?(:(?P<amount>[\d.]+))?(@(?P<start>[\d.]+)(-(?P<end>[\d.]+))?)?"
+    r"(?P<kind>[a-z]+)(=(?P<servos>[\d+]+))?(:(?P<amount>-?[\d.]+))?(@(?P<start>[\d.]+)(-(?P<end>[\d.]+))?)?"
 )
 
 
@@ -37,7 +38,7 @@ _SPELLING = re.compile(
 class BusFault:
     """One thing that goes wrong from ``start`` to ``end``, s.
 
-    ``kind`` is one of :data:`KINDS`; ``servos`` are IDs, none for all; ``amount`` is in ms, °C, V, or a share.
+    ``kind`` is one of :data:`KINDS`; ``servos`` are IDs, none for all; ``amount`` is in ms, °C, V, °, or a share.
     """
 
     kind: str
@@ -76,7 +77,8 @@ def parse_fault(text: str) -> BusFault:
         start >= end
         or any(servo > LAST_ID for servo in servos)
         or bool(match["amount"]) > (kind in _MOST)
-        or amount > _MOST.get(kind, 0.0)
+        or abs(amount) > _MOST.get(kind, 0.0)
+        or (amount < 0.0 and kind != "slip")
         or (kind == "late" and not amount)
         or (kind in _NEEDS_SERVO and not servos)
         or (kind in _NO_SERVO and servos)

@@ -201,9 +201,11 @@ class EmulatedBus:
             self._ids = [servo.id for servo in hearing]
             if isinstance(one, Packet):
                 self._count(one)
-                for servo in hearing:
-                    servo.heard(time)
                 if one.instruction != Instruction.STATUS:
+                    named = addressed(one)
+                    for servo in hearing:
+                        if named is None or servo.id in named:
+                            servo.heard(time)
                     self._carry_out(one, hearing, time, byte_ns)
             else:
                 self.counts.damaged += 1
@@ -329,7 +331,7 @@ class EmulatedBus:
     # What happens to servos.
 
     def _happen(self, time: int) -> None:
-        """Faults that are not of the line: overload, heat, voltage."""
+        """Faults that are not of the line: overload, heat, slips, voltage."""
         if not self._faults and not self._troubled:
             return
         now = time * 1e-9
@@ -341,11 +343,28 @@ class EmulatedBus:
             heat = self._on("hot", now, servo.id)
             limit = servo.values["temperature_limit"] + 5.0
             servo.hot = (limit if math.isnan(heat[0].amount) else heat[0].amount) if heat else None
+            servo.slip = math.radians(sum(fault.amount for fault in self._on("slip", now, servo.id)))
             dim = self._on("brownout", now, servo.id)
             volts = dim[0].amount if dim else servo.table.motor.voltage
             if volts != servo.voltage:
                 servo.power(volts, time)
         self._troubled = bool(self._faults)
+
+
+def addressed(packet: Packet) -> set[int] | None:
+    """IDs of the servos that an instruction names; None for all of them.
+
+    The manual says that all instruction packets count for the watchdog, not whether those to others do. A host is held
+    to the less: here only those that name a servo keep its watchdog quiet.
+    """
+    try:
+        if packet.instruction in _READS | _FAST:
+            return {target.id for target in read_targets(packet)}
+        if packet.instruction in _WRITES:
+            return {target.id for target in write_targets(packet)}
+    except PacketError:
+        return set()
+    return None if packet.id == BROADCAST else {packet.id}
 
 
 def garbled(data: bytes) -> bytes:

@@ -64,6 +64,7 @@ class EmulatedServo:
         watchdog_trips: how often its watchdog has stopped it.
         voltage: V, that it has now.
         hot: °C that its temperature is held at; None for what its motor makes of it.
+        slip: rad that it says more of its joint than is so.
     """
 
     def __init__(
@@ -96,6 +97,7 @@ class EmulatedServo:
         self.watchdog_trips = 0
         self.voltage = table.motor.voltage
         self.hot: float | None = None
+        self.slip = 0.0
         self._heard_ns = self._silent_until = 0
         self._now = 0
         self._joint = self._joint_velocity = 0.0
@@ -134,7 +136,7 @@ class EmulatedServo:
         return self._powered(self.voltage) and now_ns >= self._silent_until
 
     def heard(self, now_ns: int) -> None:
-        """An instruction went over the bus, to whomever: its watchdog counts from here."""
+        """An instruction named it: its watchdog counts from here."""
         self._heard_ns = max(self._heard_ns, now_ns)
 
     def read(self, address: int, length: int) -> tuple[Error, bytes]:
@@ -242,7 +244,7 @@ class EmulatedServo:
         return direction * torque
 
     def _watch(self, now_ns: int) -> None:
-        """The bus watchdog: the servo stops when no instruction has come for too long."""
+        """The bus watchdog: the servo stops when no instruction has come for too long, and forgets its profile."""
         values = self.values
         count = values["bus_watchdog"]
         if count > 0 and values["torque_enable"] and now_ns - self._heard_ns > count * WATCHDOG_NS:
@@ -253,6 +255,8 @@ class EmulatedServo:
             )
             if driving:
                 self._put(driving, 0)
+            self._put("profile_velocity", 0)
+            self._put("profile_acceleration", 0)
             self._stay(now_ns)
 
     def _protect(self, seconds: float) -> None:
@@ -425,7 +429,7 @@ class EmulatedServo:
 
     def _count(self, position: float) -> float:
         """Count of its encoder, offset included, at a joint's position."""
-        turned = position / self._pulse + self._zero - _TURN // 2
+        turned = (position + self.slip) / self._pulse + self._zero - _TURN // 2
         return _TURN // 2 + self._direction() * turned + self._turns * _TURN + self._offset()
 
     def _offset(self) -> int:

@@ -209,6 +209,7 @@ def _listen(instructions: TextIO, emulator: Emulator, ended: threading.Event) ->
 
 
 if __name__ == "__main__":
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the parent gets them too, and ends this in time
+    # The parent gets them too, and ends this in time; servos are not suspended with their host.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     sys.exit(_child(sys.stdin, sys.stdout))

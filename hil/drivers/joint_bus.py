@@ -7,6 +7,7 @@ What is read every cycle lies in different places of the control table; each ser
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.drivers.control_table import Table, decode, encode, to_raw, to_si
-from hil.drivers.rig import Rig, angle, count
+from hil.drivers.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, wanted_registers
 from hil.drivers.servo_bus import NoAnswer, ServoBus, ServoError
 from hil.drivers.values import Array, JointCommand, JointHealth, JointState
 from model.errors import HighFiveError
@@ -39,6 +40,9 @@ TRIPPED = -1
 
 DEAD_AFTER = 3
 """Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
+
+FED_SHARE = 0.25
+"""Of the watchdogs' time: so long an instruction that names every servo may be ago while something else goes on."""
 
 DISARM_NS = 1_000_000_000
 """So long servos are told, one after the other, that the bus may fall silent, ns; some may not answer any more."""
@@ -99,6 +103,7 @@ class JointBus:
         self._answers_size = sum(r.size for r in next(iter(self._answer_registers.values())))
         self._fast = True
         self._fallbacks = 0
+        self._named_ns = 0  # when all servos were last named in one instruction
 
     @property
     def dead(self) -> tuple[int, ...]:
@@ -111,23 +116,43 @@ class JointBus:
         return self._fallbacks
 
     def prepare(self) -> None:
-        """Tells every servo which registers to show together, and how stiff to be. Torque must be off.
+        """Tells every servo which registers to show together, how stiff to be, and to go without a profile.
+
+        A servo whose torque is on is told nothing: what holds an arm is not changed under it. After an earlier session
+        it holds all of this already.
 
         Raises:
             NoAnswer, ServoError, PortError: a servo did not take it.
+            HighFiveError: torque is on, and a register is not as it has to be. Nothing was written then.
         """
+        wanted = {servo: self._wanted(servo) for servo in self._servos}
+        live = [servo for servo in self._servos if self._bus.read(servo, "torque_enable")]
+        for servo in live:
+            self._refuse_other(servo, wanted[servo])
         for servo, state in self._servos.items():
-            table = self._bus.table(servo)
-            names = [*GOALS, *ANSWERS]
-            shown = [table[name].address + byte for name in names for byte in range(table[name].size)]
-            for number, address in enumerate(shown, 1):
-                self._bus.write(servo, f"indirect_address_{number}", address)
-            self._bus.write(servo, "position_p_gain", self._rig.servos[servo].position_p_gain)
+            for name, raw in wanted[servo].items() if servo not in live else ():
+                self._bus.write(servo, name, raw)
             state.silent, state.clock = 0, _Clock()
 
+    def _wanted(self, servo: int) -> dict[str, int]:
+        """What is set at the start of a session: raw, by the register's name."""
+        table, own = self._bus.table(servo), wanted_registers(self._rig)[servo]
+        shown = [table[name].address + byte for name in (*GOALS, *ANSWERS) for byte in range(table[name].size)]
+        addresses = {f"indirect_address_{number}": address for number, address in enumerate(shown, 1)}
+        return addresses | {name: own[name] for name in SET_AT_START}
+
+    def _refuse_other(self, servo: int, wanted: dict[str, int]) -> None:
+        for name, raw in wanted.items():
+            if (holds := self._bus.read(servo, name)) != raw:
+                where = f"servo {servo} ({self._rig.servos[servo].name})"
+                raise HighFiveError(
+                    f"{where}: its torque is on and {name} is {holds}, not {raw}; "
+                    f"hold the arm, let it go with highfive rig release {self._bus.path}, and start again"
+                )
+
     def engage(self) -> JointState:
-        """Holds the arm where it is: the goal is where each joint stands, torque on, then the watchdog armed. Servos
-        that their watchdogs have stopped are freed for that.
+        """Holds the arm where it is: the goal is where each joint stands, then torque on. Servos that their watchdogs
+        have stopped are freed for that. The watchdogs are armed last, by :meth:`arm_watchdog`.
 
         Raises:
             NoAnswer, ServoError, PortError: a servo did not take it; those that did hold on.
@@ -142,24 +167,34 @@ class JointBus:
             silent = [j.name for j, there in zip(self._rig.joints, state.answered, strict=True) if not there]
             raise HighFiveError(f"{', '.join(silent)}: no answer; nothing is switched on")
         self._stay(state)
-        for servo, own in self._servos.items():
-            if own.values["bus_watchdog"] == TRIPPED:
-                self._quiet(servo, self._rig.current_limits)
+        for servo in self._servos:  # one that an earlier session has armed would trip meanwhile
+            self._quiet(servo, self._rig.current_limits)
         for servo in self._servos:
             self._bus.write(servo, "torque_enable", 1)
-        self.arm_watchdog()
         return state
 
     def arm_watchdog(self) -> None:
-        """Arms every servo's own watchdog, or arms it again after it tripped.
+        """Arms every servo's own watchdog, or arms it again after it tripped; from then on they have to be fed.
 
         Raises:
             NoAnswer, ServoError, PortError: a servo did not take it.
         """
         for servo in self._servos:
             register = self._bus.table(servo)["bus_watchdog"]
-            self._bus.write(servo, register.name, 0)
+            self._free(servo)
+            self.feed()
             self._bus.write(servo, register.name, to_raw(register, self._rig.settings.watchdog))
+            self.feed()
+
+    def feed(self) -> None:
+        """Keeps the watchdogs quiet while servos are asked one by one: names all of them in one instruction, unless one
+        did a moment ago. Whether an instruction to another servo counts, too, the manual does not say.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        if self._clock() - self._named_ns > FED_SHARE * 1e9 * self._rig.settings.watchdog > 0.0:
+            self.read()
 
     def disarm_watchdog(self, currents: Array | None = None) -> None:
         """Switches the watchdogs off, so that the arm holds on when the bus falls silent. The dead are left.
@@ -183,9 +218,17 @@ class JointBus:
     def _quiet(self, servo: int, currents: Array) -> None:
         """Switches one watchdog off. A servo that it had stopped has refused goals since: it shall not go on to an old
         one."""
-        self._bus.write(servo, "bus_watchdog", 0)
+        self._free(servo)
         if self._servos[servo].values["bus_watchdog"] == TRIPPED:
             self.write(JointCommand(self._state(self._clock()).positions, currents))
+
+    def _free(self, servo: int) -> None:
+        """Switches one watchdog off. The trip of a watchdog takes the servo's profile away (the manual): it is written
+        again before any goal."""
+        self._bus.write(servo, "bus_watchdog", 0)
+        if self._servos[servo].values["bus_watchdog"] == TRIPPED:
+            for name in PROFILE:
+                self._bus.write(servo, name, wanted_registers(self._rig)[servo][name])
 
     def stands(self, slower: float, goals: Array | None = None, nearer: float = np.inf) -> bool:
         """Every joint was slower than that, rad/s, and nearer than that, rad, to its goal (J,), when last heard."""
@@ -270,6 +313,7 @@ class JointBus:
             PortError: the port is gone.
         """
         asked = [servo for servo, state in self._servos.items() if state.silent < DEAD_AFTER]
+        self._named_ns = self._clock()
         found = self._answers(asked) if asked else {}
         now_ns = self._clock()
         for servo, state in self._servos.items():
@@ -329,6 +373,7 @@ class JointBus:
             errors=np.array([_bits(own) for own in of], dtype=np.int64),
             answered=np.array([all(servo.answered for servo in own) for own in of]),
             tripped=np.array([any(servo.values["bus_watchdog"] == TRIPPED for servo in own) for own in of]),
+            apart=np.array([_apart(own) for own in of]),
         )
 
     def _mean(self, name: str, of: list[list[_Servo]]) -> Array:
@@ -349,6 +394,11 @@ class JointBus:
             low.append(min(to_si(table["present_input_voltage"], v["present_input_voltage"]) for v in own))
         heard_ns = min(servo.heard_ns for servo in self._servos.values())
         return JointHealth(heard_ns, np.array(hot), np.array(low))
+
+
+def _apart(own: list[_Servo]) -> float:
+    first, last = own[0], own[-1]
+    return (last.values["present_position"] - first.values["present_position"]) * math.tau / COUNTS
 
 
 def _bits(own: list[_Servo]) -> int:

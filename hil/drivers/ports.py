@@ -10,7 +10,8 @@ from serial.tools import list_ports
 SLOW_MS = 2
 """An adapter that keeps bytes back for longer, ms, cannot serve 120 cycles a second."""
 
-_SYSTEM = Path("/sys/bus/usb-serial/devices")
+SYSTEM = Path("/sys/bus/usb-serial/devices")
+"""Where Linux shows the adapters, and how long each keeps bytes back."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,7 @@ class Port:
         """How to make a slow adapter quick; '' where there is nothing to do."""
         if self.latency_ms is None or self.latency_ms < SLOW_MS:
             return ""
-        file = _SYSTEM / Path(self.path).name / "latency_timer"
-        return f"the adapter keeps answers back for {self.latency_ms} ms: echo 1 | sudo tee {file}"
+        return f"the adapter keeps answers back for {self.latency_ms} ms: echo 1 | sudo tee {_timer(self.path)}"
 
 
 def serial_ports() -> list[Port]:
@@ -43,9 +43,19 @@ def serial_ports() -> list[Port]:
     ]
 
 
-def latency_ms(path: str, system: Path = _SYSTEM) -> int | None:
+def latency_ms(path: str) -> int | None:
     """The latency timer of an FTDI adapter, ms; None where there is none, or it cannot be read."""
     try:
-        return int((system / Path(path).resolve().name / "latency_timer").read_text(encoding="ascii"))
+        return int(_timer(path).read_text(encoding="ascii"))
     except (OSError, ValueError):
         return None
+
+
+def too_slow(path: str) -> str:
+    """How to make a port's adapter quick, where opening the port (:mod:`hil.drivers.servo_port`) did not; '' where that
+    is not needed."""
+    return Port(path, "", latency_ms(path)).advice
+
+
+def _timer(path: str) -> Path:
+    return SYSTEM / Path(path).resolve().name / "latency_timer"

@@ -29,6 +29,12 @@ LAST_ID = 252
 REVERSE = 1
 """Bit of the drive mode: the servo counts the other way."""
 
+PROFILE = ("profile_acceleration", "profile_velocity")
+"""Registers of the servo's own profile, which the driver goes without: goals come 120 times a second."""
+
+SET_AT_START = ("position_p_gain", *PROFILE)
+"""Registers that a servo forgets when it starts again, and its watchdog's trip in part: each session sets them."""
+
 
 @dataclass(frozen=True)
 class RigJoint:
@@ -39,6 +45,8 @@ class RigJoint:
         model: of its servos, such as ``"XM540-W270"``.
         id: of its servo.
         shadow_id: of a second servo that follows the first one's commands, its mirror image; None where there is none.
+        shadow_offset: counts, homing offset of that second servo beside the first's: what it takes that both say the
+            same.
         reversed: the servo turns the other way than the joint. Its drive mode turns that round inside the servo (the
             shadow's is the opposite), so a count always grows with the angle: see :func:`angle` and :func:`count`.
         zero: count at angle 0.
@@ -51,6 +59,7 @@ class RigJoint:
     model: str
     id: int
     shadow_id: int | None
+    shadow_offset: int
     reversed: bool
     zero: int
     lower: float
@@ -125,8 +134,8 @@ def count(joint: RigJoint, angle: float) -> int:
 def wanted_registers(rig: Rig) -> dict[int, dict[str, int]]:
     """What the registers of every servo shall hold: by ID, then by the register's name, raw.
 
-    Those above 64 (status return level, gain, bus watchdog) a servo forgets when it starts again. The watchdog counts
-    only while torque is on.
+    Those above 64 (status return level, gain, profile, bus watchdog) a servo forgets when it starts again. The watchdog
+    counts only while torque is on.
     """
     return {servo: _wanted(rig, joint, servo) for servo, joint in rig.servos.items()}
 
@@ -162,13 +171,14 @@ def _wanted(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
         "drive_mode": REVERSE if joint.reversed != shadow else 0,
         "operating_mode": settings.operating_mode,
         "shadow_id": joint.id if shadow else 255,
-        "homing_offset": settings.homing_offset,
+        "homing_offset": settings.homing_offset + (joint.shadow_offset if shadow else 0),
         "temperature_limit": to_raw(table["temperature_limit"], settings.temperature_limit),
         "current_limit": to_raw(table["current_limit"], joint.current_limit),
         "velocity_limit": settings.velocity_limit,
         "max_position_limit": min(count(joint, joint.upper), COUNTS - 1),
         "min_position_limit": count(joint, joint.lower),
         "position_p_gain": joint.position_p_gain,
+        **dict.fromkeys(PROFILE, 0),
         "status_return_level": settings.status_return_level,
         "bus_watchdog": to_raw(table["bus_watchdog"], settings.watchdog),
     }
@@ -220,7 +230,7 @@ def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
         entry,
         where,
         {"name", "model", "id", "reversed", "zero", "limits_deg", "current_limit_A", "position_p_gain"},
-        optional={"shadow_id"},
+        optional={"shadow_id", "shadow_offset"},
     )
     name = _typed(entry, where, "name", str)
     where = f"joint {name!r}"
@@ -238,6 +248,7 @@ def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
         model=model,
         id=_number(entry, where, "id", int, 0, LAST_ID),
         shadow_id=_number(entry, where, "shadow_id", int, 0, LAST_ID) if "shadow_id" in entry else None,
+        shadow_offset=_number({"shadow_offset": 0, **entry}, where, "shadow_offset", int, -COUNTS, COUNTS),
         reversed=_typed(entry, where, "reversed", bool),
         zero=zero,
         lower=lower,

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hil.drivers.control_table import load_table
-from hil.drivers.rig import Rig, wanted_registers
+from hil.drivers.rig import COUNTS, SET_AT_START, Rig, wanted_registers
 from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus
 from model.errors import HighFiveError
 
-# The watchdog only counts, and can only be armed, while torque is on; the gain is forgotten at every start.
-_SET_LATER = ("bus_watchdog", "position_p_gain")
+# The watchdog only counts, and can only be armed, while torque is on; the others are forgotten at every start.
+_SET_LATER = ("bus_watchdog", *SET_AT_START)
 _BY_WHICH_IT_IS_FOUND = ("id", "baud_rate")
 
 
@@ -69,16 +70,46 @@ def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
     return troubles
 
 
-def read_back(bus: ServoBus, rig: Rig) -> dict[int, dict[str, int]]:
+def read_back(bus: ServoBus, rig: Rig, between: Callable[[], None]) -> dict[int, dict[str, int]]:
     """What the registers that a rig cares for hold, and whether torque is on: by ID, then by name, raw.
+
+    Args:
+        bus: with the servos.
+        rig: the arm.
+        between: called before each register, for this takes longer than the servos' watchdogs wait.
 
     Raises:
         NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
     """
-    return {
-        servo: {name: bus.read(servo, name) for name in (*wanted, "torque_enable")}
-        for servo, wanted in wanted_registers(rig).items()
-    }
+    held: dict[int, dict[str, int]] = {}
+    for servo, wanted in wanted_registers(rig).items():
+        held[servo] = {}
+        for name in (*wanted, "torque_enable"):
+            between()
+            held[servo][name] = bus.read(servo, name)
+    return held
+
+
+def shadow_gaps(bus: ServoBus, rig: Rig, most: float) -> list[str]:
+    """A line for every joint whose two servos stand more than ``most`` rad apart: switched on, they would push against
+    each other.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    lines = []
+    for joint in rig.joints:
+        if joint.shadow_id is None:
+            continue
+        before, second, after = (bus.read(servo, "present_position") for servo in (*joint.ids, joint.id))
+        gap = round((before + after) / 2) - second  # a limp arm may still be falling
+        if abs(gap) * math.tau / COUNTS > most:
+            lines.append(
+                f"{joint.name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart, at most "
+                f"{int(most * COUNTS / math.tau)}: has a horn slipped? if not, write shadow_offset = "
+                f"{joint.shadow_offset + gap} into the rig's file, and highfive rig configure"
+            )
+    return lines
 
 
 def differences(bus: ServoBus, rig: Rig) -> list[Difference]:

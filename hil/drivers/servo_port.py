@@ -6,6 +6,7 @@ Here time is monotonic, waiting sleeps in the operating system, and the allowanc
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import select
@@ -52,7 +53,7 @@ class ServoPort(PortHandler):
         self.reopen()
 
     def reopen(self) -> None:
-        """Opens the port, again if need be; whatever was under way is forgotten.
+        """Opens the port, again if need be, at low latency; whatever was under way is forgotten.
 
         Raises:
             PortError: it cannot be opened.
@@ -64,6 +65,8 @@ class ServoPort(PortHandler):
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             self.ser = None
             raise PortError(f"{self.path}: {_reason(error, self.path)}") from None
+        with contextlib.suppress(ValueError, OSError):  # no adapter; whether it helped is read from the system
+            self.ser.set_low_latency_mode(True)
         self.is_open, self.is_using = True, False
         self.tx_time_per_byte = _BITS * 1e3 / self.baudrate
 

@@ -39,6 +39,7 @@ class JointState:
         errors: (J,) int, hardware error status, bits as in the servo's register; of two servos, all their bits.
         answered: (J,) bool, every servo of the joint answered in this cycle; where not, the numbers are its last ones.
         tripped: (J,) bool, the watchdog of one of its servos has stopped it, and it takes no goals.
+        apart: (J,) rad, by how much the joint's second servo says more than its first; 0 where there is one.
     """
 
     time_ns: int
@@ -48,6 +49,7 @@ class JointState:
     errors: NDArray[np.int64]
     answered: NDArray[np.bool_]
     tripped: NDArray[np.bool_]
+    apart: Array
 
 
 class Plant(Protocol):

@@ -139,6 +139,7 @@ def numbers(inputs: Inputs) -> Iterator[tuple[str, str, NDArray[Any], tuple[int,
         yield "arm", "the servos' errors", arm.errors, joints
         yield "arm", "the servos' answers", arm.answered, joints
         yield "arm", "the servos' watchdogs", arm.tripped, joints
+        yield "arm", "the distances of paired servos", arm.apart, joints
     if health is not None:
         yield "health", "the servos' temperatures", health.temperatures, joints
         yield "health", "the servos' voltages", health.voltages, joints

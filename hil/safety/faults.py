@@ -25,6 +25,7 @@ class Watch:
         time_ns: of the last tick.
         heard_ns: for each joint, when it last answered.
         strayed_ns: for each joint, since when it has not been where it was told to be; None where it is.
+        parted_ns: for each joint, since when its two servos have not agreed; None where they do.
         late: ticks in a row that came late.
         gap_s: s between the last two ticks; negative where time ran backwards.
     """
@@ -32,21 +33,26 @@ class Watch:
     time_ns: int
     heard_ns: tuple[int, ...]
     strayed_ns: tuple[int | None, ...]
+    parted_ns: tuple[int | None, ...]
     late: int = 0
     gap_s: float = 0.0
 
 
 def watch_from(now_ns: int) -> Watch:
     """A watch that begins now."""
-    return Watch(now_ns, (now_ns,) * len(JOINTS), (None,) * len(JOINTS))
+    return Watch(now_ns, (now_ns,) * len(JOINTS), (None,) * len(JOINTS), (None,) * len(JOINTS))
 
 
 def watched(limits: Limits, watch: Watch, arm: JointState | None, told: Array | None, now_ns: int) -> Watch:
     """The watch one tick later, after a look at the arm, which had been ``told`` (J,), rad, to be somewhere."""
     gap = (now_ns - watch.time_ns) * 1e-9
     late = watch.late + 1 if gap > 1.5 * limits.timing.period_s else 0
-    heard, strayed = watch.heard_ns, watch.strayed_ns
+    heard, strayed, parted = watch.heard_ns, watch.strayed_ns, watch.parted_ns
     if arm is not None:
+        parted = tuple(
+            since if not answered else (since or now_ns) if abs(apart) > limits.servo.shadow else None
+            for apart, answered, since in zip(arm.apart.tolist(), arm.answered.tolist(), parted, strict=True)
+        )
         heard = tuple(
             arm.time_ns if answered else last
             for answered, last in zip(arm.answered.tolist(), watch.heard_ns, strict=True)
@@ -58,7 +64,7 @@ def watched(limits: Limits, watch: Watch, arm: JointState | None, told: Array | 
             (since or now_ns) if abs(is_at - goal) > limits.servo.following else None
             for is_at, goal, since in zip(arm.positions.tolist(), told.tolist(), strayed, strict=True)
         )
-    return Watch(now_ns, heard, strayed, late, gap)
+    return Watch(now_ns, heard, strayed, parted, late, gap)
 
 
 def not_finite(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> str:
@@ -105,6 +111,16 @@ def following(servo: Servo, watch: Watch, now_ns: int) -> str:
         return ""
     joint = JOINTS[watch.strayed_ns.index(since)]
     return f"{joint} has been more than {servo.following:g} rad off for {1e3 * strayed:.0f} ms"
+
+
+def shadow_mismatch(servo: Servo, watch: Watch, now_ns: int) -> str:
+    """Joints whose two servos have not agreed on where they are for too long."""
+    since = min((began for began in watch.parted_ns if began is not None), default=now_ns)
+    parted = (now_ns - since) * 1e-9
+    if parted <= servo.shadow_s:
+        return ""
+    joint = JOINTS[watch.parted_ns.index(since)]
+    return f"the two servos of {joint} have been more than {servo.shadow:g} rad apart for {1e3 * parted:.0f} ms"
 
 
 def health(servo: Servo, values: JointHealth | None, now_ns: int) -> str:
@@ -155,6 +171,7 @@ def faults(
         Rule.SERVO_ERROR: servo_error(arm),
         Rule.SILENT_SERVO: silent_servo(limits.servo, watch, now_ns),
         Rule.FOLLOWING: following(limits.servo, watch, now_ns),
+        Rule.SHADOW_MISMATCH: shadow_mismatch(limits.servo, watch, now_ns),
         Rule.HEALTH: health(limits.servo, values, now_ns),
         Rule.TEMPERATURE: temperature(limits.servo, values),
         Rule.VOLTAGE: voltage(limits.servo, values),

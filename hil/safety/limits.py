@@ -93,6 +93,9 @@ class Servo:
         voltage_low, voltage_high: V at the servo.
         following: rad between where a joint was told to be and where it is ...
         following_s: ... for longer than this, s.
+        shadow: rad between the two servos of a joint ...
+        shadow_s: ... for longer than this, s.
+        shadow_rest: rad between them before the arm is switched on.
         silent_s: s without a reply.
         health_s: s, age of the newest temperatures and voltages.
     """
@@ -102,8 +105,32 @@ class Servo:
     voltage_high: float = _limit("V", 10.0, 14.8, -1)
     following: float = _limit("rad", 0.02, 0.5, -1)
     following_s: float = _limit("s", 0.02, 0.5, -1)
+    shadow: float = _limit("rad", 0.015, 0.05, -1)
+    shadow_s: float = _limit("s", 0.02, 0.2, -1)
+    shadow_rest: float = _limit("rad", 0.005, 0.02, -1)
     silent_s: float = _limit("s", 0.02, 0.1, -1)
     health_s: float = _limit("s", 0.1, 5.0, -1)
+
+
+@dataclass(frozen=True)
+class Posture:
+    """What a posture that the servos claim may be, before the arm is switched on and right after.
+
+    Attributes:
+        rest: rad a joint, by which an arm that is held may be off the pose in which it rests.
+        stop: rad, by which a joint that lies on its stop may be off it.
+        touch: m of clearance from which on the arm may lie on something.
+        through: m that the arm may seem to be inside floor, mount or itself; their shapes are generous.
+        friction: of the servos' stall torque, that holds a joint, or keeps it from moving.
+        model: of gravity's torque, by which the model of the arm, or what a current gives, may be off.
+    """
+
+    rest: float = _limit("rad", 0.01, 0.5, -1)
+    stop: float = _limit("rad", 0.01, 0.1, -1)
+    touch: float = _limit("m", 0.0, 0.05, -1)
+    through: float = _limit("m", 0.0, 0.1, -1)
+    friction: float = _limit("of stall", 0.01, 0.2, -1)
+    model: float = _limit("of gravity", 0.05, 0.5, -1)
 
 
 @dataclass(frozen=True)
@@ -217,12 +244,13 @@ class Limits:
 
     Attributes:
         joints: one a joint, in the order of :data:`JOINTS`.
-        servo, contact, face, stale, motion, feed_forward, timing: as said there.
+        servo, posture, contact, face, stale, motion, feed_forward, timing: as said there.
         path: W poses (J,), rad, along which the arm retracts; in the last one it rests.
     """
 
     joints: tuple[Joint, ...]
     servo: Servo
+    posture: Posture
     contact: Contact
     face: Face
     stale: Stale
@@ -277,6 +305,7 @@ class Limits:
 
 SECTIONS = {
     "servo": Servo,
+    "posture": Posture,
     "contact": Contact,
     "face": Face,
     "stale": Stale,

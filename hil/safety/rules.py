@@ -46,6 +46,8 @@ class Rule(StrEnum):
     """Temperatures and voltages that are old, or were never read, stop the arm."""
     FOLLOWING = "following"
     """A joint that is not where it was told to be stops the arm."""
+    SHADOW_MISMATCH = "shadow_mismatch"
+    """Two servos of one joint that say different positions push against each other: they stop the arm."""
     DEADLINE = "deadline"
     """A loop that is late again and again, or for so long that the watchdog bit, stops the arm."""
     WATCHDOG = "watchdog"

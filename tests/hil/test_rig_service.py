@@ -1,15 +1,24 @@
 """``highfive rig scan``, ``check``, ``configure`` and ``release`` on an emulated bus."""
 
+import fcntl
 import json
+import termios
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hil import cli
+from hil.arm_session import PLANT, ArmOptions, check_arm, ready_arm
+from hil.drivers import ports
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from model.errors import HighFiveError
 
 pytestmark = pytest.mark.realtime
+
+ASYNC_LOW_LATENCY = 0x2000
+"""Flag of Linux's ``serial_struct`` (linux/tty_flags.h)."""
 
 
 @pytest.fixture
@@ -58,6 +67,61 @@ def test_a_scan_finds_the_rate_and_everyone(run, factory: EmulatorProcess) -> No
     assert [servo["id"] for servo in row["servos"]] == [1, 2, 3, 4, 5, 6, 7, 8]
     code, out, _ = run("scan", factory.port)
     assert "XM430-W350" in out
+
+
+@pytest.fixture
+def adapters(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """What the system shows of its adapters, laid out in a folder of ours."""
+    monkeypatch.setattr(ports, "SYSTEM", tmp_path / "devices")
+    return tmp_path / "devices"
+
+
+def latency_timer(adapters: Path, port: str, ms: int) -> Path:
+    timer = adapters / Path(port).resolve().name / "latency_timer"
+    timer.parent.mkdir(parents=True, exist_ok=True)
+    timer.write_text(f"{ms}\n", encoding="ascii")
+    return timer
+
+
+def test_an_adapter_that_stays_slow_is_refused_with_the_line_that_mends_it(run, adapters: Path, tmp_path: Path) -> None:
+    """A pseudo-terminal cannot be set to low latency, so whatever the system shows stays."""
+    with EmulatorProcess(EmulatorOptions(plant=PLANT, link=str(tmp_path / "arm"))) as emulator:
+        timer = latency_timer(adapters, emulator.port, 16)
+        mend = f"keeps answers back for 16 ms: echo 1 | sudo tee {timer}"
+        code, out, _ = run("check", emulator.port)
+        assert code == 1 and mend in out and "NOT ready" in out
+        with pytest.raises(HighFiveError, match="keeps answers back for 16 ms"):
+            check_arm(ArmOptions(emulator.port, armed=True))
+        with pytest.raises(HighFiveError, match="nothing moves"), ready_arm(ArmOptions(emulator.port, armed=True)):
+            pytest.fail("it was let through")
+        code, out, _ = run("scan", emulator.port)
+        assert mend in out
+        timer.write_text("1\n", encoding="ascii")
+        assert run("check", emulator.port)[0] == 0
+        check_arm(ArmOptions(emulator.port, armed=True))
+
+
+def test_an_adapter_is_set_to_low_latency_whenever_its_port_is_opened(
+    run, adapters: Path, monkeypatch: pytest.MonkeyPatch, factory: EmulatorProcess
+) -> None:
+    """The system's side is stood in for: it takes the flag, and shows 1 ms from then on, as FTDI's driver does."""
+    timer, really = latency_timer(adapters, factory.port, 16), fcntl.ioctl
+
+    def ioctl(file: Any, request: int, *arguments: Any) -> Any:
+        if request == termios.TIOCGSERIAL:
+            return 0
+        if request == termios.TIOCSSERIAL:
+            (serial_struct,) = arguments
+            if serial_struct[4] & ASYNC_LOW_LATENCY:
+                timer.write_text("1\n", encoding="ascii")
+            return 0
+        return really(file, request, *arguments)
+
+    monkeypatch.setattr(fcntl, "ioctl", ioctl)
+    code, out, _ = run("scan", factory.port, "--json")
+    assert code == 0 and timer.read_text(encoding="ascii") == "1\n"
+    (row,) = json.loads(out)["ports"]
+    assert row["latency_ms"] == 1 and row["advice"] == ""
 
 
 def test_release_asks_first(run, factory: EmulatorProcess, monkeypatch: pytest.MonkeyPatch) -> None:

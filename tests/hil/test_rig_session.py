@@ -3,18 +3,21 @@
 import json
 import math
 import os
+import pty
 import re
 import signal
 import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from live_commands import ended, start, wait_for
+from live_commands import HIGHFIVE, ended, start, wait_for
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from trial_results import simulated_result
@@ -23,6 +26,7 @@ from hil import cli
 from hil.arm_session import PATIENCE_MS, PLANT, ArmOptions, ready_arm
 from hil.console import Advance
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
+from hil.drivers.priority import may_go_first
 from hil.drivers.rig import load_rig
 from hil.drivers.servo_bus import ServoBus
 from hil.recorded_asked import FORESEEN, recorded_high_fives
@@ -76,6 +80,7 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     assert "cannot read the recording" in said(tmp_path / "none")
     assert "is empty" in said(empty)
     assert "no high five 1 in which the palms met; there are 0" in said(recorded, "--trial", "1")
+    assert "no high five from 1 on; its last one is 0" in said(recorded, "--from", "1")
     assert "contact.speed is 2 m/s" in said(recorded, "--lower", "contact.speed=2")
     assert "can only be lowered" in said(recorded, "--lower", "motion.retract=0.6")
     assert "nonsense.toml" in said(recorded, "--rig", nonsense)
@@ -448,3 +453,124 @@ def test_who_presses_ctrl_c_again_and_again_still_gets_the_report(recorded_twice
     assert code == 1, error
     assert "emergency stop" in json.loads(said)["stopped"]
     assert (out / "report.html").is_file() and read_recording(out / "arm.mcap").complete
+
+
+@pytest.fixture
+def slipped() -> Iterator[Callable[..., EmulatorProcess]]:
+    """Emulated arms whose horns have slipped."""
+    with ExitStack() as stack:
+        yield lambda *faults: stack.enter_context(EmulatorProcess(EmulatorOptions(plant=PLANT, faults=faults)))
+
+
+@clockwork
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("slip=5:2", r"elbow: servos 4 and 5 stand 2\d counts apart, at most 8.*write shadow_offset = -2\d into"),
+        ("slip=2+3:10", "shoulder says 8[123]°, beyond its stops"),
+        ("slip=2+3:-10", "shoulder: where it says that it is, at 6[123]°, gravity asks for -[45]"),
+        ("slip=4+5:90", "inside floor, mount or itself"),
+    ],
+)
+def test_an_arm_that_cannot_stand_where_it_says_is_not_switched_on(
+    fault: str, said: str, slipped: Callable[..., EmulatorProcess], capsys: pytest.CaptureFixture[str]
+) -> None:
+    emulator = slipped(fault)
+    with pytest.raises(HighFiveError, match=said), ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+        loop.begin()
+    assert "torque is on" not in capsys.readouterr().err
+    rig = load_rig()
+    bus = ServoBus(emulator.port, rig.baud_rate, rig.models, 60.0)
+    assert not any(bus.read(servo, "torque_enable") for servo in rig.servos)
+    bus.close()
+
+
+@clockwork
+def test_servos_that_come_apart_while_the_arm_is_driven_stop_it(
+    slipped: Callable[..., EmulatorProcess], recorded: Path
+) -> None:
+    emulator = slipped()
+    (asked,) = recorded_high_fives(read_recording(recorded), recorded).values()
+    with ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+        timer = threading.Timer(3.0, emulator.set_faults, ["slip=5:4"])
+        timer.start()
+        loop.play(asked.goals)
+        timer.join()
+        assert "the two servos of elbow have been more than 0.03 rad apart" in loop.trouble
+
+
+@clockwork
+def test_a_session_that_leaves_torque_on_says_how_to_let_go_and_the_next_one_takes_over(
+    slipped: Callable[..., EmulatorProcess], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whether it ends by itself, by an error or by a stop; servos that hold are switched on no second time."""
+    emulator = slipped()
+    told = f"torque is on; to let it go, hold the arm, then: highfive rig release {emulator.port}"
+    with ready_arm(ArmOptions(emulator.port, armed=True)):
+        pass
+    assert "torque" not in capsys.readouterr().err  # it was never switched on
+    with ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+        loop.begin()
+    assert told in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(KeyboardInterrupt), ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+        loop.begin()
+        signal.raise_signal(signal.SIGINT)
+    assert told in " ".join(capsys.readouterr().err.split())
+    with ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+        loop.begin()
+        emulator.set_faults("dead=4")
+        loop.rest(2.0)
+    assert "MAY STILL HOLD, with torque on (servo 4" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.slow
+@clockwork
+def test_ctrl_z_at_a_terminal_stops_the_arm_and_suspends_nobody(recorded_twice: Path, tmp_path: Path) -> None:
+    out = tmp_path / "again"
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execv(sys.executable, [*HIGHFIVE, "rig", "play", str(recorded_twice), "--out", str(out)])
+    said = list[bytes]()
+
+    def listen() -> None:
+        with suppress(OSError):
+            while data := os.read(terminal, 4096):
+                said.append(data)
+
+    listener = threading.Thread(target=listen)
+    listener.start()
+    assert wait_for(out / "arm.mcap", 50_000, 120.0)
+    os.write(terminal, b"\x1a")
+    _, status = os.waitpid(child, os.WUNTRACED)
+    listener.join()
+    os.close(terminal)
+    text = " ".join(b"".join(said).decode().split())
+    assert os.WIFEXITED(status) and os.WEXITSTATUS(status) == 1, text  # a suspended one had been reported as stopped
+    assert "Ctrl-Z stops the arm" in text, text
+    assert "the arm was stopped: " in text and "emergency stop" in text, text
+    assert "2 high fives, about" in text and "--from 1" in text
+    assert (out / "report.html").is_file() and read_recording(out / "arm.mcap").complete
+
+
+@pytest.mark.slow
+@clockwork
+def test_a_computer_that_is_too_busy_is_told_with_what_helps_and_where_to_go_on(
+    recorded_twice: Path, tmp_path: Path
+) -> None:
+    """The program gets no processor for a moment, as where others take it; the arm's process goes on."""
+    out, again = tmp_path / "busy", tmp_path / "again"
+    process = start("rig", "play", recorded_twice, "--out", out, "--json")
+    assert wait_for(out / "arm.mcap", 50_000, 120.0)
+    time.sleep(1.0)  # in the second high five
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGCONT)
+    code, said, error = ended(process, within=120.0)
+    summary, error = json.loads(said), " ".join(error.split())
+    assert code == 1 and "the loop paused for" in summary["stopped"]
+    assert "the computer was too busy: end other programs" in error and summary["remedy"] in error
+    assert ("rtprio 20' | sudo tee /etc/security/limits.d/highfive.conf" in error) != may_go_first()
+    assert summary["from"] == 1 and "--from 1" in error
+    code, said, error = ended(start("rig", "play", recorded_twice, "--out", again, "--from", 1, "--json"), within=120.0)
+    assert code == 0 and json.loads(said)["trials"] == 1 and json.loads(said)["from"] is None, error
+    assert "1 high five, about 10 s" in error

@@ -224,7 +224,8 @@ def test_what_happens_to_servos() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_fault_can_be_spelt_and_is_documented(kind: str) -> None:
     assert f"| `{kind}" in (Path(__file__).parents[3] / "docs" / "rig.md").read_text(encoding="utf-8")
-    value = {"late": ":20", "brownout": ":8", "dead": "=3", "overload": "=3", "twice": "=3"}.get(kind, "")
+    values = {"late": ":20", "brownout": ":8", "dead": "=3", "overload": "=3", "slip": "=3:-10", "twice": "=3"}
+    value = values.get(kind, "")
     fault = parse_fault(f"{kind}{value}@2-3.5")
     assert (fault.kind, fault.start, fault.end) == (kind, 2.0, 3.5)
     assert fault.on(2.0) and not fault.on(3.5) and fault.after(10.0).on(12.0)
@@ -244,6 +245,9 @@ def test_every_fault_can_be_spelt_and_is_documented(kind: str) -> None:
         "unplug=3",
         "echo:1",
         "dead=4:2",
+        "late:-20",
+        "slip:10",
+        "slip=3:181",
         "hot:1.2.3",
         "dead=+",
         "x" * 500,

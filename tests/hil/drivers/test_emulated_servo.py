@@ -163,6 +163,8 @@ def test_the_torque_speed_line() -> None:
 
 def test_the_bus_watchdog_as_the_manual_tells_it() -> None:
     bench = on(1)
+    bench.put("profile_acceleration", 20)
+    bench.put("profile_velocity", 100)
     bench.put("goal_velocity", 50)
     bench.run(0.5)
     assert bench.put("bus_watchdog", 4) == Error.NONE
@@ -174,12 +176,27 @@ def test_the_bus_watchdog_as_the_manual_tells_it() -> None:
     stopped = next(n for n, (_, speed, _) in enumerate(bench.course) if n * STEP_NS > trip and abs(speed) < 0.05)
     assert stopped * STEP_NS - trip < 200_000_000
     assert bench.get("present_velocity") == 0 and bench.get("torque_enable") == 1
+    assert bench.get("profile_acceleration") == bench.get("profile_velocity") == 0
     for name in ("goal_velocity", "goal_position", "goal_current", "goal_pwm"):
         assert bench.put(name, 10) == Error.DATA_RANGE
     assert bench.put("bus_watchdog", 5) == Error.DATA_RANGE and bench.put("led", 1) == Error.NONE
     assert bench.put("bus_watchdog", 0) == Error.NONE and bench.put("goal_velocity", 50) == Error.NONE
     bench.run(0.5)
     assert bench.get("present_velocity") > 40
+
+
+def test_who_clears_the_watchdog_moves_without_the_profile_that_it_had() -> None:
+    """A tenth of a turn: 6 s at the profile's velocity, a fraction of that without."""
+    for cleared in (False, True):
+        bench = on(5)
+        bench.put("profile_velocity", 4)
+        if cleared:
+            bench.put("bus_watchdog", 4)
+            bench.run(0.2, talk=False)
+            assert bench.put("bus_watchdog", 0) == Error.NONE
+        bench.put("goal_position", bench.get("present_position") + 400)
+        bench.run(1.0)
+        assert (bench.at[0][0] > 0.5) == cleared
 
 
 def test_the_watchdog_needs_torque_and_stops_within_its_time() -> None:

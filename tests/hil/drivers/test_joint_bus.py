@@ -11,8 +11,8 @@ from test_servo_bus import until
 
 from hil.drivers.emulator_process import EmulatorProcess
 from hil.drivers.joint_bus import JointBus
-from hil.drivers.rig import Rig, count
-from hil.drivers.rig_setup import configure, differences, missing_servos
+from hil.drivers.rig import PROFILE, Rig, count
+from hil.drivers.rig_setup import configure, differences, missing_servos, read_back
 from hil.drivers.servo_bus import NoAnswer, ServoBus
 from hil.drivers.values import JointCommand
 from model.errors import HighFiveError
@@ -150,6 +150,7 @@ def test_hardware_errors_come_with_the_cycle(joints: JointBus, emulator: Emulato
 def test_a_silent_host_is_stopped_by_the_watchdogs(joints: JointBus, bus: ServoBus, rig: Rig) -> None:
     wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
     wary.engage()
+    wary.arm_watchdog()
     wary.cycle(JointCommand(np.full(6, 0.5), HALF))
     time.sleep(0.3)
     assert bus.read(1, "bus_watchdog") == 255 or bus.read(1, "bus_watchdog") == -1
@@ -166,6 +167,7 @@ def test_what_the_watchdogs_stopped_unseen_does_not_go_on_once_they_are_switched
     wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
     wary.prepare()
     wary.engage()
+    wary.arm_watchdog()
     wary.cycle(JointCommand(np.full(6, 1.0), HALF))
     time.sleep(0.4)
     wary.disarm_watchdog(HALF)
@@ -175,6 +177,74 @@ def test_what_the_watchdogs_stopped_unseen_does_not_go_on_once_they_are_switched
     later = wary.read()
     assert (later.positions < 0.9).all()
     np.testing.assert_allclose(later.positions, freed.positions, atol=0.02)
+
+
+def test_watchdogs_that_are_armed_and_read_back_on_a_slow_line_trip_nobody(adapter: Adapter, rig: Rig) -> None:
+    """All of it takes far longer than a watchdog waits, and the servos count only what names them."""
+    wary = replace(rig, settings=replace(rig.settings, watchdog=0.1))
+    bus = ServoBus(adapter.port, rig.baud_rate, rig.models, ALLOWANCE_MS)
+    joints = JointBus(bus, wary)
+    joints.prepare()
+    joints.engage()
+    adapter.hold_s = 0.008
+    joints.arm_watchdog()
+    begun = time.monotonic()
+    held = read_back(bus, wary, joints.feed)
+    assert time.monotonic() - begun > 0.5
+    state = joints.read()
+    bus.close()
+    assert state.answered.all() and not state.tripped.any()
+    assert {registers["bus_watchdog"] for registers in held.values()} == {5}
+
+
+def test_without_being_fed_they_do_trip(bus: ServoBus, rig: Rig) -> None:
+    wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
+    wary.prepare()
+    wary.engage()
+    wary.arm_watchdog()
+    end = time.monotonic() + 0.3
+    while time.monotonic() < end:  # the line is never silent, but says nothing to the others
+        bus.read(1, "id")
+    assert wary.read().tripped.tolist() == [False, True, True, True, True, True]
+
+
+def test_who_is_freed_from_its_watchdog_has_its_profile_before_its_goal(bus: ServoBus, rig: Rig) -> None:
+    """The trip took it away; the rig wants none, and whatever somebody wrote meanwhile is not left there."""
+    wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
+    wary.prepare()
+    wary.engage()
+    wary.arm_watchdog()
+    time.sleep(0.3)
+    assert wary.read().tripped.all()
+    for servo in rig.servos:
+        bus.write(servo, "profile_velocity", 3)
+    wary.engage()
+    assert not wary.read().tripped.any()
+    assert {bus.read(servo, name) for servo in rig.servos for name in PROFILE} == {0}
+    wary.arm_watchdog()
+    state, _ = run(wary, np.full(6, 0.2))
+    np.testing.assert_allclose(state.positions, 0.2, atol=0.02)  # with that profile it would take a minute
+
+
+def test_servos_that_hold_the_arm_are_not_set_anew(joints: JointBus, bus: ServoBus, rig: Rig) -> None:
+    joints.engage()
+    JointBus(bus, rig).prepare()  # as an earlier session left them: nothing to write
+    bus.write(4, "position_p_gain", 800)
+    before = {servo: bus.read(servo, "indirect_address_1") for servo in rig.servos}
+    with pytest.raises(
+        HighFiveError, match=r"servo 4 \(elbow\): its torque is on and position_p_gain is 800, not 2400"
+    ):
+        JointBus(bus, rig).prepare()
+    bus.write(4, "position_p_gain", 2400)
+    bus.write(1, "torque_enable", 0)
+    bus.write(1, "profile_velocity", 9)
+    bus.write(5, "indirect_address_1", 65)
+    with pytest.raises(HighFiveError, match=r"servo 5 \(elbow\).*indirect_address_1 is 65.*highfive rig release /"):
+        JointBus(bus, rig).prepare()
+    assert bus.read(1, "profile_velocity") == 9  # nobody was written to
+    bus.write(5, "indirect_address_1", before[5])
+    JointBus(bus, rig).prepare()
+    assert bus.read(1, "profile_velocity") == 0 and bus.read(1, "torque_enable") == 0
 
 
 def test_release_lets_go(joints: JointBus, bus: ServoBus, rig: Rig) -> None:

@@ -48,7 +48,7 @@ def test_the_servos_take_what_they_shall_hold() -> None:
         assert to_si(table["current_limit"], registers["current_limit"]) <= table.motor.stall_current
 
 
-JOINT = RigJoint("a", "XM540-W270", 1, None, False, 2048, -1.0, 1.0, 1.0, 800)
+JOINT = RigJoint("a", "XM540-W270", 1, None, 0, False, 2048, -1.0, 1.0, 1.0, 800)
 
 
 @given(st.floats(-10, 10))

@@ -75,6 +75,7 @@ def said(positions: Array, now_ns: int, velocities: Array | None = None) -> Join
         np.zeros(6, dtype=np.int64),
         np.ones(6, dtype=bool),
         np.zeros(6, dtype=bool),
+        np.zeros(6),
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from envelope_cases import FAR, LIMITS, READY_POSE, REST, TICK_NS, Loop, kinematics, said, well
 
+from hil.drivers.values import JointState
 from hil.safety.envelope import step
 from hil.safety.limits import JOINTS
 from hil.safety.people import Human
@@ -192,6 +193,40 @@ def test_temperatures_that_nobody_reads() -> None:
     loop = moving()
     old = well(loop.now_ns - 2_100_000_000)
     stops(loop, Rule.HEALTH, "are 2.1 s old", health=old)
+
+
+def parted(loop: Loop, by: float, **other: Any) -> JointState:
+    return replace(said(loop.measured, loop.now_ns + TICK_NS), apart=np.array([0, 0, by, 0, 0, 0.0]), **other)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_servos_of_a_joint_that_do_not_agree(sign: float) -> None:
+    """For so long, and not before: a reading at another instant of a fast movement is no slip."""
+    loop = moving()
+    for _ in range(30):
+        loop.tick(wanted_on(loop), arm=parted(loop, sign * 0.99 * LIMITS.servo.shadow))
+    assert loop.state is State.TRACKING
+    loop = moving()
+    for _ in range(round(0.09 / 1e-9 / TICK_NS)):
+        loop.tick(wanted_on(loop), arm=parted(loop, sign * 1.01 * LIMITS.servo.shadow))
+    loop.tick(wanted_on(loop))
+    assert loop.state is State.TRACKING
+    ticks = 0
+    while loop.state is State.TRACKING and ticks < 30:
+        loop.tick(wanted_on(loop), arm=parted(loop, sign * 0.05))
+        ticks += 1
+    assert ticks * TICK_NS * 1e-9 == pytest.approx(LIMITS.servo.shadow_s, abs=2e-9 * TICK_NS)
+    assert loop.state is State.STOPPING and Rule.SHADOW_MISMATCH in loop.report.acted
+    assert "the two servos of elbow have been more than 0.03 rad apart for" in loop.report.reason
+
+
+def test_two_servos_of_which_one_is_silent_are_not_compared() -> None:
+    """What is known of them then is from different times."""
+    loop = moving()
+    there = np.array([True, True, False, True, True, True])
+    for _ in range(4):
+        loop.tick(wanted_on(loop), arm=parted(loop, 0.5, answered=there))
+    assert loop.state is State.TRACKING and loop.before.watch.parted_ns == (None,) * 6
 
 
 def test_a_joint_that_does_not_follow() -> None:

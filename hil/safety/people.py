@@ -21,7 +21,7 @@ SMOOTHING_S = 0.05
 BORDER = 0.05
 """m: who is this near the zone around a head counts the less as passing by, at its border as going straight in."""
 
-STRAIGHT = 0.98
+STRAIGHT = 0.97
 """Share of a limit of the plate that is used: within a tick the plate moves on a bent line."""
 
 MEASURED, WIDENING = 0.003, 3.0

@@ -26,7 +26,7 @@ FEWEST = 32
 
 _SEARCHED = (0.9, 1.03)  # times the mean step: losses make it longer than the period, the ends of a window shorter
 _NEAR = 0.015  # a period that is known is looked for so close to itself, as a share
-_FINE = 0.002  # periods by which a window's last sample may be off for the estimate's resolution
+_FINE = 0.01  # periods by which a window's last sample may be off for the estimate's resolution
 _CERTAIN = 0.4  # score from which on a period is known: events at random times reach 0.2, good senders 0.9
 _LIKE = (
     0.1  # a period that fits less well by no more is taken, if it is as long as the mean step: its half fits as well

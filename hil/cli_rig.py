@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli_options import Json, Seed
+from hil.cli_options import Json, Overwrite, OverwriteFile, Seed
 from hil.console import print_result, progress_bars, say, say_aside
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
@@ -108,6 +108,7 @@ def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = F
 @app.command()
 def reach(
     picture: Annotated[Path, typer.Option(metavar="FILE.png", help="Where to draw the map.")] = Path("reach.png"),
+    overwrite: OverwriteFile = False,
     quick: Annotated[bool, typer.Option("--quick", help="Only the mount as it is; no search.")] = False,
     json: Json = False,
 ) -> None:
@@ -115,7 +116,7 @@ def reach(
     from hil.rig_reach import print_rig_reach, rig_reach  # noqa: PLC0415
 
     with progress_bars() as bar:
-        result = rig_reach(picture, quick, bar)
+        result = rig_reach(picture, quick, bar, overwrite=overwrite)
     print_result(result | {"picture": str(picture)}, json, print_rig_reach)
 
 
@@ -130,6 +131,7 @@ def play(
     lower: Lower = None,
     estop: Estop = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base: nobody is tracked, so
@@ -138,7 +140,8 @@ def play(
     from hil.folders import next_folder  # noqa: PLC0415
     from hil.rig_play import PlayOptions, play, print_played  # noqa: PLC0415
 
-    options = PlayOptions(session, ArmOptions(port, file, limits, tuple(lower or ()), arm, estop), tuple(trial or ()))
+    servo_arm = ArmOptions(port, file, limits, tuple(lower or ()), arm, estop)
+    options = PlayOptions(session, servo_arm, tuple(trial or ()), overwrite)
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)

@@ -19,7 +19,7 @@ from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.console import Bar
 from hil.estop import uninterrupted
 from hil.film import Strip, make_film, picture_strips
-from hil.folders import check_free
+from hil.folders import results_folder
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
@@ -63,6 +63,7 @@ class SimulateOptions:
         correct: correct the palm.
         pictures: draw the film and the pictures.
         arm: a servo arm that takes part, at the pace of the clock; None for none.
+        overwrite: write into a folder that holds something.
     """
 
     trials: int | None = None
@@ -78,10 +79,7 @@ class SimulateOptions:
     correct: bool = True
     pictures: bool = True
     arm: ArmOptions | None = None
-
-
-class _NothingPlayedError(HighFiveError):
-    """Not one high five could be played."""
+    overwrite: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,13 +97,13 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
     With an arm only the first Ctrl-C interrupts: who stops an arm presses more than once.
 
     Raises:
-        HighFiveError: something asked for does not exist or does not fit; the folder holds a recording already or
+        HighFiveError: something asked for does not exist or does not fit; the folder holds something already or
             cannot be written.
     """
-    check_free(folder, "session.mcap", "the recording of an earlier session")
-    if options.arm is not None:
-        check_arm(options.arm)
     with ExitStack() as stack:
+        stack.enter_context(results_folder(folder, options.overwrite))
+        if options.arm is not None:
+            check_arm(options.arm)
         if options.arm is not None:
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         model, person = load_model(options.model), None
@@ -123,16 +121,8 @@ def _simulate(
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
         watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
-        was_there = folder.exists()
-        _make(folder)
         recorder = SessionRecorder(folder / "session.mcap", settings)
-        try:
-            played = _run(options, model, scene, partners, person, recorder, bar, watch)
-        except _NothingPlayedError:  # an empty recording would only be in the way of the next attempt
-            (folder / "session.mcap").unlink(missing_ok=True)
-            if not was_there:
-                folder.rmdir()
-            raise
+        played = _run(options, model, scene, partners, person, recorder, bar, watch)
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
     arm = None if watch is None else arm_summary(played.arm, lag)
     results = played.results
@@ -209,13 +199,6 @@ def _leading(style: Mapping[str, float]) -> str:
     return max(style, key=lambda emotion: style[emotion])
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise HighFiveError(f"cannot write to {folder}: {error.strerror}; give another --out") from None
-
-
 def _run(
     options: SimulateOptions,
     model: HGPDM,
@@ -241,7 +224,8 @@ def _run(
                 result, trouble = _trial(number, partner, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     if not results:
-                        raise _NothingPlayedError(f"no high five could be played: {trouble}")
+                        recorder.discard()  # an empty recording would only be in the way of the next attempt
+                        raise HighFiveError(f"no high five could be played: {trouble}")
                     tell(f"high five {number + 1} was broken off and does not count: {trouble}")
                     return replace(played, interrupted=True)
                 arm = None if watch is None else watch.end(partner.emotion, partner.cell, partner.contact_frame)

@@ -21,6 +21,7 @@ from hil.arm_trial import MS, ArmTrial, percentiles, played_until_stopped
 from hil.bench_retarget import Asked, Met, asked_of_arm, avatar_met, foretold, notice
 from hil.drivers.latch import Latch
 from hil.drivers.rig import load_rig
+from hil.folders import check_file
 from hil.retarget import Retarget, Sacrifice
 from hil.safety.limits import load_limits
 from hil.safety.startup import Check
@@ -41,7 +42,8 @@ PLAYERS = ("avatar", "twin", "rig")
 @dataclass(frozen=True)
 class ContactOptions:
     """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
-    with, where its map is drawn, and whether the arm is told exactly where and when, as soon as it is told at all."""
+    with, where its map is drawn, whether the arm is told exactly where and when, as soon as it is told at all, and
+    whether a picture that is there may be replaced."""
 
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
@@ -50,6 +52,7 @@ class ContactOptions:
     baseline: Path | None = None
     picture: Path | None = None
     foretold: bool = False
+    overwrite: bool = False
 
 
 def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
@@ -65,6 +68,8 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
         HighFiveError: there is no such player, emotion or cell, the baseline cannot be read, the picture not written,
             or the arm was stopped.
     """
+    if options.picture is not None:
+        check_file(options.picture, options.overwrite, "--picture")
     for what, asked_for, known in (
         ("player", options.players, PLAYERS),
         ("emotion", options.emotions, tuple(EMOTIONS)),
@@ -72,11 +77,8 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     ):
         if strange := [name for name in asked_for if name not in known]:
             raise HighFiveError(f"unknown {what} {strange[0]!r}; there are {', '.join(known)}")
-    if options.picture is not None:
-        if set(options.players) <= {"avatar"}:
-            raise HighFiveError("the map shows what an arm can do; let twin or rig play too")
-        if not options.picture.parent.is_dir():
-            raise HighFiveError(f"cannot draw {options.picture}: there is no folder {options.picture.parent}")
+    if options.picture is not None and set(options.players) <= {"avatar"}:
+        raise HighFiveError("the map shows what an arm can do; let twin or rig play too")
     before = {} if options.baseline is None else read_baseline(options.baseline)
     asked = asked_of_arm(model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar)
     asked = [foretold(it) for it in asked] if options.foretold else asked
@@ -89,7 +91,7 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     if options.picture is not None:
         from hil.contact_map import draw_contact_map  # noqa: PLC0415 (matplotlib takes a second)
 
-        draw_contact_map(options.picture, rows)
+        draw_contact_map(options.picture, rows, replace=options.overwrite)
     return result | {"rows": rows}
 
 

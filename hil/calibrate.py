@@ -14,6 +14,7 @@ from rich.table import Table
 from calibration.personal_set import personal_set
 from calibration.subject import Subject
 from hil.console import STDOUT, Bar, counted
+from hil.folders import check_file
 from hil.track_input import OnePerson, fitted_subject, read_person
 from mocap_bridge.marker_set_file import write_marker_set
 from mocap_bridge.marker_sets import MarkerSet
@@ -58,8 +59,7 @@ def calibrate_subject(options: CalibrateOptions, bar: Bar) -> dict[str, Any]:
     """
     if options.out.suffix != ".toml":
         raise HighFiveError(f"--out {options.out}: a marker set is a TOML file; write it as {options.out.stem}.toml")
-    if options.out.exists() and not options.overwrite:
-        raise HighFiveError(f"{options.out} is there already; give another --out, or --overwrite")
+    check_file(options.out, options.overwrite)
     person = read_person(options.file, options.person, options.marker_set)
     base = person.marker_set
     subject = fitted_subject(person, bar)
@@ -73,7 +73,7 @@ def calibrate_subject(options: CalibrateOptions, bar: Bar) -> dict[str, Any]:
         "residual_mm": _rms(residuals),
         "residuals_mm": residuals,
     }
-    write_marker_set(options.out, own, entries)
+    write_marker_set(options.out, own, entries, replace=options.overwrite)
     return _summary(options, person, subject, own, residuals)
 
 

@@ -11,7 +11,7 @@ import typer
 from typer.exceptions import TyperException
 
 from hil import cli_bench, cli_mocap, cli_model, cli_rig
-from hil.cli_options import Interrupted, Json, Seed
+from hil.cli_options import Cells, Interrupted, Json, Overwrite, Seed
 from hil.console import STDERR, counted, print_json, progress_bars
 from model.errors import HighFiveError
 
@@ -38,13 +38,15 @@ _INTERRUPTED = 130
 def simulate(
     trials: Annotated[int | None, typer.Option(min=1, help="Number of high fives (default: emotions × cells).")] = None,
     emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
-    cell: Annotated[list[str] | None, typer.Option(help="Only this cell (A1 to C3); may be given again.")] = None,
+    cell: Cells = None,
     style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
     source: Annotated[
         str | None,
         typer.Option(help="A real person instead: a C3D file, or an address such as vicon://host."),
     ] = None,
-    human: Annotated[str | None, typer.Option(help="Prefix of that person's markers, such as A or human.")] = None,
+    human: Annotated[
+        str | None, typer.Option("--human", "--person", help="Prefix of that person's markers, such as A or human.")
+    ] = None,
     marker_set: Annotated[str | None, typer.Option(help="That person's marker set: a name or a TOML file.")] = None,
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
     seed: Seed = 0,
@@ -75,6 +77,7 @@ def simulate(
     nobody_near: cli_rig.NobodyNear = False,
     slow: cli_rig.Slow = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
@@ -95,6 +98,7 @@ def simulate(
         correct=not no_correction,
         pictures=not no_pictures,
         arm=_arm(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow),
+        overwrite=overwrite,
     )
     folder = out or next_folder("session")
     with progress_bars() as bar:
@@ -147,6 +151,8 @@ def _style(text: str) -> dict[str, float]:
     weights: dict[str, float] = {}
     for part in text.split(","):
         name, equals, value = part.partition("=")
+        if not equals and ":" in name:
+            raise HighFiveError(f"--style {text}: write {name.strip().replace(':', '=', 1)}")
         try:
             weights[name.strip()] = float(value) if equals else 1.0
         except ValueError:

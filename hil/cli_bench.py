@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli_options import Json, Person, Seed
+from hil.cli_options import Cells, Json, OverwriteFile, Person, Seed
 from hil.console import print_result, progress_bars
 
 app = typer.Typer(
@@ -91,7 +91,7 @@ def bench_protocols(
         Path | None, typer.Option(metavar="FILE.c3d", help="What is sent (default: a simulated person).")
     ] = None,
     protocol: Annotated[list[str] | None, typer.Option(help="Only this protocol; may be given again.")] = None,
-    person: Annotated[str | None, typer.Option(help="Prefix of the person who is followed.")] = None,
+    person: Person = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="For each protocol, and again for its slow reader.")] = 60.0,
     json: Json = False,
 ) -> None:
@@ -121,7 +121,7 @@ def bench_bus(
 @app.command("contact")
 def bench_contact(
     emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
-    cell: Annotated[list[str] | None, typer.Option(help="Only this cell (A1 to C3); may be given again.")] = None,
+    cell: Cells = None,
     player: Annotated[list[str] | None, typer.Option(help="Only avatar, twin or rig; may be given again.")] = None,
     baseline: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="An earlier --json, to show what changed.")
@@ -132,6 +132,7 @@ def bench_contact(
     foretold: Annotated[
         bool, typer.Option("--foretold", help="Tell the arm exactly where and when: what it then misses by is its own.")
     ] = False,
+    overwrite: OverwriteFile = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -141,7 +142,7 @@ def bench_contact(
     from model.store import load_model  # noqa: PLC0415
 
     whom = tuple(emotion or ()), tuple(cell or ()), tuple(player or PLAYERS)
-    options = ContactOptions(*whom, seed, baseline, picture, foretold)
+    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite)
     with progress_bars() as bar:
         result = bench_contact(options, load_model(DEFAULT_MODEL), bar)
     print_result(result, json, print_contact)

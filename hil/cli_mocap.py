@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli_options import AnySet, Json, Person, Seed
+from hil.cli_options import AnySet, Json, Overwrite, OverwriteFile, Person, Seed
 from hil.console import print_json, print_result, progress_bars, say, say_aside
 
 app = typer.Typer()
@@ -27,7 +27,9 @@ def serve(
         typer.Option(help="What goes wrong: occlusion=RFIN+RMC5@2-2.3; may be given again."),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frames a second (default: the recording's).")] = None,
-    person: Annotated[str | None, typer.Option(help="Send only the markers of this prefix.")] = None,
+    person: Annotated[
+        str | None, typer.Option("--person", "--human", help="Send only the markers of this prefix.")
+    ] = None,
     seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
     seed: Seed = 0,
     json: Json = False,
@@ -61,12 +63,13 @@ def stream(
     seconds: Annotated[float | None, typer.Option(min=0.0, help="End so long after the first frame.")] = None,
     record: Annotated[Path | None, typer.Option(metavar="FILE.c3d", help="Keep everything that comes.")] = None,
     marker_set: AnySet = None,
+    overwrite: OverwriteFile = False,
     json: Json = False,
 ) -> None:
     """Show a live motion capture system: rate, latency, gaps, each marker, the right arm; Ctrl-C ends it."""
     from hil.stream import StreamOptions, stream  # noqa: PLC0415
 
-    result = stream(StreamOptions(address, person, seconds, record, marker_set, quiet=json), say_aside)
+    result = stream(StreamOptions(address, person, seconds, record, marker_set, json, overwrite), say_aside)
     if json:
         print_json(result)
     if not result["frames"]:
@@ -88,13 +91,14 @@ def track(
     no_fit: Annotated[
         bool, typer.Option("--no-fit", help="Use the marker set as it is, not fitted to the person first.")
     ] = False,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Fill a recording's gaps, and write the right arm's angles and a report with figures (docs/mocap.md)."""
     from hil.track import TrackOptions, print_track, track  # noqa: PLC0415
 
     with progress_bars() as bar:
-        result = track(TrackOptions(file, person, marker_set, subject, out, not no_fit), bar)
+        result = track(TrackOptions(file, person, marker_set, subject, out, not no_fit, overwrite), bar)
     print_result(result, json, print_track)
 
 
@@ -104,7 +108,7 @@ def calibrate_subject(
     person: Person = None,
     marker_set: AnySet = None,
     out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The person's own marker set.")] = Path("subject.toml"),
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace that file if it is there.")] = False,
+    overwrite: OverwriteFile = False,
     json: Json = False,
 ) -> None:
     """Fit segment lengths and places of markers to a person, and write her own marker set (docs/markers.md)."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli_options import Avatar, AvatarSet, Human, HumanSet, Interrupted, Json, Seed
+from hil.cli_options import Avatar, AvatarSet, Human, HumanSet, Interrupted, Json, Overwrite, OverwriteFile, Seed
 from hil.console import print_json, print_observations, print_result, print_scores, progress_bars
 from model.errors import HighFiveError
 
@@ -22,6 +22,7 @@ def capture(
     test_repetitions: Annotated[
         int | None, typer.Option(min=0, help="So many of them are marked as held out (default: the last of several).")
     ] = None,
+    overwrite: Overwrite = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -32,7 +33,7 @@ def capture(
     with progress_bars() as bar:
         chosen = tuple(emotion or EMOTIONS)
         held_out = min(1, repetitions - 1) if test_repetitions is None else test_repetitions
-        count = capture(out, chosen, repetitions, held_out, seed, lambda total: bar("trials", total))
+        count = capture(out, chosen, repetitions, held_out, seed, lambda total: bar("trials", total), overwrite)
     if json:
         print_json({"trials": count, "emotions": list(chosen), "seed": seed, "folder": str(out), "simulated": True})
     else:
@@ -52,7 +53,7 @@ def train(
     seed: Seed = 0,
     restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
     iterations: Annotated[int | None, typer.Option(min=1, help="Steps of training (default: the preset's).")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the model's file if it is there.")] = False,
+    overwrite: OverwriteFile = False,
     json: Json = False,
 ) -> None:
     """Fit the model to recordings of two people; goes on where it was interrupted."""
@@ -91,6 +92,7 @@ def evaluate(
     avatar: Avatar = "avatar",
     human_set: HumanSet = None,
     avatar_set: AvatarSet = None,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
@@ -116,6 +118,7 @@ def evaluate(
         avatar_set=avatar_set,
         leave_out=leave_out,
         out=out,
+        overwrite=overwrite,
     )
     with progress_bars() as bar:
         try:

@@ -8,12 +8,28 @@ import typer
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
-Human = Annotated[str, typer.Option(help="Prefix of the person's markers.")]
+Human = Annotated[str, typer.Option("--human", "--person", help="Prefix of the person's markers.")]
 Avatar = Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")]
-HumanSet = Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")]
+HumanSet = Annotated[
+    str | None, typer.Option("--human-set", "--person-set", help="The person's marker set: a name or a TOML file.")
+]
 AvatarSet = Annotated[str | None, typer.Option(help="The other's marker set: a name or a TOML file.")]
 
-Person = Annotated[str | None, typer.Option(help="Prefix of the person's markers.")]
+Person = Annotated[str | None, typer.Option("--person", "--human", help="Prefix of the person's markers.")]
+Cells = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Only this cell, A1 to C3: A to C are low to high, 1 to 3 go from the avatar's right to its left; may be "
+        "given again."
+    ),
+]
+
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Write there though something is there already; other files stay.")
+]
+"""For results that fill a folder."""
+OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace that file if it is there.")]
+
 AnySet = Annotated[str | None, typer.Option(help="The marker set: a name or a TOML file.")]
 
 

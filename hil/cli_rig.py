@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli_options import Json, Seed
+from hil.cli_options import Json, Overwrite, OverwriteFile, Seed
 from hil.console import print_result, progress_bars, say, say_aside
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
@@ -115,6 +115,7 @@ def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = F
 @app.command()
 def reach(
     picture: Annotated[Path, typer.Option(metavar="FILE.png", help="Where to draw the map.")] = Path("reach.png"),
+    overwrite: OverwriteFile = False,
     quick: Annotated[bool, typer.Option("--quick", help="Only the mount as it is; no search.")] = False,
     json: Json = False,
 ) -> None:
@@ -122,7 +123,7 @@ def reach(
     from hil.rig_reach import print_rig_reach, rig_reach  # noqa: PLC0415
 
     with progress_bars() as bar:
-        result = rig_reach(picture, quick, bar)
+        result = rig_reach(picture, quick, bar, overwrite=overwrite)
     print_result(result | {"picture": str(picture)}, json, print_rig_reach)
 
 
@@ -141,6 +142,7 @@ def play(
     nobody_near: NobodyNear = False,
     slow: Slow = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base. Nobody is tracked: a
@@ -150,7 +152,7 @@ def play(
     from hil.rig_play import PlayOptions, play, print_played  # noqa: PLC0415
 
     which = ArmOptions(port, file, limits, tuple(lower or ()), arm, estop, nobody_near=nobody_near, slow=slow)
-    options = PlayOptions(session, which, tuple(trial or ()), begin, trials)
+    options = PlayOptions(session, which, tuple(trial or ()), begin, trials, overwrite)
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)

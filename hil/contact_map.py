@@ -21,12 +21,13 @@ WORST_MM = 30.0
 """From here on the colour stays the same."""
 
 
-def draw_contact_map(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+def draw_contact_map(path: Path, rows: Sequence[Mapping[str, Any]], *, replace: bool = True) -> None:
     """Draws a grid of cells for each emotion, a line of grids for each player that is an arm.
 
     Args:
         path: of the picture.
         rows: of :func:`hil.bench_contact.bench_contact`.
+        replace: whether a picture that is there may be replaced.
 
     Raises:
         HighFiveError: the file cannot be written.
@@ -48,7 +49,7 @@ def draw_contact_map(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             fontsize=9,
         )
         figure.supylabel("z, m", fontsize=10)
-        write_file(path, to_png(figure))
+        write_file(path, to_png(figure), replace=replace)
 
 
 def _grid(axes: Axes, rows: Sequence[Mapping[str, Any]], colours: ScalarMappable) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from hil.avatar import avatar_skeleton
-from hil.console import Bar, training_bars
-from hil.fitted import fit_windows
-from hil.protocols import Run, run_protocol
+from hil.console import Bar
+from hil.fitted import fit_windows, is_kept
+from hil.folders import results_folder
+from hil.protocols import Run, run_protocol, trainings
 from hil.score_table import Scored
-from hil.training_data import load_trials
+from hil.training_count import TrainingCount
+from hil.training_data import load_trials, tell
 from hil.trial_table import read_table
 from model import baselines, evaluation, horizons, windows
 from model.errors import HighFiveError
@@ -46,19 +47,28 @@ class EvaluateOptions:
     avatar_set: str | None
     leave_out: str | None = None
     out: Path | None = None
+    overwrite: bool = False
 
 
 def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     """Scores by method: the median over the seeds, and the smallest and largest; with ``out`` also a report.
 
     Raises:
-        HighFiveError: nothing or too much to score, broken files, no held-out trials.
+        HighFiveError: nothing or too much to score, broken files, no held-out trials, or a folder that holds something
+            else than an evaluation that was not finished.
     """
+    if options.out is None:
+        return _evaluate(options, bar)
+    with results_folder(options.out, options.overwrite, resumed=_trainings):
+        return _evaluate(options, bar)
+
+
+def _evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     if (options.data is None) == (options.windows is None):
         alone = f"{options.model} alone cannot be scored; " if options.model and not options.data else ""
         raise HighFiveError(f"{alone}give either a data folder or --windows FILE.npz")
     preset = preset_named(options.preset)
-    kept = None if options.out is None else _folder(options.out) / MODELS
+    kept = None if options.out is None else options.out / MODELS
     if options.windows is not None:
         if options.model is not None or options.leave_out is not None:
             word = "the model" if options.model is not None else "--leave-out"
@@ -70,14 +80,9 @@ def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     return _on_trials(options.data, preset, options, kept, bar)
 
 
-def _folder(out: Path) -> Path:
-    """The folder of the report, made and tried before anything is worked out for it."""
-    try:
-        (out / MODELS).mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            return out
-    except OSError as error:
-        raise HighFiveError(f"cannot write to {out}: {error.strerror}; choose another --out") from None
+def _trainings(entry: Path) -> bool:
+    """Whether this is the folder of an interrupted evaluation's trainings, and nothing else is in it."""
+    return entry.name == MODELS and entry.is_dir() and all(is_kept(path) for path in entry.iterdir())
 
 
 def _summary(runs: list[Scored]) -> dict[str, Scored]:
@@ -96,8 +101,9 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path
     learn, test = windows.read_windows(path)
     chosen = windows.window_preset(preset)
     runs: list[Scored] = []
+    count = TrainingCount(bar, options.seeds, tell)
     for seed in range(options.seeds):
-        fitted = fit_windows(learn, chosen, options.inducing, seed, kept, training_bars(bar, f"seed {seed}, "))
+        fitted = fit_windows(learn, chosen, options.inducing, seed, kept, count.next(f"seed {seed}"))
         scores = {"hgpdm": windows.window_scores(windows.respond(fitted.model, test), test)}
         task = fitted.task
         baseline = {"sparse_gp": baselines.regression(fitted.sparse_gp), **evaluation.plain_baselines(task)}
@@ -130,8 +136,9 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     trials = [pair.trial for pair in pairs]
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
     runs: list[Run] = []
+    count = TrainingCount(bar, options.seeds * trainings(folds, options.leave_out), tell)
     for seed in range(options.seeds):
-        named = partial(_fold_steps, bar, seed)
+        named = partial(_fold_steps, count, seed)
         runs.append(run_protocol(folds, options.leave_out, preset, options.inducing, seed, kept, named, model))
     about = {
         "data": str(folder),
@@ -171,5 +178,5 @@ def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials:
     return {**result, "report": str(write_evaluation(out, result, run, trials))}
 
 
-def _fold_steps(bar: Bar, seed: int, fold: str) -> ProgressCallback:
-    return training_bars(bar, f"seed {seed}, without {fold}, " if fold else f"seed {seed}, ")
+def _fold_steps(count: TrainingCount, seed: int, fold: str) -> ProgressCallback:
+    return count.next(f"seed {seed}, without {fold}" if fold else f"seed {seed}")

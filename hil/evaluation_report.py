@@ -44,10 +44,11 @@ def write_evaluation(folder: Path, result: dict[str, Any], run: Run | None, tria
         HighFiveError: a file cannot be written.
     """
     drawings = draw_evaluation(result, run, trials)
-    write_file(folder / DATA, json.dumps(result, indent=2, allow_nan=False, ensure_ascii=False).encode())
-    for drawing in drawings:
-        write_file(folder / FIGURES / f"{drawing.name}.png", to_png(drawing.figure))
-    write_file(folder / PAGE, _page(result, drawings).encode())
+    files = {folder / FIGURES / f"{drawing.name}.png": to_png(drawing.figure) for drawing in drawings}
+    files[folder / DATA] = json.dumps(result, indent=2, allow_nan=False, ensure_ascii=False).encode()
+    files[folder / PAGE] = _page(result, drawings).encode()
+    for path, content in files.items():  # all at once: interrupted before, the evaluation goes on from its trainings
+        write_file(path, content)
     return folder / PAGE
 
 

@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +20,7 @@ from hil.sim.scene import Scene
 from hil.sim.video import write_video
 from hil.trial import TrialResult
 from model.errors import HighFiveError
+from model.files import written_whole
 from model.rotations import Array
 
 
@@ -156,16 +155,12 @@ def make_film(
         return opened
     with opened as renderer:
         frames = _counted(_frames(renderer, stage, shots), progress("film", count))
-        partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_video(partial, frames, FPS)
-            os.replace(partial, path)
+            with written_whole(path) as partial:
+                write_video(partial, frames, FPS)
         except OSError as error:
             raise HighFiveError(f"cannot write the film {path}: {error.strerror or error}") from None
-        finally:
-            with suppress(OSError):
-                partial.unlink(missing_ok=True)
     return path
 
 

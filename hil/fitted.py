@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,8 @@ import numpy as np
 from hil.avatar import avatar_skeleton
 from model import baselines, training
 from model.dataset import training_set
+from model.errors import HighFiveError
+from model.files import UNFINISHED
 from model.hgpdm import HGPDM
 from model.hierarchy import Problem, problem
 from model.optimise import ProgressCallback
@@ -21,6 +24,8 @@ from model.sparse import Posterior
 from model.store import VERSION, load_layer, load_model, save_layer, save_model
 from model.trials import Trial
 from model.windows import Windows, window_set
+
+_KEPT = re.compile(r"(hgpdm|sparse_gp|windows)_[0-9a-f]{16}(\.safetensors|\.checkpoint\.npz(\.old(-\d+)?)?)")
 
 
 @dataclass(frozen=True)
@@ -126,4 +131,13 @@ def _model(
 def _path(kept: Path | None, method: str, key: str, ending: str = ".safetensors") -> Path | None:
     if kept is None:
         return None
+    try:
+        kept.mkdir(exist_ok=True)
+    except OSError as error:
+        raise HighFiveError(f"cannot write to {kept}: {error.strerror}; give another --out") from None
     return kept / f"{method}_{hashlib.sha256(f'{VERSION} {key}'.encode()).hexdigest()[:16]}{ending}"
+
+
+def is_kept(path: Path) -> bool:
+    """Whether a file is, by its name, a training that was kept, finished or not."""
+    return path.name.startswith(UNFINISHED) or _KEPT.fullmatch(path.name) is not None

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-import os
 from collections.abc import Sequence
-from contextlib import suppress
 from html import escape
 from pathlib import Path
 from string import Template
@@ -16,6 +14,7 @@ from PIL import Image as Pictures
 from hil.drawing import Drawing, to_svg
 from hil.sim.rendering import Image
 from model.errors import HighFiveError
+from model.files import write_whole
 
 _TEMPLATE = Path(__file__).with_name("report_template.html")
 
@@ -27,20 +26,16 @@ def render(title: str, subtitle: str, badges: str, sections: Sequence[str]) -> s
     return template.substitute(title=escape(title), subtitle=subtitle, badges=badges, body=body)
 
 
-def write_file(path: Path, content: bytes) -> None:
+def write_file(path: Path, content: bytes, *, replace: bool = True) -> None:
     """Writes a file in one piece: after a failure the old one, or none, is there.
 
     Raises:
-        HighFiveError: it cannot be written.
+        HighFiveError: it cannot be written, or there is such a file and it may not be replaced.
     """
-    partial = path.with_name(path.name + ".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        os.replace(partial, path)
+        write_whole(path, content, replace=replace)
     except OSError as error:
-        with suppress(OSError):  # what kept it from being written may keep it from being removed
-            partial.unlink(missing_ok=True)
         raise HighFiveError(
             f"cannot write {path}: {error.strerror or error}; choose another place or make room"
         ) from None

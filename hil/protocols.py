@@ -175,17 +175,26 @@ def refuse_none(trials: Sequence[Trial]) -> None:
         raise HighFiveError("no held-out trial is of an emotion that was learned")
 
 
+def trainings(folds: Sequence[Fold], what: str | None) -> int:
+    """How many trainings :func:`run_protocol` needs for these folds with one seed."""
+    return len(folds) + (len(_seen_folds(folds[0].trials)) if what == "cell" else 0)
+
+
+def _seen_folds(trials: Sequence[Trial]) -> list[Fold]:
+    """Folds in which each trial is left out, but not its cell; none where no repetitions are known."""
+    try:
+        return list(leave_out(trials, "repetition"))
+    except HighFiveError:
+        return []
+
+
 def _errors_when_seen(trials: Sequence[Trial], train: Callable[[Fold], Fitted]) -> dict[str, Array]:
     """Errors (trials,), m, at contact, each by a training that saw other repetitions of the trial's cell, else NaN.
 
     Where no repetitions are known there is nothing to say: {}.
     """
-    try:
-        folds = leave_out(trials, "repetition")
-    except HighFiveError:
-        return {}
     seen: dict[str, Array] = {}
-    for fold in folds:
+    for fold in _seen_folds(trials):
         fitted = train(fold)
         known = {(t.cell, t.emotion) for t in fold.trials if not t.test and t.emotion in fitted.emotions}
         for name, method in methods(fitted).items():

@@ -7,6 +7,7 @@ last of them. ``/skeleton`` is a Foxglove SceneUpdate (30 Hz): Foxglove and othe
 from __future__ import annotations
 
 import json
+import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -32,6 +33,7 @@ from hil.summary import SessionSettings, versions
 from hil.trial import TrialResult
 from mocap_bridge.frames import HumanArm, TrackedMarkers
 from model.errors import HighFiveError
+from model.files import unfinished
 from model.rotations import Array
 
 CHUNK_NS = 500_000_000
@@ -76,23 +78,26 @@ class _Sink:
 class SessionRecorder:
     """Writes a session, tick by tick or trial by trial; close it, or use it in ``with``.
 
+    A recording that has that name already stays until this one is closed.
+
     Encoding a tick takes some 0.5 ms and now and then waits for the disk: in a live session, call it outside of the
     tick's thread.
     """
 
     def __init__(self, path: Path, settings: SessionSettings) -> None:
-        """Starts the file, over any that was there, with the session's settings.
+        """Starts the file with the session's settings.
 
         Raises:
             HighFiveError: as from every method, the file cannot be written; what was written before stays readable.
         """
         self.path = path
+        self._file = unfinished(path) if path.is_file() else path
         self._failure: HighFiveError | None = None
         self._chunk_start: int | None = None
         self._end = self._count = 0
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._sink = _Sink(path)
+            self._sink = _Sink(self._file)
         except OSError as error:
             raise HighFiveError(f"cannot write the recording {path}: {error.strerror or error}") from None
         # The chunks are cut by time below; this only bounds the memory of one.
@@ -176,8 +181,15 @@ class SessionRecorder:
         try:
             self._writer.finish()
             self._sink.close()
+            self._take_name()
         except OSError as error:
             self._fail(error)
+        self._failure = HighFiveError(f"the recording {self.path} is closed")
+
+    def discard(self) -> None:
+        """Leaves nothing of this recording, and closes."""
+        self._sink.close()
+        self._file.unlink(missing_ok=True)
         self._failure = HighFiveError(f"the recording {self.path} is closed")
 
     def __enter__(self) -> SessionRecorder:
@@ -237,11 +249,18 @@ class SessionRecorder:
         # Inside the writer, half a record may be in the chunk: the file ends before it.
         self._sink.cut()
         self._failure = HighFiveError(f"the recording {self.path} was interrupted")
+        self._take_name()
+
+    def _take_name(self) -> None:
+        if self._file != self.path:
+            os.replace(self._file, self.path)
 
     def _fail(self, error: OSError) -> HighFiveError:
         self._sink.cut()
+        if self._file != self.path and not self._count:
+            self._file.unlink(missing_ok=True)
         self._failure = HighFiveError(
-            f"cannot write the recording {self.path}: {error.strerror or error}; "
+            f"cannot write the recording {self._file}: {error.strerror or error}; "
             f"what it holds up to {1e-9 * self._end:.1f} s can be read, make room for the rest"
         )
         return self._failure

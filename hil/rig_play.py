@@ -22,7 +22,7 @@ from hil.console import counted, say_aside
 from hil.drawing import to_png
 from hil.drivers.priority import going_first
 from hil.estop import uninterrupted
-from hil.folders import check_free
+from hil.folders import results_folder
 from hil.page import render, section, write_file
 from hil.recorded_asked import recorded_high_fives
 from hil.recording import SessionRecorder, SessionRecording, read_recording
@@ -47,6 +47,7 @@ class PlayOptions:
         trials: numbers of the trials; empty for all.
         begin: number of the first trial; None for the recording's.
         most: so many trials at most; None for all.
+        overwrite: write into a folder that holds something.
     """
 
     session: Path
@@ -54,6 +55,7 @@ class PlayOptions:
     trials: tuple[int, ...] = ()
     begin: int | None = None
     most: int | None = None
+    overwrite: bool = False
 
 
 def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
@@ -69,7 +71,11 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
         HighFiveError: the folder holds something; the recording is of another avatar, or without a high five; the arm
             cannot be used.
     """
-    check_free(folder)
+    with results_folder(folder, options.overwrite):
+        return _play(options, folder, bar)
+
+
+def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     recording = read_recording(path)
     asked = recorded_high_fives(recording, path)
@@ -131,7 +137,6 @@ def _played(
     What was played is recorded after each high five.
     """
     trials: list[ArmTrial] = []
-    was_there = folder.exists()
     with ExitStack() as stack:
         loop = stack.enter_context(ready_arm(arm, bar))
         recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
@@ -144,10 +149,7 @@ def _played(
                     trial = played_until_stopped(asked, loop)
             except HighFiveError as error:
                 if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
-                    recorder.close()
-                    recorder.path.unlink(missing_ok=True)
-                    if not was_there:
-                        folder.rmdir()
+                    recorder.discard()
                     raise
                 trial, stopped = None, str(error)
             if trial is not None:

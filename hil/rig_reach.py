@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from hil import arm_motion
+from hil.folders import check_file
 from hil.retarget import ExpectedContact, PalmGoal, Retarget, RetargetSettings
 from hil.servo_arm import JOINTS, READY, Mount, ServoArm, solve
 from hil.sim.actors import CELLS, GRID_Y, GRID_Z
@@ -269,24 +270,27 @@ def tried(reach: BaseReach, notice: float = 0.45) -> Tried:
     return Tried(notice, float(np.median(misses)), max(misses))
 
 
-def rig_reach(picture: Path | None, quick: bool, bar: Bar) -> dict[str, Any]:
+def rig_reach(picture: Path | None, quick: bool, bar: Bar, *, overwrite: bool = False) -> dict[str, Any]:
     """What ``highfive rig reach`` tells: the chosen base cell by cell, and the best of the search.
 
     Args:
         picture: where to draw the map; None draws none.
         quick: looks at the chosen base only.
         bar: of progress.
+        overwrite: replace a picture that is there.
 
     Raises:
-        HighFiveError: the picture cannot be written.
+        HighFiveError: the picture cannot be written, or is there and may not be replaced.
     """
+    if picture is not None:
+        check_file(picture, overwrite, "--picture")
     chosen = _chosen()
     look = [] if quick else bases()
     found = search(look, bar("bases", len(look))) if look else []
     if picture is not None:
         from hil.rig_reach_figure import draw_reach  # noqa: PLC0415 (matplotlib takes a second)
 
-        draw_reach(picture, chosen, found)
+        draw_reach(picture, chosen, found, replace=overwrite)
     return {
         "chosen": _told(chosen),
         "cells": {

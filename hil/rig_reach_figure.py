@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,19 +11,19 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hil import arm_motion
+from hil.page import write_file
 from hil.rig_reach import DEPTH, HEIGHTS, STANDOFFS, BaseReach, cell_point
 from hil.sim.actors import CELLS, GRID_Y, GRID_Z
-from model.errors import HighFiveError
 from model.rotations import Array
 
 INK, QUIET = "#2b2d33", "#8a8d94"
 
 
-def draw_reach(path: Path, chosen: BaseReach, found: Sequence[BaseReach]) -> None:
+def draw_reach(path: Path, chosen: BaseReach, found: Sequence[BaseReach], *, replace: bool = True) -> None:
     """Draws the chosen base cell by cell, its postures from above and from the side, and the search's map.
 
     Raises:
-        HighFiveError: the file cannot be written.
+        HighFiveError: the file cannot be written, or is there and may not be replaced.
     """
     figure, axes = plt.subplots(2, 2, figsize=(12, 10.5), constrained_layout=True)
     _cells(axes[0, 0], chosen)
@@ -35,12 +36,10 @@ def draw_reach(path: Path, chosen: BaseReach, found: Sequence[BaseReach]) -> Non
         f"{base.tilt:.0f}°, plate {base.plate:.2f} m out: {chosen.reached} of 9 cells, slowest {chosen.slowest:.2f} s",
         color=INK,
     )
-    try:
-        figure.savefig(path, dpi=110)
-    except OSError as error:
-        raise HighFiveError(f"cannot write {path}: {error.strerror}; choose another --out") from None
-    finally:
-        plt.close(figure)
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=110)
+    plt.close(figure)
+    write_file(path, picture.getvalue(), replace=replace)
 
 
 def _cells(axes: Axes, reach: BaseReach) -> None:

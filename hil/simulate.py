@@ -20,7 +20,7 @@ from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.console import Bar
 from hil.estop import uninterrupted
 from hil.film import Strip, make_film, picture_strips
-from hil.folders import check_free
+from hil.folders import results_folder
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
@@ -64,6 +64,7 @@ class SimulateOptions:
         correct: correct the palm.
         pictures: draw the film and the pictures.
         arm: a servo arm that takes part, at the pace of the clock; None for none.
+        overwrite: write into a folder that holds something.
     """
 
     trials: int | None = None
@@ -79,10 +80,7 @@ class SimulateOptions:
     correct: bool = True
     pictures: bool = True
     arm: ArmOptions | None = None
-
-
-class _NothingPlayedError(HighFiveError):
-    """Not one high five could be played."""
+    overwrite: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,17 +98,16 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
     With an arm only the first Ctrl-C interrupts: who stops an arm presses more than once.
 
     Raises:
-        HighFiveError: something asked for does not exist or does not fit; the folder holds a recording already or
+        HighFiveError: something asked for does not exist or does not fit; the folder holds something already or
             cannot be written.
     """
-    check_free(folder, "session.mcap", "the recording of an earlier session")
     live = options.source is not None and is_live(options.source)
-    if options.arm is not None:
-        arm = replace(options.arm, person=str(options.source) if live else "")
-        check_arm(arm)
-        options = replace(options, arm=arm)
     with ExitStack() as stack:
+        stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
+            arm = replace(options.arm, person=str(options.source) if live else "")
+            check_arm(arm)
+            options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         model, person = load_model(options.model), None
         if live:
@@ -129,16 +126,8 @@ def _simulate(
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
         watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
-        was_there = folder.exists()
-        _make(folder)
         recorder = SessionRecorder(folder / "session.mcap", settings)
-        try:
-            played = _run(options, model, scene, partners, person, recorder, bar, watch)
-        except _NothingPlayedError:  # an empty recording would only be in the way of the next attempt
-            (folder / "session.mcap").unlink(missing_ok=True)
-            if not was_there:
-                folder.rmdir()
-            raise
+        played = _run(options, model, scene, partners, person, recorder, bar, watch)
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
     arm = None if watch is None else arm_summary(played.arm, lag)
     results = played.results
@@ -215,13 +204,6 @@ def _leading(style: Mapping[str, float]) -> str:
     return max(style, key=lambda emotion: style[emotion])
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise HighFiveError(f"cannot write to {folder}: {error.strerror}; give another --out") from None
-
-
 def _run(
     options: SimulateOptions,
     model: HGPDM,
@@ -247,7 +229,8 @@ def _run(
                 result, trouble = _trial(number, partner, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     if not results:
-                        raise _NothingPlayedError(f"no high five could be played: {trouble}")
+                        recorder.discard()  # an empty recording would only be in the way of the next attempt
+                        raise HighFiveError(f"no high five could be played: {trouble}")
                     tell(f"high five {number + 1} was broken off and does not count: {trouble}")
                     return replace(played, interrupted=True)
                 arm = None if watch is None else watch.end(partner.emotion, partner.cell, partner.contact_frame)

@@ -48,6 +48,7 @@ class StreamOptions:
         record: C3D file for everything that comes.
         marker_set: name or path; None finds one.
         quiet: show nothing where there is no terminal.
+        overwrite: replace the file that is recorded to.
     """
 
     address: str
@@ -56,6 +57,7 @@ class StreamOptions:
     record: Path | None = None
     marker_set: str | None = None
     quiet: bool = False
+    overwrite: bool = False
 
 
 def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]:
@@ -74,7 +76,7 @@ def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]
     if options.record is not None:
         if options.record.suffix.lower() == ".c3d" and (line := recover(options.record)):
             say(line)
-        recorder = Recorder(options.record)
+        recorder = Recorder(options.record, options.overwrite)
     with STDERR.status("starting …") if STDERR.is_terminal else nullcontext():
         prepare_tracker(say)  # the seconds count from the first frame
     try:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
 
+from hil.folders import check_file
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.take_file import ENDING, NoFrames, TakeWriter, being_written, take_to_c3d
 from model.errors import HighFiveError
@@ -47,19 +48,18 @@ def _free(path: Path) -> Path:
 class Recorder:
     """Takes every frame (see :data:`mocap_bridge.tap.Tap`); a full disk ends the recording, not the stream."""
 
-    def __init__(self, path: Path):
-        """Begins the raw file.
+    def __init__(self, path: Path, overwrite: bool = False):
+        """Begins the raw file; a C3D file that may be replaced stays until the recording is finished.
 
         Raises:
             HighFiveError: the C3D file is there already, is recorded to by another process, or cannot be written.
         """
         if path.suffix.lower() != ".c3d":
             raise HighFiveError(f"--record {path}: a recording is a C3D file; call it {path.with_suffix('.c3d')}")
-        if path.exists():
-            raise HighFiveError(f"{path} is there already; give another --record")
         if not path.parent.is_dir():
             raise HighFiveError(f"--record {path}: no folder {path.parent}")
-        self._path = path
+        check_file(path, overwrite, "--record")
+        self._path, self._overwrite = path, overwrite
         self._lock = threading.Lock()
         self._writer = TakeWriter(path.with_name(path.name + ENDING))
         self.trouble = ""
@@ -91,6 +91,6 @@ class Recorder:
         if not self.frames:
             raw.unlink(missing_ok=True)
             return ""
-        frames, came = take_to_c3d(raw, self._path)
+        frames, came = take_to_c3d(raw, self._path, replace=self._overwrite)
         raw.unlink()
         return f"{self._path}: {frames} frames, {frames - came} of them gaps"

@@ -51,7 +51,7 @@ def parallel_map(
     # Spawned, not forked: JAX may run threads in this process.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=use_one_blas_thread) as pool:
         try:
-            with _interrupts_held():
+            with interrupts_held():
                 results = pool.map(function, jobs)
             for result in results:
                 yield result
@@ -62,8 +62,8 @@ def parallel_map(
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Processes started in here never see Ctrl-C, which a terminal sends to all: only their parent answers it."""
+def interrupts_held() -> Iterator[None]:
+    """Ctrl-C is answered when this is left. Processes started in here never see it: only their parent answers it."""
     held: list[int] = []
     # A blocked signal stays blocked in a new process. Here it does not help: another thread takes it for all.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

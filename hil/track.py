@@ -13,7 +13,7 @@ from rich.table import Table
 
 from calibration.personal_set import personal_set
 from hil.console import STDOUT, Bar, counted
-from hil.folders import next_folder
+from hil.folders import next_folder, results_folder
 from hil.page import write_file
 from hil.stream_arm import prepare_tracker
 from hil.track_input import OnePerson, fitted_subject, read_person
@@ -39,6 +39,7 @@ class TrackOptions:
         subject: file of the person's own set, from ``highfive calibrate subject``, instead of ``marker_set``.
         out: folder for the results; None takes ``out/track-1``, ``-2``, ….
         fit: fit the marker set to the person first, from the same recording; never done to a subject's own set.
+        overwrite: write into a folder that holds something.
     """
 
     file: Path
@@ -47,6 +48,7 @@ class TrackOptions:
     subject: Path | None = None
     out: Path | None = None
     fit: bool = True
+    overwrite: bool = False
 
 
 def track(options: TrackOptions, bar: Bar) -> dict[str, Any]:
@@ -56,22 +58,27 @@ def track(options: TrackOptions, bar: Bar) -> dict[str, Any]:
         The summary; its ``files`` are names in its ``folder``.
 
     Raises:
-        HighFiveError: the file is not usable, the labels do not fit, or a result cannot be written.
+        HighFiveError: the file is not usable, the labels do not fit, the folder holds something, or a result cannot be
+            written.
     """
+    folder = options.out or next_folder("track")
+    with results_folder(folder, options.overwrite):
+        return _track(options, folder, bar)
+
+
+def _track(options: TrackOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     if options.marker_set is not None and options.subject is not None:
         raise HighFiveError("give --marker-set or --subject: a subject's file is a marker set")
+    filled = f"{options.file.stem}_filled.c3d"
+    if (folder / filled).resolve() == options.file.resolve():
+        raise HighFiveError(f"{folder / filled} is the recording itself; choose another --out")
     wanted = options.marker_set if options.subject is None else str(options.subject)
     person = read_person(options.file, options.person, wanted)
-    folder = options.out or next_folder("track")
-    _check_folder(folder)
     prepare_tracker(tell)
     fitted = _fitted(person, bar) if options.fit and options.subject is None else None
     marker_set = fitted or person.marker_set
     advance = bar("tracking", len(person.recording) * passes(person.recording, marker_set))
     tracked = track_recording(person.recording, marker_set, advance)
-    filled = f"{options.file.stem}_filled.c3d"
-    if (folder / filled).resolve() == options.file.resolve():
-        raise HighFiveError(f"{folder / filled} is the recording itself; choose another --out")
     files = {"filled": filled, "angles": ANGLES_FILE, "report": "report.html"}
     summary = summarise_track(person, tracked) | {
         "fitted": fitted is not None, "folder": str(folder), "files": files,
@@ -120,14 +127,6 @@ def print_track(summary: dict[str, Any]) -> None:
             shown.add_row(name, *(f"{of[key]:g}" for key in keys))
         STDOUT.print(shown)
     print(f"Open {Path(summary['folder']) / summary['files']['report']}")
-
-
-def _check_folder(folder: Path) -> None:
-    """Makes the folder now: better to fail before the work than after it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise HighFiveError(f"cannot write into {folder}: {error.strerror or error}; choose another --out") from None
 
 
 def _write_angles(path: Path, tracked: TrackedRecording) -> None:

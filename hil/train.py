@@ -11,6 +11,7 @@ import numpy as np
 
 from hil.avatar import avatar_skeleton
 from hil.console import Bar, counted, training_bars
+from hil.folders import check_file
 from hil.training_data import SolvedPair, load_trials, tell
 from model import training
 from model.errors import HighFiveError
@@ -54,8 +55,8 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
     Raises:
         HighFiveError: the data cannot be read or learned from, the model's file is there already or cannot be written.
     """
+    check_file(options.out, options.overwrite)
     preset = _preset(options)
-    _check_out(options)
     start = time.monotonic()
     pairs = load_trials(
         options.data,
@@ -82,7 +83,7 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
         say=tell,
     )
     try:
-        save_model(model, options.out)
+        save_model(model, options.out, replace=options.overwrite)
     except HighFiveError as error:
         kept = f"; make room, and the same command goes on from {options.checkpoint}"
         raise HighFiveError(f"{error}{kept if options.checkpoint.exists() else ''}") from None
@@ -139,22 +140,6 @@ def _preset(options: TrainOptions) -> Preset:
         return preset
     adam = round(options.iterations * preset.adam_steps / preset.iterations)
     return replace(preset, iterations=options.iterations, adam_steps=adam)
-
-
-def _check_out(options: TrainOptions) -> None:
-    """Raises HighFiveError if the model could not be written in the end: better now than after the training."""
-    out = options.out
-    if out.is_dir():
-        raise HighFiveError(f"{out} is a folder; --out takes the name of the model's file")
-    if out.exists() and not options.overwrite:
-        raise HighFiveError(f"{out} is there already; give another --out, or --overwrite")
-    probe = out.with_name(out.name + ".partial")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise HighFiveError(f"cannot write to {out.parent}: {error.strerror}; give another --out") from None
 
 
 def _marker_rms(pairs: list[SolvedPair]) -> dict[str, float]:

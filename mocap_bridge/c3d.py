@@ -8,9 +8,7 @@ Writing is ezc3d's. Format: the C3D file format user guide, www.c3d.org (Motion 
 from __future__ import annotations
 
 import math
-import os
 import re
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 
 from mocap_bridge.recording import Recording, check_scale
 from model.errors import HighFiveError
+from model.files import written_whole
 from model.rotations import Array
 
 BLOCK = 512
@@ -124,27 +123,13 @@ def write_c3d(path: str | Path, recording: Recording) -> None:
         file.add_parameter("TRIAL", "ACTUAL_START_FIELD", [1, 0])
         file.add_parameter("TRIAL", "ACTUAL_END_FIELD", [len(points) & 0xFFFF, len(points) >> 16])
     file["data"]["meta_points"]["residuals"] = np.where(seen, 0.0, -1.0).T[None]
-    temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=".c3d")
-        os.close(handle)
-        file.write(temporary)
-        # ezc3d does not notice a full disk: what was written must be whole before it gets the name.
-        layout_of(read_bytes(Path(temporary), MAX_BYTES), path.name)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-        temporary = None
+        with written_whole(path) as partial:
+            file.write(str(partial))
+            # ezc3d does not notice a full disk: what was written must be whole before it gets the name.
+            layout_of(read_bytes(partial, MAX_BYTES), path.name)
     except (OSError, RuntimeError, HighFiveError) as error:
         raise HighFiveError(f"cannot write {path}: {error}") from None
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def unit_of(layout: Layout, name: str) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mocap_bridge.c3d import MAX_BYTES, UNITS, Layout, layout_of, point_labels, read_bytes, unit_of
 from model.errors import HighFiveError
+from model.files import write_whole
 from model.rotations import Array
 
 Words = NDArray[np.float32] | NDArray[np.int16]
@@ -96,10 +97,7 @@ def _put_back(data: bytearray, layout: Layout, words: Words) -> None:
 
 
 def _write(path: Path, content: bytes) -> None:
-    partial = path.with_name(f".{path.name}.partial")
     try:
-        partial.write_bytes(content)
-        partial.replace(path)
+        write_whole(path, content)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise HighFiveError(f"cannot write {path}: {error.strerror or error}") from None

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mocap_bridge.marker_sets import ArmRecipe, MarkerSet
 from model.errors import HighFiveError
+from model.files import write_whole
 
 Value = str | float | bool | Sequence[str] | Sequence[float]
 """What may stand in the ``[subject]`` table."""
@@ -45,19 +45,21 @@ def marker_set_text(marker_set: MarkerSet, subject: Mapping[str, Value | Mapping
 
 
 def write_marker_set(
-    path: str | Path, marker_set: MarkerSet, subject: Mapping[str, Value | Mapping[str, float]] | None = None
+    path: str | Path,
+    marker_set: MarkerSet,
+    subject: Mapping[str, Value | Mapping[str, float]] | None = None,
+    *,
+    replace: bool = True,
 ) -> None:
     """Writes :func:`marker_set_text` to a file, which appears whole or not at all.
 
     Raises:
-        HighFiveError: it cannot be written.
+        HighFiveError: it cannot be written, or there is such a file and it may not be replaced.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(marker_set_text(marker_set, subject), encoding="utf-8")
-        os.replace(partial, path)
+        write_whole(path, marker_set_text(marker_set, subject).encode(), replace=replace)
     except OSError as error:
         raise HighFiveError(f"cannot write {path}: {error.strerror or error}; choose another place") from None
 

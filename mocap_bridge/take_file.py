@@ -21,6 +21,7 @@ from mocap_bridge.c3d_writer import MAX_POINTS, write_frames
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.lost_samples import lost_before
 from model.errors import HighFiveError
+from model.files import written_whole
 from model.rotations import Array
 
 try:
@@ -126,7 +127,7 @@ def being_written(path: Path) -> bool:
     return False
 
 
-def take_to_c3d(raw: Path, path: Path) -> tuple[int, int]:
+def take_to_c3d(raw: Path, path: Path, *, replace: bool = False) -> tuple[int, int]:
     """Makes the C3D file ``path`` of a raw file, lost frames as gaps; the raw file stays.
 
     Markers that were named at any time have a column. Of points without a label the first 32 a frame are kept.
@@ -136,9 +137,8 @@ def take_to_c3d(raw: Path, path: Path) -> tuple[int, int]:
 
     Raises:
         NoFrames: it holds none.
-        HighFiveError: it is no raw file, or the C3D file cannot be written.
+        HighFiveError: it is no raw file, or the C3D file cannot be written, or is there and may not be replaced.
     """
-    temporary = path.with_name(f".{path.name}.writing")
     try:
         with raw.open("rb") as file:
             magic = file.read(len(_MAGIC))
@@ -162,12 +162,10 @@ def take_to_c3d(raw: Path, path: Path) -> tuple[int, int]:
             order = sorted(range(len(places)), key=lambda k: slots[k])
             total = slots[order[-1]] + 1
             frames = _frames(file, places, tables_to, [slots[k] for k in order], order, len(names), loose)
-            write_frames(temporary, rate, labels, total, frames)
-        temporary.replace(path)
+            with written_whole(path, replace=replace) as partial:
+                write_frames(partial, rate, labels, total, frames)
     except OSError as error:
         raise HighFiveError(f"cannot write {path}: {error.strerror or error}; what came is in {raw}") from None
-    finally:
-        temporary.unlink(missing_ok=True)
     return total, len(set(slots))
 
 

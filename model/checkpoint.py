@@ -6,12 +6,14 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.errors import HighFiveError
+from model.files import written_whole
 
 
 class Unfitting(HighFiveError):
@@ -36,13 +38,10 @@ class Checkpoint:
         Raises:
             HighFiveError: the disk is full, or the folder cannot be written to.
         """
-        partial = self.path.with_name(self.path.name + ".partial")
         try:
-            with partial.open("wb") as file:
+            with written_whole(self.path) as partial, partial.open("wb") as file:
                 np.savez(file, owner=np.array(json.dumps(dict(self.owner))), **arrays)  # pyright: ignore[reportArgumentType]
-            os.replace(partial, self.path)
         except OSError as error:
-            partial.unlink(missing_ok=True)
             raise HighFiveError(f"cannot write the checkpoint {self.path}: {error.strerror or error}") from None
 
     def load(self) -> dict[str, NDArray] | None:
@@ -70,6 +69,7 @@ class Checkpoint:
 
     def set_aside(self) -> Path:
         """Renames the file, so that a new one can take its place; returns where it is now."""
-        aside = self.path.with_name(self.path.name + ".old")
+        names = (self.path.with_name(f"{self.path.name}.old{'' if n == 1 else f'-{n}'}") for n in count(1))
+        aside = next(name for name in names if not name.exists())
         os.replace(self.path, aside)
         return aside

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from safetensors.numpy import save
 from model.dataset import AUXILIARY, HAND_DIMS
 from model.errors import HighFiveError
 from model.features import FeatureMap
+from model.files import write_whole
 from model.forecast import CHANNELS, KNOTS, ContactLayer
 from model.hgpdm import HGPDM
 from model.kernels import MotionKernel
@@ -30,8 +30,12 @@ PICTURED = ("interaction_latents", "avatar_latents", "human_latents", "learning_
 INDICES = ("trial", "emotion")
 
 
-def save_model(model: HGPDM, path: Path | str) -> None:
-    """Writes a model in one piece: after a failure the old file, or none, is there."""
+def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
+    """Writes a model in one piece: after a failure the old file, or none, is there.
+
+    Raises:
+        HighFiveError: it cannot be written, or there is such a file and it may not be replaced.
+    """
     arrays = {name: np.asarray(getattr(model, name)) for name in (*ARRAYS, *PICTURED, *INDICES)}
     arrays |= {"features.matrix": model.feature_map.matrix, "features.offset": model.feature_map.offset}
     for name in LAYERS:
@@ -53,13 +57,9 @@ def save_model(model: HGPDM, path: Path | str) -> None:
         "stages": len(model.back),
     }
     content = save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, {"model": json.dumps(description)})
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
     try:
-        partial.write_bytes(content)
-        os.replace(partial, path)
+        write_whole(Path(path), content, replace=replace)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise HighFiveError(f"cannot write the model to {path}: {error.strerror or error}") from None
 
 
@@ -107,12 +107,9 @@ def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
 def save_layer(layer: Posterior, path: Path | str) -> None:
     """Writes one trained layer in one piece."""
     arrays = {key: np.ascontiguousarray(value) for key, value in _layer_arrays("layer", layer).items()}
-    partial = Path(path).with_name(Path(path).name + ".partial")
     try:
-        partial.write_bytes(save(arrays))
-        os.replace(partial, path)
+        write_whole(Path(path), save(arrays))
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise HighFiveError(f"cannot write {path}: {error.strerror}") from None
 
 

@@ -30,7 +30,12 @@ def style_weights(weights: str | Mapping[str, float] | ArrayLike, emotions: Sequ
     if values.shape != (len(emotions),):
         raise HighFiveError(f"style weights of shape {values.shape}; expected one for each of {', '.join(emotions)}")
     if not np.all(np.isfinite(values)) or np.any(values < 0.0):
-        raise HighFiveError(f"style weights {values.tolist()}; none may be negative")
+        raise HighFiveError(f"style weights {_named(values, emotions)}; none may be negative")
     if abs(values.sum() - 1.0) > TOLERANCE:
-        raise HighFiveError(f"style weights {values.tolist()} sum to {values.sum():.6g}; they must sum to 1")
+        raise HighFiveError(f"style weights {_named(values, emotions)} sum to {values.sum():.6g}; they must sum to 1")
     return values
+
+
+def _named(values: Array, emotions: Sequence[str]) -> str:
+    """The weights that are not 0 under their names, as they are written."""
+    return ",".join(f"{name}={value:g}" for name, value in zip(emotions, values, strict=True) if value != 0.0) or "0"

@@ -11,7 +11,14 @@ OURS = {"model", "mocap_bridge", "calibration", "hil", "scenes"}
 ALLOWED = {
     "scenes": {"scenes"},
     "model": {"model"},
-    "mocap_bridge": {"mocap_bridge", "model.rotations", "model.skeleton", "model.errors", "model.compiled"},
+    "mocap_bridge": {
+        "mocap_bridge",
+        "model.rotations",
+        "model.skeleton",
+        "model.errors",
+        "model.files",
+        "model.compiled",
+    },
     "calibration": {"calibration", "mocap_bridge", "model"},
     "hil/drivers": {"hil.drivers", "model.errors"},
     "hil/safety": {"hil.safety", "hil.drivers.values", "model.rotations", "model.errors"},

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+import io
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import rmtree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.console import counted, say_aside
+from hil.folders import results_folder
 from hil.sim.actors import CELLS, RATE_HZ, ActorMotion, PairTrial, simulate_pair
 from hil.sim.emotions import EMOTIONS, emotion_style
-from hil.threads import parallel_map
+from hil.threads import interrupts_held, parallel_map
 from mocap_bridge.c3d import write_c3d
 from mocap_bridge.marker_sets import MarkerSet, load_marker_set
 from mocap_bridge.recording import Recording
 from model.errors import HighFiveError
+from model.files import unfinished, write_whole
 from model.rotations import Array
 
 PERSON_SET, AVATAR_SET = "paper", "full_body"
@@ -129,15 +136,29 @@ def capture(
     test_repetitions: int = 0,
     seed: int = 0,
     progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
+    overwrite: bool = False,
 ) -> int:
     """Captures every emotion at every cell, ``repetitions`` times, into ``folder``; returns the number of trials.
 
-    Writes one C3D file a trial and ``trials.csv``, the table last: a folder without it is an unfinished capture. The
-    last ``test_repetitions`` of each are marked as held out.
+    Writes one C3D file a trial and ``trials.csv``, the table last. The last ``test_repetitions`` of each are marked as
+    held out. A capture that fails, or is interrupted, leaves nothing; an earlier set, which ``overwrite`` lets it
+    replace, stays as it is until the new one is whole.
 
     Raises:
-        HighFiveError: an unknown emotion, nothing to capture, or a folder that cannot be written.
+        HighFiveError: an unknown emotion, nothing to capture, or a folder that holds something or cannot be written.
     """
+    with results_folder(folder, overwrite):
+        return _capture(folder, emotions, repetitions, test_repetitions, seed, progress)
+
+
+def _capture(
+    folder: Path,
+    emotions: Sequence[str],
+    repetitions: int,
+    test_repetitions: int,
+    seed: int,
+    progress: Callable[[int], Callable[[], None]],
+) -> int:
     for emotion in emotions:
         emotion_style(emotion)
     if repetitions < 1 or not 0 <= test_repetitions < repetitions:
@@ -145,29 +166,91 @@ def capture(
             f"{repetitions} repetitions of which {test_repetitions} held out leave nothing to learn from; "
             "at least one repetition has to be for training"
         )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / TABLE).unlink(missing_ok=True)
-    except OSError as error:
-        raise HighFiveError(f"cannot write to {folder}: {error.strerror}") from None
-    jobs = [
+    with _beside(folder) as beside:
+        jobs = _jobs(beside, emotions, repetitions, test_repetitions, seed)
+        for _ in parallel_map(_write_trial, jobs, progress):
+            pass
+        with interrupts_held():  # what is whole takes its place in one go
+            _put_in_place(folder, jobs)
+    return len(jobs)
+
+
+def _jobs(folder: Path, emotions: Sequence[str], repetitions: int, test_repetitions: int, seed: int) -> list[_Job]:
+    return [
         _Job(folder, emotion, cell, r, "test" if r >= repetitions - test_repetitions else "train", seed)
         for emotion in emotions
         for cell in CELLS
         for r in range(repetitions)
     ]
-    for _ in parallel_map(_write_trial, jobs, progress):
-        pass
-    write_table(folder, [(j.file, j.emotion, j.cell, str(j.repetition + 1), j.split) for j in jobs])
-    return len(jobs)
+
+
+@contextmanager
+def _beside(folder: Path) -> Iterator[Path]:
+    """A folder inside ``folder`` for recordings until all are there; gone in the end."""
+    beside = unfinished(folder / "capture")
+    try:
+        beside.mkdir()
+        yield beside
+    except OSError as error:
+        raise HighFiveError(f"cannot write to {folder}: {error.strerror}") from None
+    finally:
+        rmtree(beside, ignore_errors=True)
+
+
+def _put_in_place(folder: Path, jobs: Sequence[_Job]) -> None:
+    """Recordings, table, and away with what only the table of an earlier capture named; says what goes and stays."""
+    stale = _captured_before(folder) - {job.file for job in jobs}
+    for job in jobs:
+        os.replace(job.folder / job.file, folder / job.file)
+    write_table(folder, _rows(jobs))
+    gone = [folder / name for name in stale if (folder / name).is_file()]
+    for path in gone:
+        path.unlink()
+    if gone:
+        say_aside(f"{counted(len(gone), 'recording')} of the earlier capture removed, which this one does not have")
+    if others := sorted({path.name for path in folder.glob("*.c3d")} - {job.file for job in jobs}):
+        say_aside(f"not of this capture, left as they are and not in {TABLE}: {_some(others)}")
+
+
+def _some(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
+
+
+def _captured_before(folder: Path) -> set[str]:
+    """Files that the table names, if it is to the byte the one that a capture writes; of any other table none."""
+    try:
+        content = (folder / TABLE).read_bytes()
+        rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
+        emotions = list(dict.fromkeys(row["emotion"] for row in rows))
+        repetitions = {int(row["repetition"]) for row in rows}
+        held_out = {int(row["repetition"]) for row in rows if row["split"] == "test"}
+    except (OSError, ValueError, KeyError, TypeError, csv.Error):
+        return set()
+    if not set(emotions) <= set(EMOTIONS):
+        return set()
+    jobs = _jobs(folder, emotions, len(repetitions), len(held_out), 0)
+    return {job.file for job in jobs} if _table(_rows(jobs)) == content else set()
+
+
+def _rows(jobs: Sequence[_Job]) -> list[tuple[str, str, str, str, str]]:
+    return [(job.file, job.emotion, job.cell, str(job.repetition + 1), job.split) for job in jobs]
+
+
+def _table(rows: Sequence[tuple[str, str, str, str, str]]) -> bytes:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(COLUMNS)
+    writer.writerows(rows)
+    return text.getvalue().encode()
 
 
 def write_table(folder: Path, rows: Sequence[tuple[str, str, str, str, str]]) -> None:
-    """Writes ``trials.csv``."""
+    """Writes ``trials.csv``, in one piece.
+
+    Raises:
+        HighFiveError: it cannot be written.
+    """
     try:
-        with (folder / TABLE).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            writer.writerows(rows)
+        write_whole(folder / TABLE, _table(rows))
     except OSError as error:
         raise HighFiveError(f"cannot write {folder / TABLE}: {error.strerror}") from None

@@ -1,0 +1,62 @@
+"""Files that are written beside and renamed: whoever looks, and whatever happens, finds the old one or the new one."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+UNFINISHED = ".highfive-"
+"""What the names of files begin with that are still being written, and of what a killed command left."""
+
+
+def unfinished(path: Path) -> Path:
+    """A name beside ``path`` that nobody else uses, with the same ending."""
+    return path.with_name(f"{UNFINISHED}{secrets.token_hex(4)}-{path.name}")
+
+
+@contextmanager
+def written_whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
+    """Gives a new, empty file beside ``path`` to write to, which gets its name in the end; after a failure it is gone.
+
+    Args:
+        path: in a folder that is there.
+        replace: whether a file that has that name may be replaced.
+
+    Raises:
+        FileExistsError: there is such a file, and it may not be replaced.
+        OSError: the file cannot be made, or its content is not safe on the disk.
+    """
+    partial = unfinished(path)
+    os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    try:
+        yield partial
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        if replace:
+            os.replace(partial, path)
+        else:
+            _take_free_name(partial, path)
+    finally:
+        with suppress(OSError):  # what kept it from being written may keep it from being removed
+            partial.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: bytes, *, replace: bool = True) -> None:
+    """Writes a file in one piece; see :func:`written_whole`."""
+    with written_whole(path, replace=replace) as partial:
+        partial.write_bytes(content)
+
+
+def _take_free_name(partial: Path, path: Path) -> None:
+    """Gives a file its name unless that is taken, in one step where the file system can."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise
+    except OSError:  # no second names on this file system
+        if os.path.lexists(path):
+            raise FileExistsError(17, "File exists", str(path)) from None
+        os.replace(partial, path)

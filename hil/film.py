@@ -1,4 +1,4 @@
-"""The film of a session, one high five an emotion, and the picture strips of its report."""
+"""The film of a session, the median high five of each style, and the picture strips of its report."""
 
 # pyright: reportAttributeAccessIssue=false
 # (MuJoCo's compiled bindings ship no type stubs.)
@@ -97,7 +97,7 @@ class _Stage:
 
 
 def picture_strips(scene: Scene, results: Sequence[TrialResult]) -> list[Strip] | NoPictures:
-    """Five moments of one trial an emotion, 480 × 400; or why there are none. ``scene`` is built ``visible``."""
+    """Five moments of each style's median trial, 480 × 400; or why there are none. ``scene`` is built ``visible``."""
     opened = open_renderer(scene, 640, 400)
     if isinstance(opened, NoPictures):
         return opened
@@ -132,7 +132,7 @@ def _drawn(renderer: Renderer, stage: _Stage, result: TrialResult, tick: int) ->
 def make_film(
     scene: Scene, results: Sequence[TrialResult], path: Path, progress: Progress = lambda label, total: lambda: None
 ) -> Path | NoPictures:
-    """Writes an MP4 of one high five an emotion, each in real time and then close by at a quarter of the speed.
+    """Writes an MP4 of each style's median high five, in real time and then close by at a quarter of the speed.
 
     Args:
         scene: built ``visible``.
@@ -146,7 +146,8 @@ def make_film(
     Raises:
         HighFiveError: the file cannot be written.
     """
-    shots = [shot for result in showpieces(results) for shot in _shots(result)]
+    shown = showpieces(results)
+    shots = [shot for result in shown for shot in _shots(result)]
     if not shots:
         return NoPictures("film left out: no trial was finished")
     count = _TITLE + sum(len(shot.ticks) for shot in shots)
@@ -155,7 +156,7 @@ def make_film(
     if isinstance(opened, NoPictures):
         return opened
     with opened as renderer:
-        frames = _counted(_frames(renderer, stage, shots), progress("film", count))
+        frames = _counted(_frames(renderer, stage, shots, several=len(results) > len(shown)), progress("film", count))
         partial = path.with_name(f"{path.stem}.partial{path.suffix}")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -195,10 +196,11 @@ def _open(scene: Scene, stage: _Stage, shot: Shot, count: int) -> Renderer | NoP
     raise AssertionError("the last quality is taken however slow it is")
 
 
-def _frames(renderer: Renderer, stage: _Stage, shots: Sequence[Shot]) -> Iterator[Image]:
+def _frames(renderer: Renderer, stage: _Stage, shots: Sequence[Shot], *, several: bool) -> Iterator[Image]:
     still = renderer.render(stage.show(shots[0].result, shots[0].ticks[0]), shots[0].camera)
     captions = Captions(still.shape[0])
-    title = captions.title(still, simulated=all(shot.result.simulated for shot in shots))
+    chosen = "of each style the median high five of this session: neither its best nor its worst" * several
+    title = captions.title(still, simulated=all(shot.result.simulated for shot in shots), chosen=chosen)
     for i in range(_TITLE):
         yield _mixed(np.zeros_like(title), title, (i + 1) / _DARK)
     before, left = title, sum(len(shot.ticks) for shot in shots)

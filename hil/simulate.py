@@ -32,7 +32,7 @@ from hil.sim.rendering import NoPictures
 from hil.sim.scene import Scene, build_scene
 from hil.summary import SessionSettings, summarise
 from hil.training_data import tell
-from hil.trial import TrialResult, run_trial
+from hil.trial import TrialResult, run_trial, style_name
 from mocap_bridge.address import is_live
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.marker_sets import MarkerSet, load_marker_set
@@ -151,6 +151,7 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
         corrected=options.correct,
         physics=options.physics,
         source=_shown(options.source),
+        arm="" if options.arm is None else options.arm.port,
         command=shlex.join(["highfive", *sys.argv[1:]]),
     )
 
@@ -237,14 +238,17 @@ def _run(
             gc.collect()
             gc.freeze()
             for number, partner in enumerate(partners):
-                session.set_style(options.style or {partner.emotion: 1.0})
-                result, trouble = _trial(number, partner, session, playout, person, watch)
+                style = options.style or {partner.emotion: 1.0}
+                session.set_style(style)
+                called = style_name(style)
+                result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     if not results:
                         raise _NothingPlayedError(f"no high five could be played: {trouble}")
                     tell(f"high five {number + 1} was broken off and does not count: {trouble}")
                     return replace(played, interrupted=True)
-                arm = None if watch is None else watch.end(partner.emotion, partner.cell, partner.contact_frame)
+                result = replace(result, style=called)
+                arm = None if watch is None else watch.end(called, partner.cell, partner.contact_frame)
                 recorder.record_trial(result, arm)
                 results.append(result)
                 played.arm.extend([] if arm is None else [arm])
@@ -262,6 +266,7 @@ def _run(
 def _trial(
     number: int,
     partner: Partner,
+    style: str,
     session: Session,
     playout: PlayOut,
     person: LivePerson | None,
@@ -279,7 +284,7 @@ def _trial(
         assert watch is not None
         frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
         return run_trial(number, partner, session, playout, frames, watch.watch), ""
-    tell(f"high five {number + 1}, {partner.emotion}: raise the right hand")
+    tell(f"high five {number + 1}, {style}: raise the right hand")
     live = person.trial()
     frames: Iterable[MarkerFrame] = live
     if watch is not None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageColor, ImageDraw, ImageFont
 
+from hil.bench_retarget import Met
 from hil.colours import colour_of
 from hil.sim.rendering import Image
 from hil.trial import TrialResult
@@ -38,15 +39,24 @@ class Captions:
         draw.text((middle, 0.65 * page.height), chosen, _INK, self._font(22), anchor="mm")
         return np.array(page)
 
-    def caption(self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool) -> None:
-        """Style and kind of person below on the left; speed, and how near the palms came, below on the right."""
+    def caption(
+        self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool, arm: Met | None = None
+    ) -> None:
+        """Style and kind of person below on the left; speed, and how near the palms came, below on the right.
+
+        Where ``arm`` says how the servo arm met the hand, it is the arm that is shown.
+        """
         who = "simulated person" if result.simulated else "person"
+        if arm is not None:
+            who = f"servo arm and {who}"
         self._put(frame, self._labels(result.style or "high five", who, colour_of(result.style)), left=True)
         if slow:
             apart = f"palms {1e3 * result.error:.1f} mm apart, as tracked"
             if not np.isnan(result.touch_error):
                 apart = f"{1e3 * result.touch_error:.1f} mm from the true palm as they touch"
-            if not result.contact.met:
+            if arm is not None:
+                apart = f"{1e3 * arm.error:.0f} mm from plate to palm" + ("" if arm.touched else ": missed")
+            elif not result.contact.met:
                 apart = "out of reach, " + apart if result.out_of_reach else "missed, " + apart
             self._put(frame, self._labels("¼ speed", apart if after_contact else "", ""), left=False)
 

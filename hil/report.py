@@ -36,7 +36,10 @@ _OTHER = (
     "people meet at a slant. The avatar's palm is brought to that same estimate, within {ours} mm: the two figures do "
     "not compare."
 )
-_MEDIAN = "Shown is the median high five of each style by how far the palms were apart, neither the best nor the worst."
+_MEDIAN = (
+    "Shown is the median high five of each style, by how far the palms were apart; of an even number the nearer one of "
+    "the middle two."
+)
 
 
 def write_report(
@@ -237,8 +240,9 @@ def _strip(strip: Strip) -> str:
         for label, image in strip.pictures
     )
     result = strip.result
+    arm = "servo arm: " if strip.arm else ""
     answered = "" if result.style == result.emotion else f", answered as {result.style}"
-    heading = f"{dot(result.style)}{escape(result.title + answered)}"
+    heading = f"{dot(result.style)}{escape(arm + result.title + answered)}"
     return f'<div class="strip"><h3>{heading}</h3><div>{frames}</div></div>'
 
 

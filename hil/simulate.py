@@ -18,14 +18,16 @@ from hil.arm_session import ArmOptions, at_their_time, check_arm, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.console import Bar
 from hil.estop import uninterrupted
-from hil.film import Strip, make_film, picture_strips
+from hil.film import Arms, Strip, make_film, picture_strips
 from hil.folders import check_free
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
 from hil.report import write_report
+from hil.servo_arm import DEFAULT_MOUNT
 from hil.session import RATE_HZ, Session, Tick
 from hil.sim.actors import CELLS
+from hil.sim.arm_twin import arm_in_scene
 from hil.sim.emotions import EMOTIONS
 from hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from hil.sim.rendering import NoPictures
@@ -86,10 +88,10 @@ class _NothingPlayedError(HighFiveError):
 
 @dataclass(frozen=True)
 class _Played:
-    """The trials that were finished, with what the arm did in them, and whether the session ended early."""
+    """The trials that were finished, what the arm did in them (by number), and whether the session ended early."""
 
     results: list[TrialResult] = field(default_factory=list)
-    arm: list[ArmTrial] = field(default_factory=list)
+    arm: dict[int, ArmTrial] = field(default_factory=dict)
     interrupted: bool = False
 
 
@@ -134,11 +136,11 @@ def _simulate(
                 folder.rmdir()
             raise
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
-    arm = None if watch is None else arm_summary(played.arm, lag)
+    arm = None if watch is None else arm_summary(list(played.arm.values()), lag)
     results = played.results
     summary = summarise(results, settings, interrupted=played.interrupted, arm=arm)
-    strips, film = _pictures(options, results, folder, bar)
-    write_report(folder, summary, results, settings, strips, film, draw_arm(played.arm, lag))
+    strips, film = _pictures(options, played, folder, bar)
+    write_report(folder, summary, results, settings, strips, film, draw_arm(list(played.arm.values()), lag))
     return summary
 
 
@@ -157,14 +159,17 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
 
 
 def _pictures(
-    options: SimulateOptions, results: Sequence[TrialResult], folder: Path, bar: Bar
+    options: SimulateOptions, played: _Played, folder: Path, bar: Bar
 ) -> tuple[Sequence[Strip] | NoPictures, Path | NoPictures]:
+    results = played.results
     if not options.pictures or not results:
         none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
         return none, none
     try:
         visible = build_scene(visible=True)
-        return picture_strips(visible, results), make_film(visible, results, folder / "highfive.mp4", bar)
+        arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
+        film = folder / "highfive.mp4"
+        return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
     except KeyboardInterrupt:
         none = NoPictures("pictures left out: interrupted")
         return none, none
@@ -251,7 +256,8 @@ def _run(
                 arm = None if watch is None else watch.end(called, partner.cell, partner.contact_frame)
                 recorder.record_trial(result, arm)
                 results.append(result)
-                played.arm.extend([] if arm is None else [arm])
+                if arm is not None:
+                    played.arm[number] = arm
                 advance()
                 if watch is not None and watch.loop.trouble:
                     tell(f"the arm was stopped: {watch.loop.trouble}")

@@ -81,6 +81,7 @@ def targets(summary: Mapping[str, Any]) -> list[Target]:
     # A simulated person stands where both can reach; a recorded one may not.
     judged = rows if simulated else [row for row in rows if row["trial"] not in far]
     listed = _FELT.targets(rows, applies=corrected) if simulated else []
+    listed += _arm_targets(summary["arm"]) if summary["arm"] else []
     listed += _BEFORE.targets(rows, applies=True)
     listed += _TRACKED.targets(judged, applies=corrected)
     listed += _ANGLE.targets(judged, applies=corrected) + _FADE_IN.targets(rows, applies=corrected)
@@ -88,7 +89,7 @@ def targets(summary: Mapping[str, Any]) -> list[Target]:
         _time("one tick, half of all", tick["p50"], 1.0),
         _time("one tick, 99 of 100", tick["p99"], 3.0),
     ]
-    return listed + (_arm_targets(summary["arm"]) if summary["arm"] else [])
+    return listed
 
 
 def trial_name(row: Row) -> str:

@@ -1,41 +1,39 @@
-"""Draws docs/high_five.png: the simulated pair at contact. Needs OpenGL."""
+"""Draws docs/high_five.png: of a session's happy high fives the median one, as it was played. Needs OpenGL."""
 
 from pathlib import Path
 
-import mujoco
-import numpy as np
 from PIL import Image
 
-from hil.avatar import Pose
-from hil.sim.actors import simulate_pair
-from hil.sim.capture import CLEAN, PERSON_SET, markers_of, record
+from hil.moments import contact_tick, showpieces
+from hil.partners import simulated_partners
+from hil.session import Session
+from hil.sim.actors import CELLS
+from hil.sim.playout import KinematicPlayOut
 from hil.sim.rendering import NoPictures, open_renderer
 from hil.sim.scene import build_scene
-from mocap_bridge.human_arm import HumanArmEstimator
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.sources import C3DSource
-from mocap_bridge.tracker import Tracker
+from hil.simulate import DEFAULT_MODEL
+from hil.stage import avatar_stage
+from hil.trial import run_trial
+from model.store import load_model
 
+EMOTION, SEED = "happy", 0
 WIDTH, HEIGHT = 1280, 640
 
 
 def main() -> None:
-    """Simulates one high five and draws its contact."""
+    """Plays the session (tracker, model, correction, contact check) and draws the tick of first touch."""
     scene = build_scene(visible=True)
     renderer = open_renderer(scene, WIDTH, HEIGHT)
     if isinstance(renderer, NoPictures):
         raise SystemExit(renderer.reason)
-    trial = simulate_pair("happy", "C2", 0, np.random.default_rng(4))
-    marker_set = load_marker_set(PERSON_SET)
-    recording = record([("", markers_of(trial.person, marker_set), marker_set)], CLEAN, np.random.default_rng(0))
-    tracker, arm = Tracker(marker_set), HumanArmEstimator(marker_set)
-    people = [arm(tracker.update(frame)) for frame in C3DSource(recording)]
-    data, k = scene.make_data(), trial.contact_frame
-    scene.set_pose(data, Pose.from_quaternions(trial.avatar.root_in_world[k], trial.avatar.quaternions[k]))
-    scene.set_person(data, people[k])
-    mujoco.mj_kinematics(scene.model, data)
-    picture = Image.fromarray(renderer.render(data, "wide"))
-    picture.save(Path(__file__).with_name("high_five.png"), optimize=True)
+    partners = simulated_partners(len(CELLS), (EMOTION,), CELLS, SEED)
+    session = Session(load_model(DEFAULT_MODEL), {EMOTION: 1.0}, partners[0].marker_set, scene)
+    playout = KinematicPlayOut(scene)
+    results = [run_trial(number, partner, session, playout) for number, partner in enumerate(partners)]
+    (shown,) = showpieces(results)
+    data = avatar_stage(scene).show(shown, contact_tick(shown))
+    Image.fromarray(renderer.render(data, "wide")).save(Path(__file__).with_name("high_five.png"), optimize=True)
+    print(f"{shown.title}: {1e3 * shown.touch_error:.1f} mm from the true palm as they touch")
 
 
 if __name__ == "__main__":

@@ -143,13 +143,13 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
     ]
     if error["median"] is not None:
         lines.append(
-            f"Plate to palm where they touched, or at the nearest, in trials that were possible: median "
-            f"{error['median']:.1f} mm, largest {error['max']:.1f} mm."
+            "Plate to palm as tracked, where they touched, or at the nearest, in trials that were possible: "
+            + _spread(error, summary["trials"], ".1f", "mm")
         )
     if late["median"] is not None:
         lines.append(
-            f"They touched {late['median']:.0f} ms from the session's own contact (median; largest {late['max']:.0f}), "
-            f"no faster than {_known(summary['max_relative_speed'], 'm/s')} relative to each other."
+            f"Off the session's own contact in time: {_spread(late, summary['trials'], '.0f', 'ms')} They touched no "
+            f"faster than {_known(summary['max_relative_speed'], 'm/s')} relative to each other."
         )
     lines.append(
         f"{summary['cycles']} cycles of the bus, {summary['missed_cycles']} missed, period off by "
@@ -171,7 +171,7 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
 
 
 def _trials(rows: Sequence[dict[str, Any]]) -> str:
-    heads = ["emotion", "cell", "met", "error, mm", "later, ms", "relative speed, m/s", "path's scale", "delay, ms",
+    heads = ["style", "cell", "met", "error, mm", "later, ms", "relative speed, m/s", "path's scale", "delay, ms",
              "miss when due, mm", "limits that acted"]  # fmt: skip
     shown = [
         [
@@ -188,6 +188,12 @@ def _how(row: dict[str, Any]) -> str:
     if row["broken_off"]:
         return "broken off"
     return "yes" if row["touched"] else "no" if row["possible"] else "not possible"
+
+
+def _spread(extent: dict[str, float], trials: int, form: str, unit: str) -> str:
+    if trials == 1:
+        return f"{extent['median']:{form}} {unit}."
+    return f"median {extent['median']:{form}} {unit}, largest {extent['max']:{form}} {unit}."
 
 
 def _known(value: float | None, unit: str = "") -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageColor, ImageDraw, ImageFont
 
+from hil.bench_retarget import Met
 from hil.colours import colour_of
 from hil.sim.rendering import Image
 from hil.trial import TrialResult
@@ -27,23 +28,35 @@ class Captions:
         self._scale = height / 720.0
         self._labels = lru_cache(maxsize=32)(self._label)
 
-    def title(self, still: Image, *, simulated: bool) -> Image:
-        """The opening: the name of the project over a darkened picture."""
+    def title(self, still: Image, *, simulated: bool, chosen: str = "") -> Image:
+        """The opening: the name of the project over a darkened picture, and in a line which trials are ``chosen``."""
         page = Pictures.fromarray((still * 0.35).astype(np.uint8))
         draw, middle = ImageDraw.Draw(page), 0.5 * page.width
         who = "simulated people" if simulated else "people"
         draw.text((middle, 0.46 * page.height), "High Five", _INK, self._font(84, bold=True), anchor="mm")
         below = f"an avatar meets the raised hands of {who}"
         draw.text((middle, 0.58 * page.height), below, _INK, self._font(30), anchor="mm")
+        draw.text((middle, 0.65 * page.height), chosen, _INK, self._font(22), anchor="mm")
         return np.array(page)
 
-    def caption(self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool) -> None:
-        """Emotion and kind of person below on the left; speed, and how near the palms came, below on the right."""
+    def caption(
+        self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool, arm: Met | None = None
+    ) -> None:
+        """Style and kind of person below on the left; speed, and how near the palms came, below on the right.
+
+        Where ``arm`` says how the servo arm met the hand, it is the arm that is shown.
+        """
         who = "simulated person" if result.simulated else "person"
-        self._put(frame, self._labels(result.emotion or "high five", who, colour_of(result.emotion)), left=True)
+        if arm is not None:
+            who = f"servo arm and {who}"
+        self._put(frame, self._labels(result.style or "high five", who, colour_of(result.style)), left=True)
         if slow:
-            apart = f"palms {1e3 * result.error:.1f} mm apart"
-            if not result.contact.met:
+            apart = f"palms {1e3 * result.error:.1f} mm apart, as tracked"
+            if not np.isnan(result.touch_error):
+                apart = f"{1e3 * result.touch_error:.1f} mm from the true palm as they touch"
+            if arm is not None:
+                apart = f"{1e3 * arm.error:.0f} mm from plate to palm" + ("" if arm.touched else ": missed")
+            elif not result.contact.met:
                 apart = "out of reach, " + apart if result.out_of_reach else "missed, " + apart
             self._put(frame, self._labels("¼ speed", apart if after_contact else "", ""), left=False)
 

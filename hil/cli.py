@@ -163,13 +163,19 @@ def _style(text: str) -> dict[str, float]:
 def _tell(summary: dict[str, Any], folder: Path) -> None:
     """The summary for people."""
     from hil.summary import kind  # noqa: PLC0415
+    from hil.targets import BEFORE_MM  # noqa: PLC0415
 
-    error, before, tick = summary["contact_error_mm"], summary["uncorrected_error_mm"], summary["tick_ms"]
-    high_fives = counted(summary["trials"], "high five")
-    print(f"{high_fives} with a {kind(summary)} person, {counted(len(error['by_emotion']), 'emotion')}")
-    if summary["trials"]:
-        print(f"  palm to palm at contact   median {error['median']:.2f} mm, worst {error['max']:.2f} mm")
-        print(f"  before correction         median {before['median']:.1f} mm, worst {before['max']:.1f} mm")
+    count, tick, styles = summary["trials"], summary["tick_ms"], summary["contact_error_mm"]["by_emotion"]
+    print(f"{counted(count, 'high five')} with a {kind(summary)} person, answered as {', '.join(styles) or 'nothing'}")
+    for label, key, digits, unit, target in (
+        ("true palm at first touch", "true_error_at_touch_mm", 1, "mm", ""),
+        ("closing speed then", "closing_speed_at_touch_m_s", 2, "m/s", ""),
+        ("before correction", "uncorrected_error_mm", 1, "mm", f" (target: median ≤ {BEFORE_MM:g} mm)"),
+        ("after, to tracked palm", "contact_error_mm", 2, "mm", ""),
+    ):
+        if summary[key]["median"] is not None:
+            print(f"  {label:<26}{_spread(summary[key], count, digits, unit)}{target}")
+    if count:
         print(f"  one tick                  median {tick['p50']:.2f} ms, p99 {tick['p99']:.2f} ms")
     for label, key in (
         ("out of reach", "out_of_reach"),
@@ -182,16 +188,25 @@ def _tell(summary: dict[str, Any], folder: Path) -> None:
         _tell_arm(summary["arm"])
     if summary["interrupted"]:
         print("  interrupted; the report covers the trials until then")
+    for warning in summary["warnings"]:
+        STDERR.print(f"[bold yellow]warning:[/] {_escape(warning)}", soft_wrap=True)
     print(f"Open {folder / 'report.html'}")
+
+
+def _spread(extent: dict[str, float], count: int, digits: int, unit: str) -> str:
+    """Median and worst; of a single trial the one figure that there is."""
+    if count == 1:
+        return f"{extent['median']:.{digits}f} {unit}"
+    return f"median {extent['median']:.{digits}f} {unit}, worst {extent['max']:.{digits}f} {unit}"
 
 
 def _tell_arm(arm: dict[str, Any]) -> None:
     """What the servo arm did, for people."""
     error, late = arm["error_mm"], arm["time_error_ms"]
     if error["median"] is not None:
-        print(f"  servo arm's plate to palm  median {error['median']:.1f} mm, worst {error['max']:.1f} mm")
+        print(f"  servo arm's plate to palm  {_spread(error, arm['trials'], 1, 'mm')}")
     if late["median"] is not None:
-        print(f"    off in time             median {late['median']:.0f} ms, worst {late['max']:.0f} ms")
+        print(f"    off in time             {_spread(late, arm['trials'], 0, 'ms')}")
     print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
     for label, key in (
         ("no contact", "missed"),

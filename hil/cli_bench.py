@@ -146,3 +146,17 @@ def bench_contact(
     with progress_bars() as bar:
         result = bench_contact(options, load_model(DEFAULT_MODEL), bar)
     print_result(result, json, print_contact)
+
+
+@app.command("locked")
+def bench_locked(
+    model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
+    json: Json = False,
+) -> None:
+    """Play high fives of people on whom nothing was ever chosen: how far is the played palm from the true one?"""
+    from hil.bench_locked import bench_locked, print_locked  # noqa: PLC0415
+    from hil.simulate import DEFAULT_MODEL  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = bench_locked(model or DEFAULT_MODEL, bar)
+    print_result(result, json, print_locked)

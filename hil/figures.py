@@ -15,7 +15,7 @@ from hil.colours import PARTNER, PERSON, colour_of, mark_of
 from hil.drawing import FAINT, HINGES, INK, Drawing, draw, new_figure
 from hil.moments import contact_tick, moments_of
 from hil.sim.actors import CELLS, RATE_HZ
-from hil.summary import MM, emotion_of, emotions_of
+from hil.summary import MM, style_of, styles_of
 from hil.trial import TrialResult
 from model.rotations import Array
 
@@ -39,12 +39,12 @@ def draw_all(results: Sequence[TrialResult]) -> list[Drawing]:
 
 
 def contact_error(results: Sequence[TrialResult]) -> Drawing:
-    """Palm-to-palm error by emotion, before and after correction: a dot a trial, a bar the median."""
-    emotions = emotions_of(results)
+    """Palm-to-palm error by style, before and after correction: a dot a trial, a bar the median of several."""
+    emotions = styles_of(results)
     figure = new_figure(9.0, 3.4)
     axes = figure.subplots()
     for place, emotion in enumerate(emotions):
-        group = [r for r in results if emotion_of(r) == emotion]
+        group = [r for r in results if style_of(r) == emotion]
         pairs = np.array([[MM * r.uncorrected_error, MM * r.error] for r in group])
         spread = np.linspace(-0.13, 0.13, len(group)) if len(group) > 1 else np.zeros(1)
         x = place + np.array([-0.2, 0.2]) + spread[:, None]
@@ -55,7 +55,8 @@ def contact_error(results: Sequence[TrialResult]) -> Drawing:
                 mew=1.1, alpha=0.9, zorder=2,
             )  # fmt: skip
             middle = place + (-0.2, 0.2)[side]
-            axes.plot([middle - 0.17, middle + 0.17], [np.median(pairs[:, side])] * 2, color=INK, lw=1.8, zorder=3)
+            if len(group) > 1:
+                axes.plot([middle - 0.17, middle + 0.17], [np.median(pairs[:, side])] * 2, color=INK, lw=1.8, zorder=3)
     axes.set_xticks(range(len(emotions)), emotions)
     axes.set_xlim(-0.6, len(emotions) - 0.4)
     axes.axhline(1.0, color=FAINT, lw=0.8, ls=(0, (4, 3)))
@@ -67,19 +68,21 @@ def contact_error(results: Sequence[TrialResult]) -> Drawing:
         "5 mm", (1.0, 5.0), xycoords=("axes fraction", "data"), ha="left", va="center", color=FAINT, fontsize=9
     )
     _log_mm(axes)
-    axes.set_ylabel("palm to palm at contact, mm")
+    axes.set_ylabel("to the palm as tracked, mm")
     caption = (
-        "Distance between the palm centres at contact. In each pair: left, open, as the model generated it; right, "
-        "filled, as it was played after the contact correction. A mark is a trial, a bar the median."
+        "Distance of the avatar's palm from the person's as tracked, at the nearest. In each pair: left, open, as the "
+        "model generated it; right, filled, as it was played after the contact correction."
+        + " A mark is a trial, a bar the median of several."
+        * (len(results) > 1)
     )
     return Drawing("contact_error", caption, figure)
 
 
 def error_by_cell(results: Sequence[TrialResult]) -> Drawing | None:
-    """Median error in each of the 3 × 3 cells, an emotion a column, before and after correction a row."""
-    if not any(r.cell in CELLS for r in results):
+    """Median error in each of the 3 × 3 cells, a style a column, before, after correction a row; none of one cell."""
+    if len({r.cell for r in results if r.cell in CELLS}) < 2:
         return None
-    emotions = emotions_of(results)
+    emotions = styles_of(results)
     figure = new_figure(9.0, 4.1)
     grid = figure.subplots(2, max(len(emotions), 2), squeeze=False)
     norm = LogNorm(0.1, 100.0)
@@ -90,7 +93,7 @@ def error_by_cell(results: Sequence[TrialResult]) -> Drawing | None:
                 axes.set_axis_off()
             continue
         for axes, value in zip(panels, (lambda r: r.uncorrected_error, lambda r: r.error), strict=True):
-            image = _cells(axes, [r for r in results if emotion_of(r) == emotions[column]], value, norm)
+            image = _cells(axes, [r for r in results if style_of(r) == emotions[column]], value, norm)
         panels[0].set_title(emotions[column], color=colour_of(emotions[column]))
     for axes, name in zip(grid[:, 0], ("as generated", "after correction"), strict=True):
         axes.set_ylabel(f"{name}\nheight, m")
@@ -127,7 +130,7 @@ def _cells(axes: Axes, results: Sequence[TrialResult], value: Callable[[TrialRes
 
 def palm_distance(results: Sequence[TrialResult]) -> Drawing:
     """Distance of the palms and speed of the avatar's hand over time."""
-    emotions = emotions_of(results)
+    emotions = styles_of(results)
     figure = new_figure(9.0, 4.6)
     rows = figure.subplots(2, len(emotions), squeeze=False, sharex="col", sharey="row")
     for (upper, lower), emotion in zip(rows.T, emotions, strict=True):
@@ -156,7 +159,7 @@ def palm_distance(results: Sequence[TrialResult]) -> Drawing:
 
 def palm_paths(results: Sequence[TrialResult]) -> Drawing:
     """Paths of the palms from the side and from above, until contact and a little beyond."""
-    emotions = emotions_of(results)
+    emotions = styles_of(results)
     figure = new_figure(9.0, 4.2)
     rows = figure.subplots(2, len(emotions), squeeze=False, sharex=True, sharey="row")
     partner = not all(r.simulated for r in results)
@@ -190,7 +193,7 @@ def palm_paths(results: Sequence[TrialResult]) -> Drawing:
 
 def joint_angles(results: Sequence[TrialResult]) -> Drawing:
     """Angles of the right shoulder, elbow and wrist, generated and played."""
-    emotions = emotions_of(results)
+    emotions = styles_of(results)
     figure = new_figure(9.0, 8.0)
     rows = figure.subplots(len(HINGES), len(emotions), squeeze=False, sharex="col", sharey="row")
     index = avatar_skeleton().index
@@ -244,7 +247,7 @@ def latency(results: Sequence[TrialResult]) -> Drawing:
 
 
 def _shown(results: Sequence[TrialResult], emotion: str) -> list[TrialResult]:
-    return [r for r in results if emotion_of(r) == emotion][:_TRACES]
+    return [r for r in results if style_of(r) == emotion][:_TRACES]
 
 
 def _around_contact(result: TrialResult) -> tuple[Array, slice]:

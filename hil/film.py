@@ -1,4 +1,4 @@
-"""The film of a session, one high five an emotion, and the picture strips of its report."""
+"""The film of a session, the median high five of each style, and the picture strips of its report."""
 
 # pyright: reportAttributeAccessIssue=false
 # (MuJoCo's compiled bindings ship no type stubs.)
@@ -6,18 +6,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from hil.arm_trial import ArmTrial
+from hil.bench_retarget import Met
 from hil.captions import Captions
 from hil.moments import moments_of, showpieces
+from hil.session import RATE_HZ
+from hil.sim.arm_twin import ArmTwin
 from hil.sim.rendering import Image, NoPictures, Renderer, open_renderer
 from hil.sim.scene import Scene
 from hil.sim.video import write_video
+from hil.stage import Stage, arm_stage, avatar_stage
 from hil.trial import TrialResult
 from model.errors import HighFiveError
 from model.files import written_whole
@@ -57,55 +63,79 @@ Progress = Callable[[str, int], Callable[[], None]]
 
 @dataclass(frozen=True)
 class Shot:
-    """Ticks of a trial from one camera, one a frame; ``contact`` is the tick at which the palms meet."""
+    """Ticks of a trial from one camera, one a frame; ``contact`` is the tick at which palms, or palm and plate, meet.
+
+    Where the servo arm is drawn instead of the avatar, ``arm`` is how it met the hand.
+    """
 
     result: TrialResult
     camera: str
     ticks: range
     contact: int
     slow: bool
+    arm: Met | None = None
 
 
 @dataclass(frozen=True)
 class Strip:
-    """Pictures of one trial: label and picture of each moment."""
+    """Pictures of one trial: label and picture of each moment; of the servo ``arm`` or of the avatar."""
 
     result: TrialResult
     pictures: tuple[tuple[str, Image], ...]
+    arm: bool = False
 
 
-class _Stage:
-    """Puts avatar and person of a trial into the scene."""
+@dataclass(frozen=True)
+class Arms:
+    """What the servo arm did, by the numbers of the trials, and a visible scene with it instead of the avatar."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene, self.data = scene, scene.make_data()
-        self._result: TrialResult | None = None
-        self._tick = 0
-
-    def show(self, result: TrialResult, tick: int) -> mujoco.MjData:
-        # The person's feet follow the trunk on a leash, so where they are depends on all ticks before.
-        if result is not self._result or tick < self._tick:
-            self.data = self._scene.make_data()
-            self._result, self._tick = result, -1
-        for i in range(self._tick + 1, tick + 1):
-            self._scene.set_person(self.data, result.people[i])
-        self._tick = tick
-        self._scene.set_pose(self.data, result.poses[tick])
-        mujoco.mj_kinematics(self._scene.model, self.data)
-        return self.data
+    scene: ArmTwin
+    trials: Mapping[int, ArmTrial]
 
 
-def picture_strips(scene: Scene, results: Sequence[TrialResult]) -> list[Strip] | NoPictures:
-    """Five moments of one trial an emotion, 480 × 400; or why there are none. ``scene`` is built ``visible``."""
-    opened = open_renderer(scene, 640, 400)
+@dataclass(frozen=True)
+class _Set:
+    """Where shots are taken."""
+
+    stage: Stage
+    renderer: Renderer
+    quality: _Quality
+
+    def draw(self, shot: Shot, tick: int) -> Image:
+        return self.renderer.render(self.stage.show(shot.result, tick), shot.camera)
+
+    def close(self) -> None:
+        self.renderer.close()
+
+
+def picture_strips(scene: Scene, results: Sequence[TrialResult], arms: Arms | None = None) -> list[Strip] | NoPictures:
+    """Five moments of each style's median trial, 480 × 400; or why there are none.
+
+    Args:
+        scene: built ``visible``.
+        results: the trials.
+        arms: what the servo arm did in them; it gets strips of its own.
+    """
+    shown = showpieces(results)
+    strips = _strips(avatar_stage(scene), shown, _moments)
+    if arms is None or isinstance(strips, NoPictures):
+        return strips
+    met = [result for result in shown if result.number in arms.trials]
+    more = _strips(arm_stage(arms.scene, arms.trials), met, lambda r: _arm_moments(r, arms.trials[r.number]))
+    if isinstance(more, NoPictures):
+        return strips
+    both = [*strips, *(replace(strip, arm=True) for strip in more)]
+    return sorted(both, key=lambda strip: shown.index(strip.result))
+
+
+def _strips(
+    stage: Stage, results: Sequence[TrialResult], moments: Callable[[TrialResult], list[tuple[str, int]]]
+) -> list[Strip] | NoPictures:
+    opened = open_renderer(stage.scene, 640, 400)
     if isinstance(opened, NoPictures):
         return opened
     with opened as renderer:
-        stage = _Stage(scene)
-        return [
-            Strip(r, tuple((label, _drawn(renderer, stage, r, i)) for label, i in _moments(r)))
-            for r in showpieces(results)
-        ]
+        return [Strip(r, tuple((label, _drawn(renderer, stage, r, i)) for label, i in moments(r))) for r in results]
 
 
 def _moments(result: TrialResult) -> list[tuple[str, int]]:
@@ -123,21 +153,41 @@ def _moments(result: TrialResult) -> list[tuple[str, int]]:
     return list(chosen.items())
 
 
-def _drawn(renderer: Renderer, stage: _Stage, result: TrialResult, tick: int) -> Image:
+def _arm_moments(result: TrialResult, arm: ArmTrial) -> list[tuple[str, int]]:
+    """The same moments, but for when plate and palm meet."""
+    moments = dict(_moments(result))
+    start, half_way, just_before, _, after = moments.values()
+    met = min(_arm_contact(arm), len(result.times) - 1)
+    label = "plate and palm meet" if arm.met.touched else "when the avatar meets it"
+    late = min(max(after, met + 12), len(result.times) - 1)
+    ticks = (start, half_way, min(just_before, met - 1), met, late)
+    return list(zip(("start", "half way", "just before", label, "release"), (max(t, 0) for t in ticks), strict=True))
+
+
+def _arm_contact(arm: ArmTrial) -> int:
+    return arm.due + (round(arm.met.late * RATE_HZ) if arm.met.touched else 0)
+
+
+def _drawn(renderer: Renderer, stage: Stage, result: TrialResult, tick: int) -> Image:
     picture = renderer.render(stage.show(result, tick), "wide")
     return np.ascontiguousarray(picture[:, 80:560])
 
 
 def make_film(
-    scene: Scene, results: Sequence[TrialResult], path: Path, progress: Progress = lambda label, total: lambda: None
+    scene: Scene,
+    results: Sequence[TrialResult],
+    path: Path,
+    progress: Progress = lambda label, total: lambda: None,
+    arms: Arms | None = None,
 ) -> Path | NoPictures:
-    """Writes an MP4 of one high five an emotion, each in real time and then close by at a quarter of the speed.
+    """Writes an MP4 of each style's median high five, in real time and then close by at a quarter of the speed.
 
     Args:
         scene: built ``visible``.
         results: at least one trial.
         path: where the film goes; nothing is left there if it fails.
         progress: told the number of frames.
+        arms: what the servo arm did in them; it is shown after the avatar, likewise.
 
     Returns:
         ``path``, or why there is no film: no OpenGL, or no trial.
@@ -145,16 +195,23 @@ def make_film(
     Raises:
         HighFiveError: the file cannot be written.
     """
-    shots = [shot for result in showpieces(results) for shot in _shots(result)]
+    shown = showpieces(results)
+    trials = {} if arms is None else arms.trials
+    shots = [shot for result in shown for shot in _shots(result, trials.get(result.number))]
     if not shots:
         return NoPictures("film left out: no trial was finished")
     count = _TITLE + sum(len(shot.ticks) for shot in shots)
-    stage = _Stage(scene)
-    opened = _open(scene, stage, shots[0], count)
+    opened = _open(avatar_stage(scene), shots[0], count)
     if isinstance(opened, NoPictures):
         return opened
-    with opened as renderer:
-        frames = _counted(_frames(renderer, stage, shots), progress("film", count))
+    with ExitStack() as stack:
+        sets = [stack.enter_context(closing(opened))]
+        if arms is not None:
+            other = _set(arm_stage(arms.scene, arms.trials), opened.quality)
+            if isinstance(other, NoPictures):
+                return other
+            sets.append(stack.enter_context(closing(other)))
+        frames = _counted(_frames(sets, shots, several=len(results) > len(shown)), progress("film", count))
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with written_whole(path) as partial:
@@ -164,48 +221,60 @@ def make_film(
     return path
 
 
-def _shots(result: TrialResult) -> tuple[Shot, Shot]:
+def _shots(result: TrialResult, arm: ArmTrial | None) -> list[Shot]:
     at = moments_of(result)
     start, end = max(at.start - _BEFORE, 0), min(at.release + _AFTER, at.end)
     slow = range(max(at.contact - _SLOW_BEFORE, 0), min(at.contact + _SLOW_AFTER, at.end) + 1)
     # Counted from contact, so that one frame shows the contact itself.
     real = range(at.contact - (at.contact - start) // TICKS_A_FRAME * TICKS_A_FRAME, end + 1, TICKS_A_FRAME)
-    return Shot(result, "wide", real, at.contact, False), Shot(result, "close", slow, at.contact, True)
+    shots = [Shot(result, "wide", real, at.contact, False), Shot(result, "close", slow, at.contact, True)]
+    if arm is None:
+        return shots
+    met = min(_arm_contact(arm), at.end)
+    slow = range(max(met - _SLOW_BEFORE, 0), min(met + _SLOW_AFTER, at.end) + 1)
+    return [*shots, Shot(result, "wide", real, met, False, arm.met), Shot(result, "close", slow, met, True, arm.met)]
 
 
-def _open(scene: Scene, stage: _Stage, shot: Shot, count: int) -> Renderer | NoPictures:
-    """A renderer of the best quality at which ``count`` frames can be drawn in the budget."""
+def _open(stage: Stage, shot: Shot, count: int) -> _Set | NoPictures:
+    """The avatar's, of the best quality at which ``count`` frames can be drawn in the budget."""
     data = stage.show(shot.result, shot.ticks[0])
     for quality in _QUALITIES:
-        renderer = open_renderer(scene, *quality.size, shadows=quality.shadows, smooth=quality.smooth)
-        if isinstance(renderer, NoPictures) or quality is _QUALITIES[-1]:
-            return renderer
-        renderer.render(data, shot.camera)  # the first one also uploads everything
+        opened = _set(stage, quality)
+        if isinstance(opened, NoPictures) or quality is _QUALITIES[-1]:
+            return opened
+        opened.renderer.render(data, shot.camera)  # the first one also uploads everything
         start = time.perf_counter()
         for _ in range(3):
-            renderer.render(data, shot.camera)
+            opened.renderer.render(data, shot.camera)
         if count * (time.perf_counter() - start) / 3.0 <= BUDGET_S:
-            return renderer
-        renderer.close()
+            return opened
+        opened.close()
     raise AssertionError("the last quality is taken however slow it is")
 
 
-def _frames(renderer: Renderer, stage: _Stage, shots: Sequence[Shot]) -> Iterator[Image]:
-    still = renderer.render(stage.show(shots[0].result, shots[0].ticks[0]), shots[0].camera)
+def _set(stage: Stage, quality: _Quality) -> _Set | NoPictures:
+    renderer = open_renderer(stage.scene, *quality.size, shadows=quality.shadows, smooth=quality.smooth)
+    return renderer if isinstance(renderer, NoPictures) else _Set(stage, renderer, quality)
+
+
+def _frames(sets: Sequence[_Set], shots: Sequence[Shot], *, several: bool) -> Iterator[Image]:
+    """The avatar's set first, then the arm's, if there is one."""
+    still = sets[0].draw(shots[0], shots[0].ticks[0])
     captions = Captions(still.shape[0])
-    title = captions.title(still, simulated=all(shot.result.simulated for shot in shots))
+    chosen = "of each style the median high five of this session" * several
+    title = captions.title(still, simulated=all(shot.result.simulated for shot in shots), chosen=chosen)
     for i in range(_TITLE):
         yield _mixed(np.zeros_like(title), title, (i + 1) / _DARK)
     before, left = title, sum(len(shot.ticks) for shot in shots)
     for shot in shots:
-        frame = before
+        here, frame = sets[shot.arm is not None], before
         for i, tick in enumerate(shot.ticks):
-            frame = renderer.render(stage.show(shot.result, tick), shot.camera).copy()
+            frame = here.draw(shot, tick).copy()
             since = tick - shot.contact
-            if shot.slow and shot.result.contact.met and since >= 0:
-                where = pixel_of(stage.data, shot.camera, shot.result.contact.where, frame.shape[:2])
+            if shot.slow and shot.arm is None and shot.result.contact.met and since >= 0:
+                where = pixel_of(here.stage.data, shot.camera, shot.result.contact.where, frame.shape[:2])
                 captions.ring(frame, where, since / _RING)
-            captions.caption(frame, shot.result, slow=shot.slow, after_contact=since >= 0)
+            captions.caption(frame, shot.result, slow=shot.slow, after_contact=since >= 0, arm=shot.arm)
             yield _mixed(np.zeros_like(frame), _mixed(before, frame, (i + 1) / _FADE), left / _DARK)
             left -= 1
         before = frame

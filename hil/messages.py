@@ -31,7 +31,8 @@ CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "/session": ("high_five.Session", {"settings": {"type": "object"}, "joints": _NAMES, "units": _TEXT}),
     "/trial": (
         "high_five.Trial",
-        {"trial": _NUMBER, "title": _TEXT, "emotion": _TEXT, "cell": _TEXT, "simulated": _YES, "notes": _NAMES},
+        {"trial": _NUMBER, "title": _TEXT, "emotion": _TEXT, "style": _TEXT, "cell": _TEXT, "simulated": _YES,
+         "notes": _NAMES},
     ),
     "/markers": ("high_five.Markers", {"names": _NAMES, "positions": _ROWS, "seen": {"type": "array", "items": _YES}}),
     "/person": (
@@ -101,7 +102,7 @@ def person(arm: HumanArm) -> dict[str, Any]:
 
 def trial(result: TrialResult) -> dict[str, Any]:
     """For ``/trial``."""
-    names = {"emotion": result.emotion, "cell": result.cell, "notes": list(result.notes)}
+    names = {"emotion": result.emotion, "style": result.style, "cell": result.cell, "notes": list(result.notes)}
     return {"trial": result.number, "title": result.title, "simulated": result.simulated, **names}
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.sim.actors import CELLS
-from hil.summary import emotion_of
+from hil.summary import style_of
 from hil.trial import TrialResult
 
 _MOVED = 0.05
@@ -54,15 +53,14 @@ def apart_at_contact(result: TrialResult) -> float:
 
 
 def showpieces(results: Sequence[TrialResult]) -> list[TrialResult]:
-    """One trial an emotion, the one to show: palms met near the middle of the grid, nothing else touched."""
+    """One trial a style, the one to show: the median one, in how far the palms were apart. One without a touch is the
+    worst; of an even number it is the nearer one of the middle."""
     groups: dict[str, list[TrialResult]] = {}
     for result in results:
-        groups.setdefault(emotion_of(result), []).append(result)
-    return [min(group, key=_blemishes) for group in groups.values()]
+        groups.setdefault(style_of(result), []).append(result)
+    return [sorted(group, key=_apart)[(len(group) - 1) // 2] for group in groups.values()]
 
 
-def _blemishes(result: TrialResult) -> tuple[bool, bool, int, float]:
-    row, column = divmod(CELLS.index(result.cell), 3) if result.cell in CELLS else (1, 1)
-    off_centre = abs(row - 1) + abs(column - 1)
-    touched = 2 * bool(result.contact.unwanted)
-    return not result.contact.met, result.out_of_reach, off_centre + touched, result.error
+def _apart(result: TrialResult) -> tuple[bool, float]:
+    """To the true palm at first touch, where it is known; else to the tracked one."""
+    return not result.contact.met, result.error if np.isnan(result.touch_error) else result.touch_error

@@ -20,6 +20,7 @@ from mocap_bridge.marker_sets import MarkerSet, find_marker_set, load_marker_set
 from mocap_bridge.recording import Recording, resample
 from mocap_bridge.sources import RATE_HZ
 from model.rotations import Array
+from model.skeleton import Skeleton
 
 _SESSION_DRAWS = 1_000_000
 """Added to the repetition of a session's trials, so that none is one that a capture with the same seed holds."""
@@ -39,6 +40,7 @@ class Partner:
         palm: (T, 3) m, the person's true palm where it is known, else None.
         other_palm: (T, 3) m, the palm of who met that hand originally (actor or real partner), else None.
         notes: how the person was placed in the world.
+        draws: how many pairs were drawn until two could meet; 0 of a real person.
     """
 
     title: str
@@ -51,6 +53,7 @@ class Partner:
     palm: Array | None
     other_palm: Array | None
     notes: tuple[str, ...] = ()
+    draws: int = 0
 
     def in_emotion(self, emotion: str) -> Partner:
         """The same person, to be answered in another emotion."""
@@ -77,16 +80,49 @@ def simulated_partners(
 def _simulated(chosen: tuple[str, str, int, int]) -> Partner:
     emotion, cell, repetition, seed = chosen
     draw = [seed, list(EMOTIONS).index(emotion), CELLS.index(cell), _SESSION_DRAWS + repetition]
-    rng = np.random.default_rng(draw)
-    trial = simulate_pair(emotion, cell, repetition, rng)
+    return simulated_partner(emotion, cell, repetition, np.random.default_rng(draw))
+
+
+def simulated_partner(
+    emotion: str,
+    cell: str,
+    repetition: int,
+    rng: np.random.Generator,
+    defects: Defects | None = None,
+    body: Skeleton | None = None,
+    slips: Array | None = None,
+) -> Partner:
+    """One simulated person who raises a hand.
+
+    Args:
+        emotion, cell, repetition: which high five.
+        rng: where its differences and the defects come from.
+        defects: of the capture; None for the usual ones.
+        body: the person's; None draws one.
+        slips: (M, 3) m, how far each marker sits from where the set has it, in the frame of the joint that carries it;
+            None for not at all.
+    """
+    trial = simulate_pair(emotion, cell, repetition, rng, body)
     marker_set = load_marker_set(PERSON_SET)
-    recording = record([("", markers_of(trial.person, marker_set), marker_set)], Defects(), rng)
+    worn = marker_set if slips is None else replace(marker_set, local_positions=marker_set.local_positions + slips)
+    defects = Defects() if defects is None else defects
+    recording = record([("", markers_of(trial.person, worn), marker_set)], defects, rng)
     palms = [
         right_palm(a.skeleton, *a.skeleton.forward_kinematics(a.root_in_world, a.quaternions))[0]
         for a in (trial.person, trial.avatar)
     ]
-    title = f"simulated person, {emotion}, cell {cell}"
-    return Partner(title, emotion, cell, True, recording, marker_set, trial.contact_frame, palms[0], palms[1])
+    return Partner(
+        title=f"simulated person, {emotion}, cell {cell}",
+        emotion=emotion,
+        cell=cell,
+        simulated=True,
+        recording=recording,
+        marker_set=marker_set,
+        contact_frame=trial.contact_frame,
+        palm=palms[0],
+        other_palm=palms[1],
+        draws=trial.draws,
+    )
 
 
 def recorded_partner(path: Path, human: str | None, marker_set: MarkerSet | None, emotion: str) -> Partner:

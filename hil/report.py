@@ -6,32 +6,39 @@ The page needs nothing but itself: pictures are inside, there is no script, and 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from hil.arm_report import arm_section
-from hil.colours import colour_of
+from hil.arm_session import EMULATED
 from hil.console import counted
 from hil.drawing import Drawing, to_png
 from hil.figures import draw_all
 from hil.film import Strip
 from hil.page import figures, jpeg, render, section, table, write_file
+from hil.report_tables import dot, show, style_table, trial_table
 from hil.sim.rendering import NoPictures
-from hil.summary import SessionSettings, Target, kind, targets
+from hil.summary import SessionSettings, kind
+from hil.targets import Target, targets
 from hil.trial import TrialResult
 
 PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
 _SIMULATED = (
     "The people in this report are simulated. They stand in for people to test the chain from markers to contact; no "
-    "figure here is a finding about people."
+    "figure here is a finding about people. Pairs of a simulated person and an actor were drawn until two could meet, "
+    "so all of these hands are within reach."
 )
-
-_COLUMNS = (
-    "Error: palm to palm at contact, or at the nearest approach, as played. True: to the person's true palm. Later: "
-    "than the palms met originally. Speed step: largest change of a joint's speed from tick to tick while the "
-    "correction fades in, as a share of the largest in the motion as generated."
+_OTHER = (
+    "In the recording the two people's own palms come within {other} mm of each other. That is between palm centres "
+    "which are estimated from wrist and hand points (joint centres, where a file has them), not between skins, and "
+    "people meet at a slant. The avatar's palm is brought to that same estimate, within {ours} mm: the two figures do "
+    "not compare."
+)
+_MEDIAN = (
+    "Shown is the median high five of each style, by how far the palms were apart; of an even number the nearer one of "
+    "the middle two."
 )
 
 
@@ -76,14 +83,15 @@ def render_page(
     """The page as text."""
     drawn = {drawing.name: drawing for drawing in drawings}
     sections = [
+        _warnings(summary),
         _headline(targets(summary)),
         section("Findings", _findings(summary)),
-        section("Moments", _strips(pictures) + _film(film, pictures)),
-        section("Contact error", figures(drawn, "contact_error", "error_by_cell") + _by_emotion(summary)),
+        section("Moments", _strips(pictures, summary) + _film(film, pictures)),
+        section("Contact error", style_table(summary) + figures(drawn, "contact_error", "error_by_cell")),
         section("Movement", figures(drawn, "palm_distance", "palm_paths", "joint_angles")),
         section("Servo arm", arm_section(summary["arm"], drawn) if summary["arm"] else ""),
         section("Latency", figures(drawn, "latency")),
-        section("Trials", _trials(summary)),
+        section("Trials", trial_table(summary)),
         section("Do it again", _reproduce(summary, settings)),
     ]
     title = f"High Five: a {kind(summary)} session"
@@ -92,14 +100,14 @@ def render_page(
 
 def _subtitle(summary: dict[str, Any]) -> str:
     trials = counted(summary["trials"], "trial")
-    style = summary["style"]
-    if style:
-        mood = "answered as " + ", ".join(f"{escape(e)} {w:g}" for e, w in style.items())
-    elif summary["simulated"]:
+    if summary["simulated"] and not summary["style"]:
         mood = "each answered in the emotion of the person"
     else:
-        emotions = [escape(emotion) for emotion in summary["contact_error_mm"]["by_emotion"]]
-        mood = "answered as " + ", ".join(emotions) if emotions else "none was finished"
+        styles = [escape(style) for style in summary["contact_error_mm"]["by_emotion"]]
+        mood = "answered as " + ", ".join(styles) if styles else "none was finished"
+    people = list(dict.fromkeys(row["person_emotion"] for row in summary["rows"] if row["person_emotion"]))
+    if summary["style"] and people:
+        mood += "; the person herself is " + " or ".join(escape(emotion) for emotion in people)
     source = f", {escape(summary['source'])}" if summary["source"] else ""
     return f"{trials}{source}, {mood}. Model {escape(str(summary['model']))}, seed {summary['seed']}."
 
@@ -107,6 +115,13 @@ def _subtitle(summary: dict[str, Any]) -> str:
 def _badges(summary: dict[str, Any]) -> str:
     badges = [(f"{kind(summary)} person", False)]
     badges.append(("physics" if summary["physics"] else "kinematic play-out", False))
+    if summary["rig"]:
+        emulated = summary["rig"] == EMULATED
+        badges.append(("emulated servo arm" if emulated else f"servo arm on {summary['rig']}", not emulated))
+        if summary["arm"] and summary["arm"]["stopped"]:
+            badges.append(("the arm was stopped", True))
+    if summary["warnings"]:
+        badges.append(("the correction did all of it", True))
     if not summary["corrected"]:
         badges.append(("contact correction off", True))
     if summary["interrupted"]:
@@ -114,11 +129,17 @@ def _badges(summary: dict[str, Any]) -> str:
     return "".join(f'<span class="badge{" loud" * loud}">{escape(text)}</span>' for text, loud in badges)
 
 
+def _warnings(summary: dict[str, Any]) -> str:
+    return "".join(f'<p class="warning">{escape(line)}</p>' for line in summary["warnings"])
+
+
 def _headline(listed: Sequence[Target]) -> str:
     state = {True: '<span class="met">met</span>', False: '<span class="unmet">not met</span>', None: "not judged"}
     cards = (
         f'<div class="figure"><div class="what">{escape(t.what)}</div><div class="value">{escape(t.measured)}</div>'
-        f'<div class="target">target {escape(t.target)}: {state[t.met]}</div></div>'
+        f'<div class="target">target {escape(t.target)}: {state[t.met]}</div>'
+        + (f'<div class="why">{escape(t.why)}</div>' if t.why else "")
+        + "</div>"
         for t in listed
     )
     return f'<div class="headline">{"".join(cards)}</div>'
@@ -138,24 +159,29 @@ def _findings(summary: dict[str, Any]) -> str:
     for entry in summary["out_of_reach_trials"]:
         found.append(
             f"Trial {entry['trial']} ({escape(entry['title'])}): the palm was out of reach, "
-            f"{_show(entry['distance_mm'])} mm away."
+            f"{show(entry['distance_mm'])} mm away."
         )
     other = summary["other_error_mm"]
     if not summary["simulated"] and other["median"] is not None:
-        found.append(
-            f"Who really met that hand came within {_show(other['median'])} mm of it, measured in the same way; "
-            f"the avatar within {_show(summary['contact_error_mm']['median'])} mm."
-        )
-    truth = summary["true_error_mm"]
+        ours = show(summary["contact_error_mm"]["median"])
+        found.append(_OTHER.format(other=show(other["median"]), ours=ours))
+    truth, closing = summary["true_error_at_touch_mm"], summary["closing_speed_at_touch_m_s"]
     if truth["median"] is not None:
         found.append(
-            f"Against the person's true palm, which only a simulation knows, rather than the tracked one: median "
-            f"{_show(truth['median'])} mm, largest {_show(truth['max'])} mm."
+            "From the avatar's palm as played to the person's true palm, which only a simulation knows, as they first "
+            f"touched: {_spread(truth, summary, 'mm', 1)}. They closed in at {_spread(closing, summary, 'm/s')}."
         )
     if summary["unwanted_contacts"] == 0:
         found.append("Nothing touched that should not have.")
     text = "".join(f"<p>{line}</p>" for line in found)
     return text + _unwanted(summary)
+
+
+def _spread(extent: Mapping[str, float | None], summary: Mapping[str, Any], unit: str, digits: int = 2) -> str:
+    """Median and largest; of a single trial the one figure that there is."""
+    if summary["trials"] == 1:
+        return f"{show(extent['median'], digits)} {unit}"
+    return f"{show(extent['median'], digits)} {unit} (median; largest {show(extent['max'], digits)})"
 
 
 def _list(name: str, numbers: Sequence[int]) -> str:
@@ -173,7 +199,7 @@ def _unwanted(summary: dict[str, Any]) -> str:
             first,
             second,
             str(len(entries)),
-            _show(max(e["deepest_mm"] for e in entries)),
+            show(max(e["deepest_mm"] for e in entries)),
             _numbers(e["trial"] for e in entries),
         ]
         for (first, second), entries in pairs.items()
@@ -190,12 +216,13 @@ def _numbers(trials: Iterable[int]) -> str:
     return ", ".join(listed[:12]) + (" …" if len(listed) > 12 else "")
 
 
-def _strips(pictures: Sequence[Strip] | NoPictures) -> str:
+def _strips(pictures: Sequence[Strip] | NoPictures, summary: Mapping[str, Any]) -> str:
     if isinstance(pictures, NoPictures):
         return f"<p>{escape(pictures.reason[:1].upper() + pictures.reason[1:])}.</p>"
     if not pictures:
         return "<p>Pictures left out: none were asked for, or no trial was finished.</p>"
-    return "".join(_strip(strip) for strip in pictures)
+    several = summary["trials"] > len({strip.result.number for strip in pictures})
+    return (f"<p>{_MEDIAN}</p>" if several else "") + "".join(_strip(strip) for strip in pictures)
 
 
 def _film(film: Path | NoPictures | None, pictures: Sequence[Strip] | NoPictures) -> str:
@@ -212,62 +239,11 @@ def _strip(strip: Strip) -> str:
         f'<figure><img alt="{escape(label)}" src="{jpeg(image)}"><figcaption>{escape(label)}</figcaption></figure>'
         for label, image in strip.pictures
     )
-    return (
-        f'<div class="strip"><h3>{_dot(strip.result.emotion)}{escape(strip.result.title)}</h3><div>{frames}</div></div>'
-    )
-
-
-def _dot(emotion: str | None) -> str:
-    return f'<span class="dot" style="background:{colour_of(emotion or "")}"></span>'
-
-
-def _by_emotion(summary: dict[str, Any]) -> str:
-    heads = ["emotion", "trials", "after correction, mm: median", "largest", "as generated, mm: median",
-             "largest", "palm angle, °: median", "largest", "contact later by, ms", "closing speed, m/s"]  # fmt: skip
-    rows = []
-    for emotion, error in summary["contact_error_mm"]["by_emotion"].items():
-        spreads = {name: summary[name]["by_emotion"][emotion] for name in (
-            "uncorrected_error_mm", "palm_angle_deg", "time_error_ms", "approach_speed_m_s")}  # fmt: skip
-        generated, angle, late, speed = spreads.values()
-        count = sum((row["emotion"] or "unknown") == emotion for row in summary["rows"])
-        values = [error["median"], error["max"], generated["median"], generated["max"], angle["median"], angle["max"]]
-        shown = [_show(v) for v in values] + [_show(late["median"], 0), _show(speed["median"])]
-        rows.append([f"{_dot(emotion)}{escape(emotion)}", str(count), *shown])
-    return table(heads, rows, words={0}, escaped=True) if rows else ""
-
-
-def _trials(summary: dict[str, Any]) -> str:
-    if not summary["rows"]:
-        return ""
-    forced = summary["physics"]
-    heads = ["", "emotion", "cell", "met", "error, mm", "as generated, mm", "true, mm", "angle, °", "contact, s",
-             "later, ms", "closing, m/s", *(["force, N"] if forced else []), "speed step, ×",
-             "markers seen, %", "unwanted", "notes"]  # fmt: skip
-    rows = []
-    for r in summary["rows"]:
-        missed = "out of reach" if r["out_of_reach"] else "no"
-        met = "yes" if r["met"] and not r["out_of_reach"] else f'<span class="unmet">{missed}</span>'
-        force = [_show(r["peak_force_n"], 0)] if forced else []
-        seen = None if r["markers_seen"] is None else 100.0 * r["markers_seen"]
-        title = [] if r["simulated"] else [r["title"]]
-        rows.append([
-            str(r["trial"]), f"{_dot(r['emotion'])}{escape(r['emotion'] or '–')}", escape(r["cell"] or "–"), met,
-            _show(r["contact_error_mm"]), _show(r["uncorrected_error_mm"]), _show(r["true_error_mm"]),
-            _show(r["palm_angle_deg"], 1), _show(r["contact_time_s"]), _show(r["time_error_ms"], 0),
-            _show(r["approach_speed_m_s"]), *force, _show(r["speed_change_ratio"]), _show(seen, 1),
-            str(r["unwanted_contacts"]), escape("; ".join([*title, *r["notes"]])),
-        ])  # fmt: skip
-    last = len(heads) - 1
-    if not any(row[-1] for row in rows):
-        heads, rows = heads[:-1], [row[:-1] for row in rows]
-    return table(heads, rows, words={1, 2, 3, last}, escaped=True) + f'<p class="soft">{_COLUMNS}</p>'
-
-
-def _show(value: float | None, digits: int = 2) -> str:
-    if value is None:
-        return "–"
-    shown = f"{value:.{digits if abs(value) < 100 else min(digits, 1)}f}"
-    return shown.lstrip("-") if float(shown) == 0.0 else shown.replace("-", "−")
+    result = strip.result
+    arm = "servo arm: " if strip.arm else ""
+    answered = "" if result.style == result.emotion else f", answered as {result.style}"
+    heading = f"{dot(result.style)}{escape(arm + result.title + answered)}"
+    return f'<div class="strip"><h3>{heading}</h3><div>{frames}</div></div>'
 
 
 def _reproduce(summary: dict[str, Any], settings: SessionSettings) -> str:

@@ -19,21 +19,23 @@ from hil.arm_session import ArmOptions, at_their_time, check_arm, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
 from hil.console import Bar
 from hil.estop import uninterrupted
-from hil.film import Strip, make_film, picture_strips
+from hil.film import Arms, Strip, make_film, picture_strips
 from hil.folders import results_folder
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
 from hil.report import write_report
+from hil.servo_arm import DEFAULT_MOUNT
 from hil.session import RATE_HZ, Session, Tick
 from hil.sim.actors import CELLS
+from hil.sim.arm_twin import arm_in_scene
 from hil.sim.emotions import EMOTIONS
 from hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from hil.sim.rendering import NoPictures
 from hil.sim.scene import Scene, build_scene
 from hil.summary import SessionSettings, summarise
 from hil.training_data import tell
-from hil.trial import TrialResult, run_trial
+from hil.trial import TrialResult, run_trial, style_name
 from mocap_bridge.address import is_live
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.marker_sets import MarkerSet, load_marker_set
@@ -85,10 +87,10 @@ class SimulateOptions:
 
 @dataclass(frozen=True)
 class _Played:
-    """The trials that were finished, with what the arm did in them, and whether the session ended early."""
+    """The trials that were finished, what the arm did in them (by number), and whether the session ended early."""
 
     results: list[TrialResult] = field(default_factory=list)
-    arm: list[ArmTrial] = field(default_factory=list)
+    arm: dict[int, ArmTrial] = field(default_factory=dict)
     interrupted: bool = False
 
 
@@ -129,11 +131,11 @@ def _simulate(
         recorder = SessionRecorder(folder / "session.mcap", settings)
         played = _run(options, model, scene, partners, person, recorder, bar, watch)
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
-    arm = None if watch is None else arm_summary(played.arm, lag)
+    arm = None if watch is None else arm_summary(list(played.arm.values()), lag)
     results = played.results
     summary = summarise(results, settings, interrupted=played.interrupted, arm=arm)
-    strips, film = _pictures(options, results, folder, bar)
-    write_report(folder, summary, results, settings, strips, film, draw_arm(played.arm, lag))
+    strips, film = _pictures(options, played, folder, bar)
+    write_report(folder, summary, results, settings, strips, film, draw_arm(list(played.arm.values()), lag))
     return summary
 
 
@@ -146,19 +148,23 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
         corrected=options.correct,
         physics=options.physics,
         source=_shown(options.source),
+        arm="" if options.arm is None else options.arm.port,
         command=shlex.join(["highfive", *sys.argv[1:]]),
     )
 
 
 def _pictures(
-    options: SimulateOptions, results: Sequence[TrialResult], folder: Path, bar: Bar
+    options: SimulateOptions, played: _Played, folder: Path, bar: Bar
 ) -> tuple[Sequence[Strip] | NoPictures, Path | NoPictures]:
+    results = played.results
     if not options.pictures or not results:
         none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
         return none, none
     try:
         visible = build_scene(visible=True)
-        return picture_strips(visible, results), make_film(visible, results, folder / "highfive.mp4", bar)
+        arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
+        film = folder / "highfive.mp4"
+        return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
     except KeyboardInterrupt:
         none = NoPictures("pictures left out: interrupted")
         return none, none
@@ -225,18 +231,22 @@ def _run(
             gc.collect()
             gc.freeze()
             for number, partner in enumerate(partners):
-                session.set_style(options.style or {partner.emotion: 1.0})
-                result, trouble = _trial(number, partner, session, playout, person, watch)
+                style = options.style or {partner.emotion: 1.0}
+                session.set_style(style)
+                called = style_name(style)
+                result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
                         raise HighFiveError(f"no high five could be played: {trouble}")
                     tell(f"high five {number + 1} was broken off and does not count: {trouble}")
                     return replace(played, interrupted=True)
-                arm = None if watch is None else watch.end(partner.emotion, partner.cell, partner.contact_frame)
+                result = replace(result, style=called)
+                arm = None if watch is None else watch.end(called, partner.cell, partner.contact_frame)
                 recorder.record_trial(result, arm)
                 results.append(result)
-                played.arm.extend([] if arm is None else [arm])
+                if arm is not None:
+                    played.arm[number] = arm
                 advance()
                 if watch is not None and watch.loop.trouble:
                     tell(f"the arm was stopped: {watch.loop.trouble}")
@@ -251,6 +261,7 @@ def _run(
 def _trial(
     number: int,
     partner: Partner,
+    style: str,
     session: Session,
     playout: PlayOut,
     person: LivePerson | None,
@@ -268,7 +279,7 @@ def _trial(
         assert watch is not None
         frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
         return run_trial(number, partner, session, playout, frames, watch.watch), ""
-    tell(f"high five {number + 1}, {partner.emotion}: raise the right hand")
+    tell(f"high five {number + 1}, {style}: raise the right hand")
     live = person.trial()
     frames: Iterable[MarkerFrame] = live
     if watch is not None:

@@ -1,4 +1,4 @@
-"""The figures of a session: one JSON object, and how they stand to the targets.
+"""The figures of a session: one JSON object.
 
 Everything in it but ``tick_ms`` follows from the seed: two sessions with one seed give the same object, timings apart.
 """
@@ -19,6 +19,8 @@ from hil.trial import TrialResult
 from mocap_bridge.address import is_live
 
 MM, MS = 1e3, 1e3
+FAR_OFF_MM = 100.0
+"""mm before correction, in the median, beyond which the model did not answer the hand: the correction did all of it."""
 _FINGERS = ("palm", "thumb", "index", "middle", "ring", "little")
 
 
@@ -34,6 +36,7 @@ class SessionSettings:
         corrected: the contact correction was on.
         physics: the pose was played through actuators.
         source: the recording that the person came from, '' for simulated people.
+        arm: the servo arm that takes part: ``emulated``, or its port; '' for none.
         command: the command line that does it again; in report and recording, not among the figures.
     """
 
@@ -44,17 +47,8 @@ class SessionSettings:
     corrected: bool = True
     physics: bool = False
     source: str = ""
+    arm: str = ""
     command: str = ""
-
-
-@dataclass(frozen=True)
-class Target:
-    """A figure beside its target; ``met`` is None where the figure is missing or the target does not apply."""
-
-    what: str
-    target: str
-    measured: str
-    met: bool | None
 
 
 @dataclass(frozen=True)
@@ -73,6 +67,8 @@ _SPREADS = (
     _Column("contact_error_mm", lambda r: r.error, MM),
     _Column("uncorrected_error_mm", lambda r: r.uncorrected_error, MM),
     _Column("true_error_mm", lambda r: r.true_error, MM),
+    _Column("true_error_at_touch_mm", lambda r: r.touch_error, MM),
+    _Column("closing_speed_at_touch_m_s", lambda r: r.touch_speed),
     _Column("other_error_mm", lambda r: r.other_error, MM),
     _Column("palm_angle_deg", lambda r: r.palm_angle, math.degrees(1.0)),
     _Column("time_error_ms", lambda r: r.time_error, MS),
@@ -91,17 +87,22 @@ def summarise(
 ) -> dict[str, Any]:
     """The JSON object of a session: numbers, strings, lists and objects of them; what is not known is None.
 
-    Spreads have ``median``, ``max`` (what is furthest from 0, sign kept) and ``by_emotion``. Errors are palm centre
-    to palm centre: ``contact_error_mm`` of what was played at its nearest, ``uncorrected_error_mm`` of what the model
-    generated, ``true_error_mm`` to the simulated person's true palm, ``other_error_mm`` of who met that hand
-    originally. ``arm`` is :func:`hil.arm_trial.arm_summary`, None where no servo arm took part. Trials out of reach
-    and without contact count in all of them.
+    Spreads have ``median``, ``max`` (what is furthest from 0, sign kept) and ``by_emotion``, which is by the style that
+    the avatar answered in. Errors are palm centre to palm centre: ``contact_error_mm`` of what was played, at its
+    nearest to the palm as tracked, ``uncorrected_error_mm`` of what the model generated, likewise; ``true_error_mm`` of
+    the nearest as played, to the simulated person's true palm; ``true_error_at_touch_mm`` and
+    ``closing_speed_at_touch_m_s`` to that palm when they first touch; ``other_error_mm`` of who met that hand
+    originally. Of each row, ``emotion`` is the one that was asked for: the simulated person's, or the one in which a
+    real person is answered; ``style`` is what the avatar answered in; ``person_emotion`` is the simulated person's,
+    None of a real one. ``arm`` is :func:`hil.arm_trial.arm_summary`, None where no servo arm took part. Trials out
+    of reach and without contact count in all of them. ``warnings`` are sentences for people.
     """
     unwanted = [entry for result in results for entry in _unwanted(result)]
     out_of_reach = [
         {"trial": r.number, "title": r.title, "distance_mm": _number(MM * r.error)} for r in results if r.out_of_reach
     ]
     missed = [r.number for r in results if not r.contact.met]
+    spreads = {column.name: _spread(column, results) for column in _SPREADS}
     return {
         "trials": len(results),
         "planned": settings.trials,
@@ -114,7 +115,9 @@ def summarise(
         "source": settings.source or None,
         "corrected": settings.corrected,
         "physics": settings.physics,
-        **{column.name: _spread(column, results) for column in _SPREADS},
+        "rig": settings.arm or None,
+        "warnings": _warnings(spreads, settings.corrected),
+        **spreads,
         "by_cell": _by_cell(results),
         "missed": len(missed),
         "missed_trials": missed,
@@ -139,27 +142,6 @@ def without_timings(summary: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in summary.items() if name not in ("tick_ms", "arm")}
 
 
-def targets(summary: dict[str, Any]) -> list[Target]:
-    """The project's targets beside what was measured; see ``docs/performance.md``."""
-    error, angle, tick = summary["contact_error_mm"], summary["palm_angle_deg"], summary["tick_ms"]
-    applies = summary["corrected"]
-    far = {entry["trial"] for entry in summary["out_of_reach_trials"]}
-    # A simulated person stands where both can reach; a recorded one may not.
-    judged = [row for row in summary["rows"] if summary["simulated"] or row["trial"] not in far]
-    worst = max((row["contact_error_mm"] for row in judged), default=None)
-    listed = [
-        _target("palm to palm at contact, median", error["median"], 1.0, "mm", applies and summary["simulated"]),
-        _target("palm to palm at contact, largest", worst, 5.0, "mm", applies),
-        _target("angle between the palms, largest", angle["max"], 5.0, "°", applies),
-        _target("step in joint speed at fade-in", summary["speed_change_ratio"]["max"], 1.0, "×", applies),
-        _target("one tick, half of all", tick["p50"], 1.0, "ms", True),
-        _target("one tick, 99 of 100", tick["p99"], 3.0, "ms", True),
-    ]
-    if summary["simulated"]:
-        return listed
-    return [t for t in listed if not t.what.endswith("median")]
-
-
 def versions() -> dict[str, str]:
     """Versions of what the figures depend on."""
     found = {"python": platform.python_version()}
@@ -171,14 +153,14 @@ def versions() -> dict[str, str]:
     return found
 
 
-def emotions_of(results: Iterable[TrialResult]) -> list[str]:
-    """The emotions that occur, in order of appearance; ``'unknown'`` stands for none."""
-    return list(dict.fromkeys(emotion_of(result) for result in results))
+def styles_of(results: Iterable[TrialResult]) -> list[str]:
+    """The styles that the avatar answered in, in order of appearance; ``'unknown'`` stands for none."""
+    return list(dict.fromkeys(style_of(result) for result in results))
 
 
-def emotion_of(result: TrialResult) -> str:
-    """The emotion of a trial, or ``'unknown'``."""
-    return result.emotion or "unknown"
+def style_of(result: TrialResult) -> str:
+    """The style that the avatar answered in, or ``'unknown'``."""
+    return result.style or "unknown"
 
 
 def body_part(shape: str) -> str:
@@ -195,10 +177,14 @@ def body_part(shape: str) -> str:
     return part.replace("_", " ")
 
 
-def _target(what: str, value: float | None, limit: float, unit: str, applies: bool) -> Target:
-    unit = unit if unit == "°" else f" {unit}"
-    measured = "–" if value is None else f"{value:.2f}{unit}"
-    return Target(what, f"≤ {limit:g}{unit}", measured, value <= limit if applies and value is not None else None)
+def _warnings(spreads: Mapping[str, Any], corrected: bool) -> list[str]:
+    before = spreads["uncorrected_error_mm"]["median"]
+    if not corrected or before is None or before <= FAR_OFF_MM:
+        return []
+    return [
+        f"Before correction the avatar's palm was {before:.0f} mm off: the model did not answer this hand, the contact "
+        "correction did all of it. How near the palms came says nothing of the model."
+    ]
 
 
 def _ratio(change: float, largest: float) -> float:
@@ -218,7 +204,7 @@ def _extent(values: Iterable[float]) -> dict[str, float | None]:
 
 
 def _spread(column: _Column, results: Sequence[TrialResult]) -> dict[str, Any]:
-    groups = {e: [r for r in results if emotion_of(r) == e] for e in emotions_of(results)}
+    groups = {e: [r for r in results if style_of(r) == e] for e in styles_of(results)}
     return {
         **_extent(column.of(results)),
         "by_emotion": {emotion: _extent(column.of(group)) for emotion, group in groups.items()},
@@ -253,6 +239,8 @@ def _row(result: TrialResult) -> dict[str, Any]:
         "trial": result.number,
         "title": result.title,
         "emotion": result.emotion or None,
+        "style": result.style or None,
+        "person_emotion": (result.emotion or None) if result.simulated else None,
         "cell": result.cell or None,
         "simulated": result.simulated,
         "met": result.contact.met,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from hil.avatar import Pose
 from hil.partners import Partner
 from hil.reach import Phase
 from hil.session import RATE_HZ, Session, Tick
-from hil.sim.contact_check import ContactReport, contact_report
+from hil.sim.contact_check import ContactReport, common_normal, contact_report
 from hil.sim.playout import PlayOut, PlayState
 from hil.synchroniser import Synchroniser
 from mocap_bridge.frames import HumanArm, MarkerFrame
@@ -28,11 +28,16 @@ class TrialResult:
 
     Attributes:
         number: counted from 0.
-        title, emotion, cell, simulated, notes: from the partner.
+        title, emotion, cell, simulated, notes: from the partner; the emotion is the simulated person's own.
+        style: in which the avatar answered, such as ``'angry'`` or ``'angry 0.5 + neutral 0.5'``.
         contact: what the contact check found in the scene.
         error: m, palm to palm at contact; where they did not meet, at the nearest approach.
         uncorrected_error: m, of the generated pose at its own nearest approach.
-        true_error: m, to the person's true palm rather than the tracked one, where it is known, else NaN.
+        true_error: m, at the nearest, to the person's true palm rather than the tracked one; NaN where not known.
+        touch_error: m, between the played palm and the person's true palm in the tick in which the palms first touch by
+            the contact check; NaN where they do not, or the true palm is not known.
+        touch_speed: m/s, at which the played palm and the true one close in along their common normal over that tick;
+            NaN likewise.
         palm_angle: rad, between the palms, 0 when they face each other.
         out_of_reach: the palm could not be reached at contact; ``error`` says by how much.
         contact_time: s, when the palms met in this trial, NaN if they did not.
@@ -54,6 +59,7 @@ class TrialResult:
     number: int
     title: str
     emotion: str
+    style: str
     cell: str
     simulated: bool
     notes: tuple[str, ...]
@@ -61,6 +67,8 @@ class TrialResult:
     error: float
     uncorrected_error: float
     true_error: float
+    touch_error: float
+    touch_speed: float
     palm_angle: float
     out_of_reach: bool
     contact_time: float
@@ -92,6 +100,8 @@ def run_trial(
 ) -> TrialResult:
     """One trial. The partner's recording goes as fast as it can; its figures are the same every time, timings apart.
 
+    The result's style is the partner's emotion; who has set another one puts it in.
+
     Args:
         number: of the trial.
         partner: who raises the hand.
@@ -119,6 +129,14 @@ def run_trial(
     return _judge(number, partner, ticks, states, np.array(tick_ms))
 
 
+def style_name(weights: Mapping[str, float]) -> str:
+    """``{'angry': 0.5, 'neutral': 0.5}`` as ``'angry 0.5 + neutral 0.5'``; a pure style by its emotion alone."""
+    parts = {emotion: weight for emotion, weight in weights.items() if weight > 0.0}
+    if len(parts) == 1:
+        return next(iter(parts))
+    return " + ".join(f"{emotion} {weight:g}" for emotion, weight in parts.items())
+
+
 def _judge(number: int, partner: Partner, ticks: list[Tick], states: list[PlayState], tick_ms: Array) -> TrialResult:
     contact = contact_report(states)
     person_palm = np.array([state.person_palm.position for state in states])
@@ -130,12 +148,14 @@ def _judge(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
     met = contact.met_time_ns
     contact_time = np.nan if met is None else 1e-9 * met
     nearest = round(1e-9 * contact.nearest_time_ns * RATE_HZ)
+    touch_error, touch_speed = _felt(states, contact, partner.palm)
     hinges, generated = _hinge_track([t.pose for t in ticks]), _hinge_track([t.generated for t in ticks])
     fading = np.array([tick.target.phase is Phase.APPROACH for tick in ticks])
     return TrialResult(
         number=number,
         title=partner.title,
         emotion=partner.emotion,
+        style=partner.emotion,
         cell=partner.cell,
         simulated=partner.simulated,
         notes=partner.notes,
@@ -143,6 +163,8 @@ def _judge(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         error=contact.distance,
         uncorrected_error=_nearest(generated_palm, person_palm),
         true_error=np.nan if partner.palm is None else float(np.linalg.norm(palm[nearest] - partner.palm[nearest])),
+        touch_error=touch_error,
+        touch_speed=touch_speed,
         palm_angle=contact.palm_angle,
         out_of_reach=any(ticks[i].out_of_reach for i in touched),
         contact_time=contact_time,
@@ -163,6 +185,19 @@ def _judge(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         seen=np.array([tick.markers.seen for tick in ticks]),
         tick_ms=tick_ms,
     )
+
+
+def _felt(states: Sequence[PlayState], contact: ContactReport, true_palm: Array | None) -> tuple[float, float]:
+    """What the person would feel at first touch: distance, m, of the played palm from the true one (T, 3), and closing
+    speed, m/s; NaN where they did not touch, or nobody knows the true palm."""
+    state = next((state for state in states if state.time_ns == contact.met_time_ns), None)
+    if state is None or true_palm is None:
+        return np.nan, np.nan
+    frame = min(max(round(1e-9 * state.time_ns * RATE_HZ), 1), len(true_palm) - 1)
+    distance = np.linalg.norm(state.palm.position - true_palm[frame])
+    velocity = (true_palm[frame] - true_palm[frame - 1]) * RATE_HZ
+    closing = (state.palm.velocity - velocity) @ common_normal(state.palm, state.person_palm)
+    return float(distance), float(closing)
 
 
 def _hinge_track(poses: list[Pose]) -> Array:

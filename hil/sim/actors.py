@@ -11,7 +11,7 @@ palms meet.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import mujoco
@@ -35,6 +35,9 @@ GRID_Y = (-0.25, 0.0, 0.25)
 GRID_Z = (1.2, 1.4, 1.6)
 CELLS = tuple(f"{row}{column}" for row in "ABC" for column in "123")
 """Cells of the imaginary grid: rows A to C from low to high, columns 1 to 3 from the avatar's right to its left."""
+
+MOST_DRAWS = 80
+"""So many pairs in a row that cannot meet, and none is drawn any more."""
 
 _ARM = ("right_shoulder", "right_elbow", "right_wrist")
 _TRUNK = ("lumbar_5", "lumbar_3", "thoracic_12", "thoracic_8")
@@ -68,6 +71,7 @@ class PairTrial:
         avatar: the avatar actor, at the origin, facing +x.
         contact_frame: frame at which the palms touch.
         contact_point: (3,) m, where.
+        draws: how many pairs were drawn until these two could meet.
     """
 
     emotion: str
@@ -77,6 +81,7 @@ class PairTrial:
     avatar: ActorMotion
     contact_frame: int
     contact_point: Array
+    draws: int = 1
 
 
 @dataclass(frozen=True)
@@ -117,17 +122,34 @@ class _Role:
     onset_s: float
 
 
-def simulate_pair(emotion: str, cell: str, repetition: int, rng: np.random.Generator) -> PairTrial:
+class CannotMeetError(HighFiveError):
+    """Nobody of this size can meet there."""
+
+
+def simulate_pair(
+    emotion: str, cell: str, repetition: int, rng: np.random.Generator, person_body: Skeleton | None = None
+) -> PairTrial:
     """One high five in ``emotion`` at ``cell`` of the grid; every call differs as ``rng`` says.
 
     Differences: the person's body size and distance, tempo, start pose, sway, path, jitter of the cell, palm direction.
     A draw in which a joint limit keeps the palms apart, or an arm runs through a body, is drawn again.
+
+    Args:
+        emotion, cell, repetition: which.
+        rng: where the differences come from.
+        person_body: of the person; None draws one, of 0.92 to 1.08 of the avatar's size.
+
+    Raises:
+        CannotMeetError: no pair of :data:`MOST_DRAWS` could meet.
+        HighFiveError: an unknown emotion or cell.
     """
-    for _ in range(80):
-        trial = _draw_pair(emotion, cell, repetition, rng)
+    for draws in range(1, MOST_DRAWS + 1):
+        trial = _draw_pair(emotion, cell, repetition, rng, person_body)
         if _palms_meet(trial) and _bodies_clear(trial):
-            return trial
-    raise HighFiveError(f"the simulated actors cannot meet at cell {cell} in {emotion}: 80 draws ran into limits")
+            return replace(trial, draws=draws)
+    raise CannotMeetError(
+        f"the simulated actors cannot meet at cell {cell} in {emotion}: {MOST_DRAWS} draws ran into limits"
+    )
 
 
 def _palms_meet(trial: PairTrial) -> bool:
@@ -174,7 +196,9 @@ def _bare_scene() -> Scene:
     return build_scene()
 
 
-def _draw_pair(emotion: str, cell: str, repetition: int, rng: np.random.Generator) -> PairTrial:
+def _draw_pair(
+    emotion: str, cell: str, repetition: int, rng: np.random.Generator, given_body: Skeleton | None
+) -> PairTrial:
     style = emotion_style(emotion)
     distance = 0.98 + 0.03 * np.clip(rng.standard_normal(), -2, 2)
     if cell not in CELLS:
@@ -189,7 +213,8 @@ def _draw_pair(emotion: str, cell: str, repetition: int, rng: np.random.Generato
     start = rng.uniform(0.25, 0.45)
     speeds = np.array([style.peak_speed, style.person_peak_speed]) * np.exp(rng.normal(0.0, 0.10, 2))
     body = avatar_skeleton()
-    person_body = body.scaled(float(np.clip(rng.normal(1.0, 0.035), 0.92, 1.08)))
+    drawn_size = float(np.clip(rng.normal(1.0, 0.035), 0.92, 1.08))
+    person_body = body.scaled(drawn_size) if given_body is None else given_body
     performers = [(body, point, normal), (person_body, _turn(point, distance), -normal * [-1, -1, 1])]
     individuals = [_draw_individual(rng) for _ in performers]
     palms = [_comfortable(b, style, who, p, n) for (b, p, n), who in zip(performers, individuals, strict=True)]

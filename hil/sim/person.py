@@ -110,6 +110,33 @@ def _add_finger(palm: mujoco.MjsBody, name: str, shape: Shape, start: Array, end
     geom.fromto = np.concatenate([start, end])
 
 
+class PersonBodies:
+    """Puts the person of :func:`add_person` into the states of a compiled model."""
+
+    def __init__(self, model: mujoco.MjModel, skeleton: Skeleton) -> None:
+        """Of a model with a person built like ``skeleton``."""
+        self._figure = Figure.of(skeleton)
+        self._mocap = {name: int(model.body(name).mocapid[0]) for name in MOCAP_BODIES}
+        self.palm_qpos = int(model.joint(PALM_BODY).qposadr[0])
+        """Address of the palm (position, quaternion) in ``qpos``."""
+
+    def put(self, data: mujoco.MjData, arm: HumanArm, *, move_palm: bool = True) -> None:
+        """Writes the bodies into ``data``.
+
+        Args:
+            data: the state to change.
+            arm: where the person is.
+            move_palm: also puts the palm itself there; False leaves that to the weld, as in physics.
+        """
+        poses = body_poses(arm, self._figure, data.mocap_pos[self._mocap["person_pelvis"], :2])
+        for name, (position, quaternion) in poses.items():
+            data.mocap_pos[self._mocap[name]] = position
+            data.mocap_quat[self._mocap[name]] = quaternion
+        if move_palm:
+            start = self.palm_qpos
+            data.qpos[start : start + 3], data.qpos[start + 3 : start + 7] = poses[PALM_TARGET]
+
+
 def hand_pose(palm: PalmPose) -> BodyPose:
     """Wrist and orientation of a right hand of the avatar's size that has its palm there."""
     # In the hand's frame the fingers point to -z and the palm to +y.

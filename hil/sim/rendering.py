@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.sim import opengl
+from hil.sim.arm_twin import ArmTwin
 from hil.sim.scene import Scene
 from model.errors import HighFiveError
 
@@ -30,7 +31,9 @@ class NoPictures:
 class Renderer:
     """Draws a scene from its cameras; close it, or use it in ``with``."""
 
-    def __init__(self, scene: Scene, width: int, height: int, *, shadows: bool = True, smooth: bool = True) -> None:
+    def __init__(
+        self, scene: Scene | ArmTwin, width: int, height: int, *, shadows: bool = True, smooth: bool = True
+    ) -> None:
         """Opens a drawing context of ``width`` × ``height`` pixels.
 
         Args:
@@ -76,7 +79,7 @@ class Renderer:
 
 
 def open_renderer(
-    scene: Scene, width: int, height: int, *, shadows: bool = True, smooth: bool = True
+    scene: Scene | ArmTwin, width: int, height: int, *, shadows: bool = True, smooth: bool = True
 ) -> Renderer | NoPictures:
     """A renderer of ``width`` × ``height`` pixels, or why there are none; lack of OpenGL is no error."""
     if opengl.NO_PICTURES:

@@ -96,35 +96,17 @@ class Scene:
         return Pose(data.qpos[self.root_qpos], data.qpos[self.hinge_qpos])
 
     def set_person(self, data: mujoco.MjData, arm: HumanArm, *, move_palm: bool = True) -> None:
-        """Writes the person's bodies into ``data``.
-
-        Args:
-            data: the state to change.
-            arm: where the person is.
-            move_palm: also puts the palm itself there; False leaves that to the weld, as in physics.
-        """
-        stance = data.mocap_pos[self._mocap["person_pelvis"], :2]
-        poses = person.body_poses(arm, self._figure, stance)
-        for name, (position, quaternion) in poses.items():
-            data.mocap_pos[self._mocap[name]] = position
-            data.mocap_quat[self._mocap[name]] = quaternion
-        if move_palm:
-            position, quaternion = poses[person.PALM_TARGET]
-            start = self.person_palm_qpos
-            data.qpos[start : start + 3], data.qpos[start + 3 : start + 7] = position, quaternion
+        """Writes the person's bodies into ``data``; see :meth:`hil.sim.person.PersonBodies.put`."""
+        self._person.put(data, arm, move_palm=move_palm)
 
     @cached_property
-    def _figure(self) -> person.Figure:
-        return person.Figure.of(self.skeleton)
+    def _person(self) -> person.PersonBodies:
+        return person.PersonBodies(self.model, self.skeleton)
 
-    @cached_property
-    def _mocap(self) -> dict[str, int]:
-        return {name: int(self.model.body(name).mocapid[0]) for name in person.MOCAP_BODIES}
-
-    @cached_property
+    @property
     def person_palm_qpos(self) -> int:
         """Address of the person's palm (position, quaternion) in ``qpos``."""
-        return int(self.model.joint(person.PALM_BODY).qposadr[0])
+        return self._person.palm_qpos
 
     @cached_property
     def person_palm_dof(self) -> int:

@@ -112,6 +112,26 @@ def test_any_number_of_trials_has_a_page(chosen, results, tmp_path):
     assert "Pictures left out" in text
 
 
+def test_a_single_trial_shows_each_figure_once(results, tmp_path):
+    text = " ".join(Page(written(tmp_path, results[:1]).read_text()).text)
+    assert "median" not in text
+    assert "largest" not in text.replace("largest change", "").replace("the largest in", "")
+    assert not (tmp_path / "figures" / "error_by_cell.png").exists()
+
+
+def test_a_mixed_style_has_a_column_for_the_person(results, tmp_path):
+    mixed = [replace(r, style="angry 0.5 + neutral 0.5") for r in results]
+    text = Page(written(tmp_path, mixed, replace(SETTINGS, style={"angry": 0.5, "neutral": 0.5})).read_text()).text
+    assert "person" in text and "angry 0.5 + neutral 0.5" in text and "sad" in text
+    plain = Page(written(tmp_path / "plain", results).read_text()).text
+    assert "person" not in plain
+
+
+def test_an_arm_is_named_on_the_first_screen(results, tmp_path):
+    page = written(tmp_path, results, replace(SETTINGS, arm="emulated")).read_text()
+    assert page.index("emulated servo arm") < page.index("Findings")
+
+
 def test_missing_pictures_are_explained(results):
     reason = NoPictures("pictures left out: MUJOCO_GL=off switches OpenGL off")
     text = render_page(summarise(results, SETTINGS), SETTINGS, [], reason)
@@ -126,12 +146,13 @@ def test_the_film_is_beside_the_page(results):
 
 def test_recorded_people_are_compared_with_who_met_them(results, tmp_path):
     facts = {"title": "pair <1>.c3d, A", "cell": "", "emotion": "", "notes": ("floor at z = 3 mm", "turned by 90°")}
-    recorded = replace(results[0], simulated=False, other_error=0.0123, true_error=np.nan, **facts)
+    unknown = {name: np.nan for name in ("true_error", "touch_error", "touch_speed")}
+    recorded = replace(results[0], simulated=False, other_error=0.0123, **unknown, **facts)
     path = written(tmp_path, [recorded], replace(SETTINGS, source="pair <1>.c3d"))
     text = " ".join(Page(path.read_text()).text)
     assert "simulated" not in text
     assert "pair <1>.c3d" in text and "turned by 90°" in text
-    assert "within 12.30 mm" in text
+    assert "within 12.30 mm of each other" in text and "do not compare" in text
 
 
 def test_a_full_disk_keeps_the_old_report(page, tmp_path):

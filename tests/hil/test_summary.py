@@ -7,7 +7,9 @@ import pytest
 from trial_results import some_results
 
 from hil.sim.contact_check import UnwantedContact
-from hil.summary import SessionSettings, body_part, summarise, targets, without_timings
+from hil.summary import SessionSettings, body_part, summarise, without_timings
+from hil.targets import targets
+from hil.trial import style_name
 
 SETTINGS = SessionSettings(seed=3, model="default", trials=5)
 
@@ -90,12 +92,56 @@ def test_no_trial_at_all_is_a_summary_too():
 def test_targets_of_recorded_people_allow_out_of_reach(results):
     far = next(r for r in results if r.out_of_reach)
     simulated = {t.what: t.met for t in targets(summarise([results[0], far], SETTINGS))}
-    assert simulated["palm to palm at contact, largest"] is False
+    assert simulated["after correction, to the palm as tracked, largest"] is False
     recorded = [replace(r, simulated=False) for r in (results[0], far)]
     judged = {t.what: t.met for t in targets(summarise(recorded, SETTINGS))}
-    assert judged["palm to palm at contact, largest"] is True
+    assert judged["after correction, to the palm as tracked"] is True
 
 
 def test_without_correction_only_the_time_is_judged(results):
     listed = targets(summarise(results, replace(SETTINGS, corrected=False)))
-    assert {t.what for t in listed if t.met is not None} == {"one tick, half of all", "one tick, 99 of 100"}
+    assert {t.what for t in listed if t.met is not None} == {
+        "before correction, palm to palm, median",
+        "one tick, half of all",
+        "one tick, 99 of 100",
+    }
+
+
+def test_a_model_that_did_not_answer_does_not_look_fine(results):
+    good, far = ([replace(r, uncorrected_error=e, error=1e-4) for r in results] for e in (0.04, 0.605))
+    assert summarise(good, SETTINGS)["warnings"] == []
+    summary = summarise(far, SETTINGS)
+    (warning,) = summary["warnings"]
+    assert "605 mm" in warning and "correction did all of it" in warning
+    (before,) = [t for t in targets(summary) if t.what.startswith("before correction")]
+    assert before.met is False and "5 of 5" in before.why
+    assert not summarise(far, replace(SETTINGS, corrected=False))["warnings"]
+
+
+def test_a_miss_says_which_trials_and_why(results):
+    slow = [replace(r, tick_ms=np.full_like(r.tick_ms, 9.0), touch_error=0.003) for r in results]
+    slow[2] = replace(slow[2], touch_error=0.04, true_error=0.03)
+    listed = targets(summarise(slow, SETTINGS))
+    assert all(bool(t.why) == (t.met is False) for t in listed)
+    whys = {t.what: t.why for t in listed}
+    worst = whys["played palm from the true palm at first touch, largest"]
+    assert "trial 2 (angry, B2) 40.00 mm" in worst and "off, by 30.0 mm" in worst
+    assert "machine's timing" in whys["one tick, half of all"]
+
+
+def test_a_single_trial_has_no_spread(results):
+    what = [t.what for t in targets(summarise(results[:1], SETTINGS))]
+    assert len(set(what)) == len(what)
+    assert not [w for w in what if w.endswith(("median", "largest"))]
+
+
+def test_a_mixed_style_is_labelled_and_the_person_keeps_her_emotion(results):
+    mixed = [replace(r, style=style_name({"angry": 0.5, "happy": 0.0, "neutral": 0.5})) for r in results]
+    summary = summarise(mixed, SETTINGS)
+    assert list(summary["true_error_mm"]["by_emotion"]) == ["angry 0.5 + neutral 0.5"]
+    for row, result in zip(summary["rows"], results, strict=True):
+        assert (row["style"], row["emotion"]) == ("angry 0.5 + neutral 0.5", result.emotion)
+        assert row["person_emotion"] == result.emotion
+    recorded = summarise([replace(mixed[0], simulated=False)], SETTINGS)["rows"][0]
+    assert recorded["person_emotion"] is None and recorded["style"] == "angry 0.5 + neutral 0.5"
+    assert style_name({"angry": 1.0, "sad": 0.0}) == "angry"

@@ -19,6 +19,7 @@ from hil.stream_arm import prepare_tracker
 from hil.track_input import OnePerson, fitted_subject, read_person
 from hil.track_report import write_track_report
 from hil.track_summary import angle_rows, summarise_track
+from hil.track_unseen import unseen_lines
 from hil.tracked_recording import TrackedRecording, passes, track_recording
 from hil.training_data import tell
 from mocap_bridge.c3d_fill import write_filled
@@ -119,6 +120,8 @@ def print_track(summary: dict[str, Any]) -> None:
         print(f"  frames not used       {summary['refused_frames']}: their markers span what no person does")
     if summary["missing"]:
         print(f"  never there           {', '.join(summary['missing'])}")
+    for number, line in enumerate(unseen_lines(summary)):
+        print(f"  {'' if number else 'angles left blank':<20}  {line}")
     rows = {name: of for name, of in summary["markers"].items() if of["hidden"] or of["disbelieved"]}
     if rows:
         shown = Table("marker", "gaps", "longest, ms", "hidden", "filled", "not believed", box=SIMPLE_HEAD)

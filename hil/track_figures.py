@@ -117,17 +117,18 @@ def joint_angles(track: TrackedRecording) -> Drawing | None:
     times = track.times[kept]
     for axes, angle, i in zip(panels, ANGLES, range(len(ANGLES)), strict=True):
         degrees, band = np.degrees(track.angles[kept, i]), 2.0 * np.degrees(track.deviations[kept, i])
-        turned = np.concatenate([[False], np.abs(np.diff(degrees)) > 180.0])  # from 180° to -180°
-        line = np.where(turned, np.nan, degrees)
         for start, end in blind:
             axes.axvspan(start / track.rate_hz, end / track.rate_hz, color=BLUE, alpha=0.09, lw=0)
-        axes.fill_between(times, line - band, line + band, color=PURPLE, alpha=0.3, lw=0)
-        axes.plot(times, line, color=PURPLE, lw=1.3)
+        axes.fill_between(times, degrees - band, degrees + band, color=PURPLE, alpha=0.3, lw=0)
+        axes.plot(times, degrees, color=PURPLE, lw=1.3)
         axes.set_ylabel(f"{_NAMES[angle]}, °", fontsize=9)
         axes.margins(x=0.0)
-        if np.isfinite(line).any():  # bands run off the panel in long gaps; a joint that hardly moves shall look so
+        if not np.isfinite(degrees).any():
+            axes.set_yticks([])
+            axes.text(0.5, 0.5, "these markers do not show it", transform=axes.transAxes, ha="center", color=FAINT)
+        else:  # bands run off the panel in long gaps; a joint that hardly moves shall look so
             reach = float(np.nanpercentile(band, _SHOWN_BANDS))
-            low, high = float(np.nanmin(line)) - reach, float(np.nanmax(line)) + reach
+            low, high = float(np.nanmin(degrees)) - reach, float(np.nanmax(degrees)) + reach
             middle, half = (low + high) / 2.0, max(0.52 * (high - low), 10.0)
             axes.set_ylim(middle - half, middle + half)
     panels[3].set_xlabel("time, s")
@@ -137,7 +138,8 @@ def joint_angles(track: TrackedRecording) -> Drawing | None:
     caption = (
         "Angles of the right arm after the recommendation of the International Society of Biomechanics "
         "(Wu et al. 2005), with bands of two standard deviations as the tracker gives them. Elevation 0° is hanging; "
-        "plane of elevation 0° is sideways, 90° forward; pronation 90° is with the palm at the thigh." + shaded
+        "plane of elevation 0° is sideways, 90° forward; pronation 90° is with the palm at the thigh. A line has gaps "
+        "where the markers do not show the angle." + shaded
     )
     return Drawing("joint_angles", caption, figure)
 

@@ -13,12 +13,10 @@ from hil.console import counted
 from hil.drawing import Drawing, to_png
 from hil.page import figures, render, section, table, write_file
 from hil.track_figures import draw_track
+from hil.track_unseen import RULE, unseen_lines
 from hil.tracked_recording import TrackedRecording
 
 PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
-
-CARRYING_RANGE = 25.0
-"""Degrees by which no carrying angle changes."""
 
 
 def write_track_report(folder: Path, summary: dict[str, Any], track: TrackedRecording, command: Sequence[str]) -> Path:
@@ -51,6 +49,7 @@ def _page(summary: dict[str, Any], drawings: Sequence[Drawing], command: Sequenc
     badges = f'<span class="badge">marker set {escape(summary["marker_set"])}</span>'
     sections = [
         _headline(summary),
+        _unseen(summary),
         _remarks(summary),
         section(
             "Gaps",
@@ -92,6 +91,15 @@ def _headline(summary: dict[str, Any]) -> str:
     )
 
 
+def _unseen(summary: dict[str, Any]) -> str:
+    """What the markers do not show, before anything that they do."""
+    lines = unseen_lines(summary)
+    if not lines:
+        return ""
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<p><b>Angles that these markers do not show are left blank.</b></p><ul>{items}</ul><p>{escape(RULE)}</p>"
+
+
 def _remarks(summary: dict[str, Any]) -> str:
     found = []
     if summary["refused_frames"]:
@@ -126,15 +134,12 @@ def _angles(summary: dict[str, Any]) -> str:
             f"{markers}: how it is turned is known from the rest of the body alone. A set with three or more markers "
             "on the trunk gives them better.</p>"
         )
-    carrying = summary["angles_deg"].get("carrying_angle")
-    if carrying is not None and carrying["max"] - carrying["min"] > CARRYING_RANGE:
-        remark += (
-            "<p>A person's carrying angle hardly changes. What it changes here is what the elbow's axis is off by, of "
-            "which these markers say little; pronation and the wrist's angles have their share of it.</p>"
-        )
     rows = [
-        [
+        [name.replace("_", " "), *[""] * 5]
+        if of is None
+        else [
             name.replace("_", " "),
+            f"{100.0 * of['seen']:.0f} %",
             f"{of['min']:.1f}",
             f"{of['max']:.1f}",
             f"{of['max'] - of['min']:.1f}",
@@ -143,7 +148,8 @@ def _angles(summary: dict[str, Any]) -> str:
         for name, of in summary["angles_deg"].items()
     ]
     return (
-        table(["angle", "least, °", "most, °", "range, °", "standard deviation, median, °"], rows, words={0}) + remark
+        table(["angle", "seen", "least, °", "most, °", "range, °", "standard deviation, median, °"], rows, words={0})
+        + remark
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.track_input import OnePerson
+from hil.track_unseen import unseen_angles
 from hil.tracked_recording import TrackedRecording
 from mocap_bridge.joint_angles import ANGLES, BASES
 from model.rotations import Array
@@ -38,6 +39,7 @@ def summarise_track(person: OnePerson, track: TrackedRecording) -> dict[str, Any
         "unused": list(person.unused),
         "angles_relative_to": _base(track),
         "angles_deg": _angles(track) if knows_arm(track) else None,
+        "angles_not_seen": unseen_angles(track) if knows_arm(track) else [],
     }
 
 
@@ -83,16 +85,18 @@ def _spread(metres: Array) -> dict[str, float] | None:
     return {"median": round(float(middle), 3), "p95": round(float(high), 3), "max": round(float(known.max()), 3)}
 
 
-def _angles(track: TrackedRecording) -> dict[str, dict[str, float]]:
-    """Of those that are known in any frame."""
-    known = [i for i in range(len(ANGLES)) if np.isfinite(track.angles[:, i]).any()]
-    return {ANGLES[i]: _angle(track, i) for i in known}
+def _angles(track: TrackedRecording) -> dict[str, dict[str, float] | None]:
+    """Of each angle; None where no frame shows it."""
+    return {name: _angle(track, i) for i, name in enumerate(ANGLES)}
 
 
-def _angle(track: TrackedRecording, i: int) -> dict[str, float]:
+def _angle(track: TrackedRecording, i: int) -> dict[str, float] | None:
     known = np.isfinite(track.angles[:, i])
+    if not known.any():
+        return None
     degrees, deviation = np.degrees(track.angles[known, i]), np.degrees(track.deviations[known, i])
     return {
+        "seen": round(float(known[track.posed].mean()), 4),
         "min": round(float(degrees.min()), 2),
         "max": round(float(degrees.max()), 2),
         "sd": round(float(np.median(deviation)), 3),

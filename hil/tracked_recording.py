@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -20,12 +19,6 @@ from model.rotations import Array
 
 _BLIND = 1e12  # m², variance of an estimate that is not valid
 
-UNKNOWN = math.radians(45.0)
-"""rad: an angle with this standard deviation is not known."""
-
-_DECIDES = [ANGLES.index(name) for name in ("elevation",) * 3 + ("elbow_flexion",) * 3 + ("wrist_flexion",) * 2]
-"""The angle of the same joint without which each of them says no more than what people are like."""
-
 
 @dataclass(frozen=True)
 class TrackedRecording:
@@ -40,7 +33,8 @@ class TrackedRecording:
         disbelieved: (T, M) the recording has the marker, and the tracker did not believe it or had it elsewhere.
         filled: (T, M, 3) m, where a hidden marker was, from what came before and after; elsewhere as ``measured``.
         usable: (T, M) ``filled`` is worth something.
-        angles, deviations: (T, 8) rad, of the right arm and their standard deviations; NaN where not known.
+        angles, deviations: (T, 8) rad, of the right arm and their standard deviations; NaN where the markers do not
+            show them. Angles run on beyond half a turn.
         segments: names of the segments, a parent before its children.
         parents: (J,) index of each segment's parent, -1 for none.
         centres: (T, J, 3) m, joint centres; NaN before the first pose.
@@ -142,7 +136,7 @@ def track_recording(
         disbelieved=there & np.isfinite(forward.headings)[:, None] & (~forward.seen | (away > ELSEWHERE)),
         filled=np.where(there[..., None], measured, filled),
         usable=there | usable,
-        angles=forward.angles,
+        angles=_unwrapped(forward.angles),
         deviations=forward.deviations,
         segments=segments,
         parents=parents,
@@ -194,12 +188,21 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
             arm = estimate(tracked)
             found.arm[number] = arm.head_position, arm.shoulder, arm.elbow, arm.wrist, arm.knuckles
         if (angles := tracker.arm_angles) is not None:
-            known = angles.deviations < UNKNOWN
-            known &= known[_DECIDES]
-            found.angles[number] = np.where(known, angles.angles, np.nan)
-            found.deviations[number] = np.where(known, angles.deviations, np.nan)
+            found.angles[number] = np.where(angles.seen, angles.angles, np.nan)
+            found.deviations[number] = np.where(angles.seen, angles.deviations, np.nan)
         advance()
     return found
+
+
+def _unwrapped(angles: Array) -> Array:
+    """Angles (T, n), rad, without jumps by whole turns, gaps left out; each is mostly within half a turn of zero."""
+    result = angles.copy()
+    for column in result.T:
+        known = np.isfinite(column)
+        if known.any():
+            run = np.unwrap(column[known])
+            column[known] = run - 2.0 * np.pi * np.round(np.median(run) / (2.0 * np.pi))
+    return result
 
 
 def _frame(recording: Recording, number: int, step: int) -> MarkerFrame:

@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from mocap_bridge.pose_filter import Chain, State, kinematics, places_doubt
+from mocap_bridge.arm_look import ArmModel, base_covariance, looked, sharpened, tracking_covariance
+from mocap_bridge.pose_filter import NEVER, Chain, State, kinematics, places_doubt
 from model.compiled import compiled, compiled_entry
 from model.rotations import Array
 
@@ -36,7 +37,18 @@ palm's side and to the little finger's."""
 BASES = ("thoracic_8", "thoracic_12", "right_clavicle")
 """What the shoulder's angles are relative to: the first of these that a marker set has."""
 
+USUAL = tuple(math.radians(degrees) for degrees in (70.0, 50.0, 57.0, 57.0, 8.0, 46.0, 40.0, 29.0))
+"""Standard deviation of each angle over people and poses, rad: what is known of it before looking."""
+
+ENOUGH_BITS = 1.0
+"""What looking must tell of an angle at least: a bit is half of the standard deviation that it has before."""
+
 _STEP = 1e-5  # rad
+_CARRYING, _FLEXION = ANGLES.index("carrying_angle"), ANGLES.index("elbow_flexion")
+_BY_MARKERS = np.arange(len(ANGLES)) != _CARRYING  # what is known before looking is not in their deviations
+
+_DECIDES = [ANGLES.index(name) for name in ("elevation",) * 3 + ("elbow_flexion",) * 3 + ("wrist_flexion",) * 2]
+"""The angle of the same joint without which each of them says no more than what people are like."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +67,18 @@ class ArmAngles:
     def deviations(self) -> Array:
         """(8,) rad, standard deviations."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def bits(self) -> Array:
+        """(8,) what looking tells of each angle: how often its standard deviation has been halved."""
+        ratio = np.square(np.array(USUAL) / self.deviations)
+        return 0.5 * np.log2(np.where(_BY_MARKERS, 1.0 + ratio, ratio))
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(8,) the angle is told by the markers, and not by what people are like."""
+        told = self.bits >= ENOUGH_BITS
+        return told & told[_DECIDES]
 
 
 def arm_segments(names: Sequence[str]) -> tuple[int, int, int, int] | None:
@@ -122,44 +146,57 @@ def _turned_in(turn: Array) -> Array:
     return result
 
 
-def arm_angles_of(chain: Chain, state: State, segments: tuple[int, int, int, int]) -> ArmAngles:
-    """Angles of the arm whose base, upper arm, forearm and hand are those segments of a chain."""
+def arm_angles_of(chain: Chain, arm: ArmModel, state: State, tracked: Array, seen: NDArray[np.bool_]) -> ArmAngles:
+    """Angles of the right arm of a chain.
+
+    Args:
+        chain: the skeleton.
+        arm: its right arm.
+        state: after a frame.
+        tracked: (M, 3) m, the markers in that frame.
+        seen: (M,) those that were measured, and believed.
+    """
     pose, axes = kinematics(chain, state.offsets, state.pose)
-    base, *_, hand = segments
-    # What moves the base moves them all; each segment is moved by what moves the one before it, and more.
-    path = chain.path[hand, chain.lengths[base] : chain.lengths[hand]]
-    reach = chain.lengths[list(segments)] - chain.lengths[base]
-    covariance = np.ascontiguousarray((state.covariance[0] + places_doubt(chain, state))[np.ix_(path, path)])
-    return ArmAngles(*angles_with_doubt(pose.frames[list(segments)], axes[path], reach, covariance))
+    base, limb, markers = int(arm.segments[0]), arm.segments[1:], arm.markers
+    look = looked(
+        arm, pose.centres[limb[0]], pose.frames[limb], state.offsets[limb[1:]], state.homes[markers],
+        sharpened(tracked[markers], state.last[markers], seen[markers]), state.ages[markers] != NEVER,
+        tracking_covariance(chain, arm, axes, state.covariance[0]),
+    )  # fmt: skip
+    frames = np.concatenate([pose.frames[base : base + 1], look.frames])
+    doubt = np.zeros((11, 11))
+    doubt[:3, :3], doubt[3:, 3:] = base_covariance(chain, arm, axes, places_doubt(chain, state)), look.covariance
+    angles, covariance = angles_with_doubt(frames, doubt)
+    # Beyond the first order: a carrying angle that is not known takes from the flexion, whichever way it goes.
+    bend, aside = angles[_FLEXION], math.sqrt(covariance[_CARRYING, _CARRYING])
+    taken = abs(bend) - math.acos(min(math.cos(bend) / max(math.cos(aside), 1e-6), 1.0))
+    covariance[_FLEXION, _FLEXION] += taken**2
+    return ArmAngles(angles, covariance)
 
 
 @compiled_entry
-def angles_with_doubt(frames: Array, axes: Array, reach: NDArray[np.int64], covariance: Array) -> tuple[Array, Array]:
+def angles_with_doubt(frames: Array, covariance: Array) -> tuple[Array, Array]:
     """Angles (8,), rad, and their covariance (8, 8), linearised.
 
     Args:
         frames: (4, 3, 3) orientations of base, upper arm, forearm and hand in the world.
-        axes: (K, 3) axes of the hinges beyond the base, in the world.
-        reach: (4,) how many of them, from the first, move each segment.
-        covariance: (K, K) rad², of the hinges.
+        covariance: (11, 11) rad², of rotation vectors in the world of the base, of the upper arm, and of the forearm
+            with the hand, and of the wrist's two hinges.
     """
     angles = angles_between(frames[0], frames[1], frames[2], frames[3])
-    count, moved = len(axes), np.empty((4, 3, 3))
-    slopes = np.zeros((8, count))
-    for a in range(count):
-        for s in range(4):
-            moved[s] = _slightly(frames[s], axes[a]) if a < reach[s] else frames[s]
-        change = angles_between(moved[0], moved[1], moved[2], moved[3])
+    slopes, axis = np.zeros((8, 11)), np.empty(3)
+    for a in range(11):
+        for k in range(3):
+            axis[k] = frames[2, k, 0] if a == 9 else frames[3, k, 1] if a == 10 else 1.0 if k == a % 3 else 0.0
+        base = _slightly(frames[0], axis) if a < 3 else frames[0]
+        upper = _slightly(frames[1], axis) if 3 <= a < 6 else frames[1]
+        fore = _slightly(frames[2], axis) if 6 <= a < 9 else frames[2]
+        hand = _slightly(frames[3], axis) if a >= 6 else frames[3]
+        change = angles_between(base, upper, fore, hand)
         for i in range(8):
             away = change[i] - angles[i]
             slopes[i, a] = (away - 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)) / _STEP
-    result = np.zeros((8, 8))
-    for i in range(8):
-        for k in range(8):
-            for a in range(count):
-                for b in range(count):
-                    result[i, k] += slopes[i, a] * covariance[a, b] * slopes[k, b]
-    return angles, result
+    return angles, slopes @ covariance @ slopes.T
 
 
 @compiled

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap_bridge.arm_look import arm_model
 from mocap_bridge.chain import make_chain, segment_order
 from mocap_bridge.first_pose import first_state, standing, welcomed
 from mocap_bridge.frames import MarkerFrame, TrackedMarkers
@@ -57,7 +58,8 @@ class Tracker:
             self._chain.first[j] for j, name in enumerate(order)
             if name.endswith("shoulder") and self._chain.parents[j] >= 0
         ]  # fmt: skip
-        self._order, self._segments = tuple(order), arm_segments(order)
+        self._order, segments = tuple(order), arm_segments(order)
+        self._arm = None if segments is None else arm_model(self._chain, marker_set, order, segments)
         self._shoulders = np.array(lifting, dtype=np.intp)
         self._names: tuple[str, ...] | None = None
         self._columns, self._there = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
@@ -77,6 +79,7 @@ class Tracker:
     def reset(self) -> None:
         """Forgets everything that was seen."""
         self._state: State | None = None
+        self._found: Followed | None = None
         self._agreed_ns = self._asked_ns = 0
         self._doubted_ns = np.zeros(len(self._set), dtype=np.int64)  # how long each label has been somewhere else
         self._time_ns: int | None = None
@@ -95,6 +98,7 @@ class Tracker:
         if self._state is None:
             return self._nothing(frame)
         self._state, found, worked = followed(self._chain, self._state, points, labelled, frame.unlabelled, elapsed)
+        self._found = found
         self._doubted_ns = self._doubts(points, labelled, found, elapsed)
         if not worked or self._state.astray > LOST_FRAMES:
             self.reset()  # the covariance is spoilt by rounding, or the tracker is wrong: start anew
@@ -148,9 +152,9 @@ class Tracker:
     @property
     def arm_angles(self) -> ArmAngles | None:
         """Angles of the right arm after the last frame; None before the first pose, or without the arm's segments."""
-        if self._state is None or self._segments is None:
+        if self._state is None or self._found is None or self._arm is None:
             return None
-        return arm_angles_of(self._chain, self._state, self._segments)
+        return arm_angles_of(self._chain, self._arm, self._state, self._found.positions, self._found.seen)
 
     @property
     def pose(self) -> tuple[tuple[str, ...], Array, Array] | None:

@@ -12,7 +12,7 @@ import pytest
 from simulated_reach import RATE_HZ, Reach, simulated_reach
 
 from hil import cli
-from hil.track import TrackOptions, track
+from hil.track import TrackOptions, print_track, track
 from mocap_bridge.c3d import read_c3d, write_c3d
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.joint_angles import ANGLES
@@ -70,8 +70,9 @@ def test_the_summary_counts_what_was_hidden(reach: Reach, result: dict):
     assert json.loads((Path(result["folder"]) / "report.json").read_text(encoding="utf-8")) == result
 
 
-@pytest.mark.parametrize("name", ["plug_in_gait_upper", "upper_limb"])
-def test_the_angles_are_the_persons(name: str, tmp_path: Path):
+@pytest.mark.parametrize(("name", "blank"), [("plug_in_gait_upper", {"carrying_angle"}), ("upper_limb", set())])
+def test_the_angles_are_the_persons(name: str, blank: set[str], tmp_path: Path):
+    """Plug-in Gait has one marker at the elbow, which does not show its axis."""
     reach = simulated_reach(tmp_path / "reach.c3d", name=name, noise=0.0005, frames=300)
     result = track(TrackOptions(reach.path, out=tmp_path / "out"), quiet)
     assert result["marker_set"] == name
@@ -79,7 +80,12 @@ def test_the_angles_are_the_persons(name: str, tmp_path: Path):
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["time_s", *(f"{name}{end}" for name in ANGLES for end in ("_deg", "_sd_deg"))]
     np.testing.assert_allclose([float(row["time_s"]) for row in rows], np.arange(len(rows)) / RATE_HZ, atol=1e-6)
+    assert {row["angle"] for row in result["angles_not_seen"]} == blank
     for i, angle in enumerate(ANGLES):
+        if angle in blank:
+            assert sum(row[f"{angle}_deg"] == "" for row in rows) > 0.3 * len(rows)
+            assert all((row[f"{angle}_deg"] == "") == (row[f"{angle}_sd_deg"] == "") for row in rows)
+            continue
         found = np.array([float(row[f"{angle}_deg"]) for row in rows])
         error = (found - reach.angles[:, i] + 180.0) % 360.0 - 180.0
         assert np.sqrt((error[20:] ** 2).mean()) < 1.0, angle
@@ -327,3 +333,31 @@ def test_an_arm_that_nobody_measures_has_no_angles(reach: Reach, tmp_path: Path)
     rows = (tmp_path / "out" / "angles.csv").read_text(encoding="utf-8").splitlines()
     assert all(set(row.split(",")[1:]) == {""} for row in rows[1:])
     assert result["angles_deg"] is None
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("person", ["A", "B"])
+@pytest.mark.parametrize("fit", [True, False])
+def test_flexion_of_joint_centres_is_the_angle_that_they_make(recordings: Path, tmp_path: Path, capsys, person, fit):
+    """A real high five, of which only joint centres are known: they do not show the elbow's axis."""
+    path = recordings / "high_five" / "cmu_20_21_11_high_five.c3d"
+    result = track(TrackOptions(path, person, out=tmp_path, fit=fit), quiet)
+    one = read_c3d(path).person(person)
+    shoulder, elbow, wrist = (one.points[:, one.names.index(name)] for name in ("rclavicle", "rhumerus", "rwrist"))
+    upper, fore = elbow - shoulder, wrist - elbow
+    bend = np.degrees(np.arctan2(np.linalg.norm(np.cross(upper, fore), axis=1), (upper * fore).sum(axis=1)))
+    with (tmp_path / "angles.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    flexion = np.array([float(row["elbow_flexion_deg"]) for row in rows])
+    deviation = np.array([float(row["elbow_flexion_sd_deg"]) for row in rows])
+    assert np.abs(flexion - bend)[60:121].max() < 3.0
+    assert (np.abs(flexion - bend) < 3.0 * deviation).all()
+    for angle in ANGLES:  # no turn of a whole circle from one frame to the next
+        found = np.array([float(row[f"{angle}_deg"]) for row in rows if row[f"{angle}_deg"]])
+        assert np.abs(np.diff(found)).max(initial=0.0) < 180.0
+    # That nobody can see the carrying angle is said on top of the page and on the terminal, and what would show it.
+    assert result["angles_deg"]["carrying_angle"] is None
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.index("carrying angle, blank in every frame") < page.index("<h2>Skeleton")
+    print_track(result)
+    assert "marker on each side of the elbow" in " ".join(capsys.readouterr().out.split())

@@ -1,5 +1,7 @@
 """Joints in SI units over a bus of servos, whole or not."""
 
+import math
+import re
 import threading
 import time
 from dataclasses import replace
@@ -11,8 +13,8 @@ from test_servo_bus import until
 
 from hil.drivers.emulator_process import EmulatorProcess
 from hil.drivers.joint_bus import JointBus
-from hil.drivers.rig import PROFILE, Rig, count
-from hil.drivers.rig_setup import configure, differences, missing_servos, read_back
+from hil.drivers.rig import COUNTS, PROFILE, Rig, count
+from hil.drivers.rig_setup import configure, differences, missing_servos, read_back, shadow_gaps
 from hil.drivers.servo_bus import NoAnswer, ServoBus
 from hil.drivers.values import JointCommand
 from model.errors import HighFiveError
@@ -181,20 +183,20 @@ def test_what_the_watchdogs_stopped_unseen_does_not_go_on_once_they_are_switched
 
 def test_watchdogs_that_are_armed_and_read_back_on_a_slow_line_trip_nobody(adapter: Adapter, rig: Rig) -> None:
     """All of it takes far longer than a watchdog waits, and the servos count only what names them."""
-    wary = replace(rig, settings=replace(rig.settings, watchdog=0.1))
+    wary = replace(rig, settings=replace(rig.settings, watchdog=0.3))
     bus = ServoBus(adapter.port, rig.baud_rate, rig.models, ALLOWANCE_MS)
     joints = JointBus(bus, wary)
     joints.prepare()
     joints.engage()
-    adapter.hold_s = 0.008
+    adapter.hold_s = 0.02
     joints.arm_watchdog()
     begun = time.monotonic()
     held = read_back(bus, wary, joints.feed)
-    assert time.monotonic() - begun > 0.5
+    assert time.monotonic() - begun > 2.0
     state = joints.read()
     bus.close()
     assert state.answered.all() and not state.tripped.any()
-    assert {registers["bus_watchdog"] for registers in held.values()} == {5}
+    assert {registers["bus_watchdog"] for registers in held.values()} == {15}
 
 
 def test_without_being_fed_they_do_trip(bus: ServoBus, rig: Rig) -> None:
@@ -298,3 +300,22 @@ def test_where_nobody_answers_one_line_says_so(bus: ServoBus, rig: Rig, emulator
     emulator.set_faults(",".join(f"dead={servo}" for servo in rig.servos))
     until(lambda: len(missing_servos(bus, rig)) == 1)
     assert "no servo answers" in missing_servos(bus, rig)[0]
+
+
+def test_an_offset_of_the_second_servo_is_found_set_and_gone(
+    bus: ServoBus, rig: Rig, emulator: EmulatorProcess
+) -> None:
+    """What the line proposes makes both servos of the joint say the same."""
+    most = 8.5 * math.tau / COUNTS
+    emulator.set_faults("slip=5:-6")
+    until(lambda: shadow_gaps(bus, rig, most) != [])
+    (line,) = shadow_gaps(bus, rig, most)
+    proposed = re.search(r"shadow_offset = (-?\d+)", line)
+    assert "elbow: servos 4 and 5 stand 68 counts apart" in line and proposed is not None
+    own = [replace(joint, shadow_offset=int(proposed[1])) if joint.id == 4 else joint for joint in rig.joints]
+    offset = replace(rig, joints=tuple(own))
+    configure(bus, offset, differences(bus, offset))
+    assert bus.read(5, "homing_offset") == int(proposed[1]) and bus.read(4, "homing_offset") == 0
+    assert shadow_gaps(bus, offset, most) == []
+    emulator.set_faults("")
+    until(lambda: shadow_gaps(bus, offset, most) != [])

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import ALLOWANCE_MS, Adapter
 
+from hil.drivers import ports
 from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
 from hil.drivers.packet import status
 from hil.drivers.ports import Port, latency_ms, serial_ports
@@ -219,11 +220,12 @@ def test_a_silent_device_is_no_bus(rig: Rig) -> None:
     os.close(theirs)
 
 
-def test_the_latency_of_an_adapter_is_read_and_advised_on(tmp_path: Path) -> None:
+def test_the_latency_of_an_adapter_is_read_and_advised_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports, "SYSTEM", tmp_path)
     (tmp_path / "ttyUSB7").mkdir()
     (tmp_path / "ttyUSB7" / "latency_timer").write_text("16\n")
-    assert latency_ms("/dev/ttyUSB7", tmp_path) == 16
-    assert latency_ms("/dev/ttyUSB8", tmp_path) is None
+    assert latency_ms("/dev/ttyUSB7") == 16
+    assert latency_ms("/dev/ttyUSB8") is None
     assert "latency_timer" in Port("/dev/ttyUSB7", "", 16).advice
     assert not Port("/dev/ttyUSB7", "", 1).advice
     assert all(port.path for port in serial_ports())

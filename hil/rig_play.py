@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hil.console import Bar
 
 BACK_S = 2.5
-"""About so long the arm takes back to rest after a high five, s (measured on the emulated one)."""
+"""About so long the arm takes back to rest after a high five, s: an estimate."""
 
 
 @dataclass(frozen=True)

@@ -91,14 +91,17 @@ def test_an_adapter_that_stays_slow_is_refused_with_the_line_that_mends_it(run, 
         code, out, _ = run("check", emulator.port)
         assert code == 1 and mend in out and "NOT ready" in out
         with pytest.raises(HighFiveError, match="keeps answers back for 16 ms"):
-            check_arm(ArmOptions(emulator.port, armed=True))
-        with pytest.raises(HighFiveError, match="nothing moves"), ready_arm(ArmOptions(emulator.port, armed=True)):
+            check_arm(ArmOptions(emulator.port, armed=True, nobody_near=True))
+        with (
+            pytest.raises(HighFiveError, match="nothing moves"),
+            ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)),
+        ):
             pytest.fail("it was let through")
         code, out, _ = run("scan", emulator.port)
         assert mend in out
         timer.write_text("1\n", encoding="ascii")
         assert run("check", emulator.port)[0] == 0
-        check_arm(ArmOptions(emulator.port, armed=True))
+        check_arm(ArmOptions(emulator.port, armed=True, nobody_near=True))
 
 
 def test_an_adapter_is_set_to_low_latency_whenever_its_port_is_opened(

@@ -476,7 +476,10 @@ def test_an_arm_that_cannot_stand_where_it_says_is_not_switched_on(
     fault: str, said: str, slipped: Callable[..., EmulatorProcess], capsys: pytest.CaptureFixture[str]
 ) -> None:
     emulator = slipped(fault)
-    with pytest.raises(HighFiveError, match=said), ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+    with (
+        pytest.raises(HighFiveError, match=said),
+        ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop,
+    ):
         loop.begin()
     assert "torque is on" not in capsys.readouterr().err
     rig = load_rig()
@@ -491,7 +494,7 @@ def test_servos_that_come_apart_while_the_arm_is_driven_stop_it(
 ) -> None:
     emulator = slipped()
     (asked,) = recorded_high_fives(read_recording(recorded), recorded).values()
-    with ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+    with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         timer = threading.Timer(3.0, emulator.set_faults, ["slip=5:4"])
         timer.start()
         loop.play(asked.goals)
@@ -506,17 +509,17 @@ def test_a_session_that_leaves_torque_on_says_how_to_let_go_and_the_next_one_tak
     """Whether it ends by itself, by an error or by a stop; servos that hold are switched on no second time."""
     emulator = slipped()
     told = f"torque is on; to let it go, hold the arm, then: highfive rig release {emulator.port}"
-    with ready_arm(ArmOptions(emulator.port, armed=True)):
+    with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)):
         pass
     assert "torque" not in capsys.readouterr().err  # it was never switched on
-    with ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+    with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         loop.begin()
     assert told in " ".join(capsys.readouterr().err.split())
-    with pytest.raises(KeyboardInterrupt), ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+    with pytest.raises(KeyboardInterrupt), ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         loop.begin()
         signal.raise_signal(signal.SIGINT)
     assert told in " ".join(capsys.readouterr().err.split())
-    with ready_arm(ArmOptions(emulator.port, armed=True)) as loop:
+    with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         loop.begin()
         emulator.set_faults("dead=4")
         loop.rest(2.0)

@@ -316,7 +316,9 @@ def test_an_interrupted_track_leaves_whole_files(tmp_path: Path, reach: Path) ->
     assert new.pop("notes.txt") == b"mine" and new["angles.csv"] != old["angles.csv"]
     for number in (signal.SIGINT, signal.SIGKILL):
         for after in (0.0, 0.02, 0.1, 0.4):
-            assert stopped(number, after, out, *words, "--overwrite") in (0, 1, -signal.SIGKILL)
+            code = stopped(number, after, out, *words, "--overwrite")
+            assert code in (0, 1, -number)  # -SIGINT: it was done, and Python on its way down
+            assert code != 1 or not list(out.rglob(f"{UNFINISHED}*"))
             for name, content in visible(out).items():
                 if name.endswith((".c3d", ".csv")):
                     assert content in (old[name], new[name])

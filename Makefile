@@ -29,8 +29,7 @@ check: $(READY)  ## style, types and fast tests
 	$(MAKE) --no-print-directory test
 
 model: $(READY)  ## the default model again, from nothing
-	rm -rf out/captured
-	$(BIN)/highfive capture --repetitions 4 --test-repetitions 1 --seed 0 --out out/captured
+	$(BIN)/highfive capture --repetitions 4 --test-repetitions 1 --seed 0 --out out/captured --overwrite
 	$(BIN)/highfive train out/captured --seed 0 --out model/default.safetensors --overwrite
 
 format: $(READY)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hil.cli_options import Json, Overwrite, OverwriteFile, Seed
-from hil.console import print_result, progress_bars, say, say_aside
+from hil.console import STDERR, print_result, progress_bars, say, say_aside
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
 Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
@@ -53,6 +53,8 @@ def emulate(
     json: Json = False,
 ) -> None:
     """Serve an emulated arm on a pseudo-terminal until Ctrl-C (docs/rig.md). Nothing real moves."""
+    if STDERR.is_terminal:  # what follows takes seconds, and until then there is no port
+        say_aside("starting…")
     from hil.drivers.emulator_process import EmulatorOptions  # noqa: PLC0415
     from hil.emulate import emulate, print_emulated  # noqa: PLC0415
 

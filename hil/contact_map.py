@@ -77,8 +77,8 @@ def _grid(axes: Axes, rows: Sequence[Mapping[str, Any]], colours: ScalarMappable
         )  # fmt: skip
     axes.set_xlim(-0.5, 2.5)
     axes.set_ylim(-0.5, 2.5)
-    axes.set_xticks(range(3), [f"{y:+.2f}" for y in GRID_Y[::-1]])
-    axes.set_yticks(range(3), [f"{z:.1f}" for z in GRID_Z])
+    axes.set_xticks(range(3), [f"{n}:  {y:+.2f}" for n, y in zip("321", GRID_Y[::-1], strict=True)])
+    axes.set_yticks(range(3), [f"{row}:  {z:.1f}" for row, z in zip("ABC", GRID_Z, strict=True)])
     axes.tick_params(length=0, colors=FAINT)
     axes.set_aspect("equal")
     for side in axes.spines.values():

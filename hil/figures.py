@@ -14,7 +14,7 @@ from hil.avatar import Pose, avatar_skeleton
 from hil.colours import PARTNER, PERSON, colour_of, mark_of
 from hil.drawing import FAINT, HINGES, INK, Drawing, draw, new_figure
 from hil.moments import contact_tick, moments_of
-from hil.sim.actors import CELLS, RATE_HZ
+from hil.sim.actors import CELLS, GRID_Z, RATE_HZ
 from hil.summary import MM, style_of, styles_of
 from hil.trial import TrialResult
 from model.rotations import Array
@@ -102,8 +102,9 @@ def error_by_cell(results: Sequence[TrialResult]) -> Drawing | None:
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     caption = (
-        "Median error, mm, in the cells of the grid as the avatar sees it: rows are heights, left in the picture is "
-        "the avatar's left. The colour scale is logarithmic and the same everywhere."
+        "Median error, mm, in the cells of the grid as the avatar sees it: rows A to C are heights, columns 1 to 3 go "
+        "from the avatar's right to its left, which is left in the picture. The colour scale is logarithmic and the "
+        "same everywhere."
     )
     return Drawing("error_by_cell", caption, figure)
 
@@ -121,8 +122,8 @@ def _cells(axes: Axes, results: Sequence[TrialResult], value: Callable[[TrialRes
         if np.isfinite(error):
             colour = "#ffffff" if norm(error) < 0.55 else "#101010"
             axes.text(column, row, f"{error:.{1 if error < 9.95 else 0}f}", ha="center", va="center", color=colour)
-    axes.set_xticks(range(3), ["left", "", "right"], fontsize=9)
-    axes.set_yticks(range(3), ["1.2", "1.4", "1.6"], fontsize=9)
+    axes.set_xticks(range(3), ["3\nleft", "2", "1\nright"], fontsize=9)
+    axes.set_yticks(range(3), [f"{row}  {z:g}" for row, z in zip("ABC", GRID_Z, strict=True)], fontsize=9)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
     return image

@@ -53,8 +53,8 @@ def _cells(axes: Axes, reach: BaseReach) -> None:
             text = f"{cell.cell}\nnot reached"
         dark = cell.reached and cell.seconds > 0.7
         axes.text(2 - column, row, text, ha="center", va="center", color="white" if dark else INK)
-    axes.set_xticks(range(3), [f"{y:+.2f}" for y in GRID_Y[::-1]])
-    axes.set_yticks(range(3), [f"{z:.1f}" for z in GRID_Z])
+    axes.set_xticks(range(3), [f"{n}:  {y:+.2f}" for n, y in zip("321", GRID_Y[::-1], strict=True)])
+    axes.set_yticks(range(3), [f"{row}:  {z:.1f}" for row, z in zip("ABC", GRID_Z, strict=True)])
     axes.set_xlabel("y, m (from behind the arm)")
     axes.set_ylabel("z, m")
     axes.set_title("quickest reach from the ready posture")

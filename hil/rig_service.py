@@ -28,6 +28,11 @@ PROBED_IDS = range(1, 21)
 PATIENCE_MS = 50.0
 """How long an answer may be late: nothing here is in a hurry, and an adapter may keep it back for 16 ms."""
 
+_ELSEWHERE = (
+    "is the adapter plugged in, and the arm powered? The port of an emulated arm is found by its name alone, which rig "
+    "emulate says: highfive rig scan PORT"
+)
+
 _HARDWARE = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
 
@@ -57,6 +62,11 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
         paths = {port.path: port for port in known}
         known = [paths.get(path) or Port(path, "", latency_ms(path)) for path in options.ports]
         for path in options.ports:  # what was asked for by name has to be there
+            if not Path(path).exists():
+                raise HighFiveError(
+                    f"{path}: no such port; if rig emulate is to make it, wait until it says that it is there; the "
+                    "machine's own are listed by highfive rig scan without a port"
+                )
             ServoBus(path, options.bauds[0]).close()
     advance = bar("asking", len(known) * len(options.bauds))
     rows = []
@@ -186,8 +196,8 @@ def release(port: str, rig_file: Path | None) -> dict[str, Any]:
 
 def print_scan(result: dict[str, Any]) -> None:
     """The ports and servos, for people."""
-    if not result["ports"]:
-        print("no serial port; plug the adapter in, or try it with: highfive rig emulate")
+    if not any(row["servos"] or row["double_or_damaged"] for row in result["ports"]):
+        print(f"{'nobody answers' if result['ports'] else 'no serial port'}; {_ELSEWHERE}")
     for row in result["ports"]:
         print(f"{row['port']}  {row['description']}".rstrip())
         if row["trouble"] or row["advice"]:

@@ -170,10 +170,10 @@ class Emulator:
             raise HighFiveError(f"cannot make a pseudo-terminal: {error.strerror or error}") from None
 
     def _make_link(self, link: Path) -> None:
-        if link.is_symlink():
+        if link.is_symlink() and os.readlink(link).startswith("/dev/"):  # what an emulator left that was killed
             link.unlink()
-        elif link.exists():
-            raise HighFiveError(f"{link} is there and is no link; choose another path for the port")
+        elif os.path.lexists(link):
+            raise HighFiveError(f"{link} is there and is no link to a port; choose another path for the port")
         try:
             link.symlink_to(os.ttyname(self._slave))
         except OSError as error:

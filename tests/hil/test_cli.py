@@ -59,6 +59,11 @@ def test_unknown_emotion_lists_the_known(highfive) -> None:
     assert_one_line(highfive("capture", "--emotion", "bored", "--out", "x"), "bored", "happy")
 
 
+def test_how_a_style_is_written_is_said_and_its_weights_are_named(highfive) -> None:
+    assert_one_line(highfive("simulate", "--style", "angry:0.5,neutral:0.5"), "write angry=0.5")
+    assert_one_line(highfive("simulate", "--style", "angry=0.5,sad=0.4"), "angry=0.5,sad=0.4 sum to 0.9")
+
+
 @pytest.mark.parametrize("style", ["angry=0.5,neutral=0.4", "angry=-0.5,neutral=1.5", "angry=x", "bored=1"])
 def test_style_weights_that_are_none(highfive, style: str) -> None:
     assert_one_line(highfive("simulate", "--style", style, "--trials", "1"))
@@ -90,6 +95,8 @@ def test_sources_that_are_none(highfive, tmp_path: Path) -> None:
         assert_one_line(highfive("simulate", "--source", f"{name}.c3d", "--human", "human"), name)
     assert_one_line(highfive("simulate", "--source", "whole.c3d", "--human", "human"), "RSHO")
     assert_one_line(highfive("simulate", "--source", "whole.c3d", "--human", "Eve"), "Eve", "human")
+    assert_one_line(highfive("simulate", "--source", "whole.c3d", "--person", "Eve"), "Eve", "human")
+    assert_one_line(highfive("track", "whole.c3d", "--human", "Eve"), "Eve", "human")
     assert_one_line(highfive("simulate", "--source", "whole.c3d", "--human", "human", "--marker-set", "none"), "none")
     assert not list(tmp_path.glob("out*/session*"))
 

@@ -102,6 +102,8 @@ def test_repetitions_left_out_in_turn_give_a_report_and_go_on_where_they_were(tm
     assert figures >= {"errors", "calibration", "left_out", "by_horizon", "trajectories", "latent_spaces"}
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "models").iterdir()}
     assert len(kept) == 4
-    again = json.loads(run(*words, "--out", tmp_path / "out").stdout)
+    assert "model 1 of 2, about 1 min for all" in first.stderr
+    assert run(*words, "--out", tmp_path / "out").exit_code != 0  # a report that is there stays
+    again = json.loads(run(*words, "--out", tmp_path / "out", "--overwrite").stdout)
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "models").iterdir()} == kept
     assert again["scores"]["hgpdm"]["palm"] == found["scores"]["hgpdm"]["palm"]

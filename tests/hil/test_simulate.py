@@ -202,11 +202,11 @@ def test_ctrl_c_leaves_a_finished_report_and_a_kill_leaves_whole_chunks(tmp_path
 
 def test_ctrl_c_while_other_processes_work_is_one_line(tmp_path: Path) -> None:
     process = start("capture", "--emotion", "angry", "--out", tmp_path / "data")
-    out, err = stop(process, signal.SIGINT, lambda: any((tmp_path / "data").glob("*.c3d")))
+    out, err = stop(process, signal.SIGINT, lambda: any((tmp_path / "data").rglob("*.c3d")))
     assert process.returncode == 1 and out == ""
     assert "Traceback" not in err
     assert err.splitlines()[-1] == "interrupted"
-    assert not (tmp_path / "data" / "trials.csv").exists()
+    assert not (tmp_path / "data").exists()
 
 
 def test_a_session_in_which_nothing_was_finished_is_told_without_figures(

@@ -16,6 +16,7 @@ from unseen import Export, write_set
 
 from hil.console import training_bars
 from hil.train import CONVERGED, TrainOptions, summary, train
+from hil.training_count import TrainingCount
 from model.errors import HighFiveError
 from model.optimise import Progress
 from model.store import load_model
@@ -51,6 +52,42 @@ def test_a_resumed_bar_begins_where_the_training_was() -> None:
     for done, objective in ((0, float("nan")), (60, -1.5), (61, -1.75)):
         step(Progress("training", done, 90, objective))
     assert shown == [("compiling", 0), ("objective -1.500", 60), ("objective -1.750", 61)]
+
+
+def test_it_is_said_which_of_how_many_models_and_for_how_long() -> None:
+    """Three models of one stage of 60 steps, 1 s each; the first compiles for 100 s; 30 s of scoring after each."""
+    now = 0.0
+    said: list[str] = []
+    labels: list[str] = []
+
+    def bar(label: str, total: int):
+        labels.append(label)
+        return lambda note="", done=None: None
+
+    count = TrainingCount(bar, 3, said.append, lambda: now)
+    for model in range(3):
+        step = count.next(f"seed {model}")
+        step(Progress("training", 0, 60, float("nan")))
+        now += 100.0
+        for done in range(1, 61):
+            step(Progress("training", done, 60, -1.0))
+            now += 1.0
+        now += 30.0
+    assert labels == [f"model {n} of 3, seed {n - 1}, training" for n in (1, 2, 3)]
+    # After 105 s of the first model 54 are left of it, and twice 159 come. Later the 190 s of one are known.
+    assert said == ["model 1 of 3, about 6 min for all", "model 2 of 3, about 5 min for all",
+                    "model 3 of 3, about 1 min for all"]  # fmt: skip
+
+
+def test_a_model_that_is_found_ready_counts_but_tells_nothing() -> None:
+    now, said = 0.0, []
+    count = TrainingCount(lambda label, total: lambda note="", done=None: None, 2, said.append, lambda: now)
+    count.next()
+    step = count.next()
+    for done in range(1, 101):
+        step(Progress("training", done, 100, -1.0))
+        now += 6.0
+    assert said == ["model 2 of 2, about 9 min for all"]
 
 
 def test_the_summary_says_whether_it_converged_and_what_became_of_each_seed() -> None:

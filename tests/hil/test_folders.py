@@ -1,0 +1,328 @@
+"""What is there already stays: every command that writes, whenever it is interrupted, unless --overwrite is said."""
+
+import csv
+import inspect
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from multiprocessing import get_context
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import numpy as np
+import pytest
+import typer
+
+from hil import cli
+from hil.folders import check_file, next_folder, results_folder
+from hil.sim.actors import simulate_pair
+from hil.sim.capture import CLEAN, TABLE, markers_of, record, write_table
+from mocap_bridge.c3d import read_c3d, write_c3d
+from mocap_bridge.marker_sets import load_marker_set
+from model.checkpoint import Checkpoint
+from model.errors import HighFiveError
+from model.files import UNFINISHED, write_whole
+
+# Nothing that these name is there: a command that names them in its error has looked at them before its results.
+FOLDERS = {
+    "simulate --out": ["simulate", "--source", "absent.c3d", "--model", "absent.safetensors"],
+    "capture --out": ["capture", "--emotion", "bored"],
+    "evaluate --out": ["evaluate", "absent", "absent.safetensors"],
+    "track --out": ["track", "absent.c3d"],
+    "rig play --out": ["rig", "play", "absent"],
+}
+FILES = {
+    "train --out": ["train", "absent"],
+    "calibrate subject --out": ["calibrate", "subject", "absent.c3d"],
+    "stream --record": ["stream", "vicon://127.0.0.1:9"],
+    "bench contact --picture": ["bench", "contact", "--baseline", "absent.json"],
+    "rig reach --picture": ["rig", "reach"],
+}
+ENDINGS = {"train --out": ".safetensors", "calibrate subject --out": ".toml", "stream --record": ".c3d"}
+# Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
+READ = {
+    *("simulate --model", "simulate --rig-file", "simulate --limits", "simulate --estop"),
+    *("train data", "evaluate paths", "evaluate --windows", "observe paths"),
+    *("serve file", "track file", "track --subject", "calibrate subject file"),
+    *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),
+    *("bench protocols --file", "bench contact --baseline"),
+    *("rig emulate --rig", "rig check --rig", "rig configure --rig", "rig release --rig", "rig play --rig"),
+    *("rig play session", "rig play --limits", "rig play --estop"),
+}
+LINKS = {"rig emulate --port-link"}
+
+
+def commands(app: typer.Typer, above: str = "") -> Iterator[tuple[str, object]]:
+    for command in app.registered_commands:
+        assert command.callback is not None
+        yield above + (command.name or command.callback.__name__.replace("_", "-")), command.callback
+    for group in app.registered_groups:
+        assert group.typer_instance is not None
+        yield from commands(group.typer_instance, f"{above}{group.name} " if group.name else above)
+
+
+def named(hint: object) -> bool:
+    """Whether a parameter takes paths."""
+    return hint is Path or any(named(part) for part in get_args(hint) if not isinstance(part, str))
+
+
+def paths() -> Iterator[str]:
+    """Every option and argument of every command that takes a path."""
+    for command, callback in commands(cli.app):
+        hints = get_type_hints(callback, include_extras=True)
+        for name in inspect.signature(callback).parameters:  # type: ignore[arg-type]
+            base, *extras = get_args(hints[name]) or (hints[name],)
+            if named(base):
+                about = next(extra for extra in extras if hasattr(extra, "param_decls"))
+                said = [about.default, *(about.param_decls or ())]  # in Annotated the first name lands there
+                option = next((d for d in said if str(d).startswith("--")), f"--{name.replace('_', '-')}")
+                yield f"{command} {name if type(about).__name__ == 'ArgumentInfo' else option}"
+
+
+def test_no_command_writes_where_this_file_does_not_look() -> None:
+    assert set(paths()) == READ | LINKS | FOLDERS.keys() | FILES.keys()
+    for command, callback in commands(cli.app):
+        writes = any(name.startswith(f"{command} --") for name in FOLDERS | FILES)
+        assert ("overwrite" in inspect.signature(callback).parameters) == writes, command  # type: ignore[arg-type]
+
+
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    monkeypatch.setattr("sys.argv", ["highfive", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    out, err = capsys.readouterr()
+    assert ended.value.code == 2 and out == "" and err.startswith("error: ") and err.count("\n") == 1, err
+    return err
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+@pytest.mark.parametrize("held", ["notes.txt", TABLE, "models/mine.safetensors", "report.json", ".hidden"])
+def test_a_folder_that_holds_something_is_refused_before_anything_else(
+    name: str, held: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mine = tmp_path / "lab" / held
+    mine.parent.mkdir(parents=True)
+    mine.write_bytes(b"somebody's\n")
+    option = name.rpartition(" ")[2]
+    said = refused(monkeypatch, capsys, *FOLDERS[name], option, "lab")
+    assert "lab holds something already; give another --out, or --overwrite" in said
+    assert contents(tmp_path) == {mine: b"somebody's\n"}
+    said = refused(monkeypatch, capsys, *FOLDERS[name], option, "lab", "--overwrite")  # now it is the input's turn
+    assert "absent" in said or "bored" in said
+    assert contents(tmp_path) == {mine: b"somebody's\n"}
+    refused(monkeypatch, capsys, *FOLDERS[name], option, "new/folder")
+    assert not (tmp_path / "new").exists(), "a folder in which nothing is"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_is_there_is_refused_before_anything_else(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mine = tmp_path / f"mine{ENDINGS.get(name, '.png')}"
+    mine.write_bytes(b"somebody's\n")
+    option = name.rpartition(" ")[2]
+    said = refused(monkeypatch, capsys, *FILES[name], option, mine)
+    assert f"mine{mine.suffix} is there already; give another {option}, or --overwrite" in said
+    link = mine.with_name(f"link{mine.suffix}")
+    link.symlink_to(tmp_path / "elsewhere")
+    assert "is there already" in refused(monkeypatch, capsys, *FILES[name], option, link)
+    (tmp_path / f"folder{mine.suffix}").mkdir()
+    assert "is a folder" in refused(monkeypatch, capsys, *FILES[name], option, f"folder{mine.suffix}", "--overwrite")
+    assert contents(tmp_path) == {mine: b"somebody's\n"} and link.is_symlink()
+
+
+def test_a_link_that_is_no_port_is_not_replaced(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    link = tmp_path / "arm"
+    for target in (tmp_path, tmp_path / "absent"):
+        link.symlink_to(target)
+        assert "no link to a port" in refused(monkeypatch, capsys, "rig", "emulate", "--port-link", link)
+        assert link.readlink() == target
+        link.unlink()
+
+
+def test_only_one_command_writes_to_a_folder_at_a_time(tmp_path: Path) -> None:
+    with (
+        results_folder(tmp_path / "out"),
+        pytest.raises(HighFiveError, match="another command is writing to"),
+        results_folder(tmp_path / "out", overwrite=True),
+    ):
+        pass
+    with results_folder(tmp_path / "out"):
+        (tmp_path / "out" / f"{UNFINISHED}1-report.html").write_text("what a killed command left")
+    with results_folder(tmp_path / "out"):
+        pass
+    assert next_folder("out", tmp_path).name == "out-1"
+
+
+def test_files_that_are_none_are_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(HighFiveError, match="is no file"):
+        check_file(tmp_path / "pipe", overwrite=True)
+    with pytest.raises(HighFiveError, match="/dev/null is no file"):
+        check_file(Path("/dev/null"), overwrite=True)
+
+
+def test_a_full_disk_and_a_name_that_was_taken_meanwhile_leave_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_bytes(b"old")
+    with pytest.raises(FileExistsError):
+        write_whole(path, b"new", replace=False)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(OSError):
+            write_whole(path, b"new" * 1000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert contents(tmp_path) == {path: b"old"}
+    write_whole(path, b"new")
+    assert contents(tmp_path) == {path: b"new"}
+
+
+def _write_for_ever(path: Path) -> None:
+    for number in range(1_000_000):
+        write_whole(path, bytes([number % 256]) * 400_000)
+
+
+def test_whenever_it_is_killed_the_file_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "whole"
+    write_whole(path, b"\0" * 400_000)
+    rng = np.random.default_rng(0)
+    for _ in range(8):
+        process = get_context("spawn").Process(target=_write_for_ever, args=(path,))
+        process.start()
+        seen = path.stat().st_ino
+        while path.stat().st_ino == seen:
+            time.sleep(0.001)
+        time.sleep(float(rng.uniform(0.0, 0.02)))
+        process.kill()
+        process.join()
+        content = path.read_bytes()
+        assert len(content) == 400_000 and len(set(content)) == 1
+
+
+def test_what_was_set_aside_is_not_written_over(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path / "m.checkpoint.npz", {})
+    for content in (b"first", b"second", b"third"):
+        checkpoint.path.write_bytes(content)
+        checkpoint.set_aside()
+    assert sorted(contents(tmp_path).values()) == [b"first", b"second", b"third"]
+
+
+def command(*words: object) -> list[str]:
+    return [sys.executable, "-m", "hil.cli", *map(str, words)]
+
+
+def said(*words: object) -> str:
+    """What a command that is done said on standard error."""
+    return subprocess.run(command(*words), check=True, capture_output=True, text=True).stderr
+
+
+def stopped(number: signal.Signals, after: float, folder: Path, *words: object) -> int:
+    """Ends a command so long, s, after it began to write; its exit code."""
+    process = subprocess.Popen(command(*words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        seen = set(folder.iterdir())
+        while process.poll() is None and set(folder.iterdir()) == seen:
+            time.sleep(0.005)
+        time.sleep(after)
+        process.send_signal(number)
+        return process.wait(60)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def visible(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name[0] != "."}
+
+
+def test_a_capture_replaces_its_own_and_nobody_elses(tmp_path: Path) -> None:
+    """Angry, 2 repetitions; then once: what only the first table names is gone, what no table names stays."""
+    out = tmp_path / "data"
+    words = ("capture", "--emotion", "angry", "--out", out)
+    said(*words, "--repetitions", 2)
+    first = visible(out)
+    (out / "mine.c3d").write_bytes(b"mine")
+    told = said(*words, "--repetitions", 1, "--seed", 3, "--overwrite")
+    assert "9 recordings of the earlier capture removed" in told and "left as they are" in told and "mine.c3d" in told
+    second = visible(out)
+    rows = list(csv.DictReader((out / TABLE).read_text().splitlines()))
+    assert set(second) == {row["file"] for row in rows} | {TABLE, "mine.c3d"} and len(rows) == 9
+    assert second["mine.c3d"] == b"mine" and second["angry_A1_1.c3d"] != first["angry_A1_1.c3d"]
+    # A table of somebody else, however like ours: what it names is not touched.
+    write_table(out, [("angry_A1_1.c3d", "angry", "A1", "1", "train"), ("angry_A1_7.c3d", "angry", "A1", "7", "train")])
+    (out / "angry_A1_7.c3d").write_bytes(b"somebody's")
+    said(*words, "--repetitions", 1, "--overwrite")
+    assert visible(out)["angry_A1_7.c3d"] == b"somebody's"
+
+
+@pytest.mark.slow
+def test_an_interrupted_capture_leaves_the_earlier_set(tmp_path: Path) -> None:
+    out = tmp_path / "data"
+    words = ("capture", "--emotion", "angry", "--repetitions", 1, "--out", out)
+    said(*words, "--seed", 1)
+    old = visible(out)
+    for number, code in ((signal.SIGINT, 1), (signal.SIGKILL, -signal.SIGKILL)):
+        for after in (0.0, 0.5, 2.5):
+            ended = stopped(number, after, out, *words, "--seed", 2, "--overwrite")
+            assert ended in (0, code)  # quick machines are done by then
+            assert visible(out) == old or ended == 0
+            if number == signal.SIGINT:
+                assert not list(out.glob(f"{UNFINISHED}*"))
+            if ended == 0:
+                return
+    fresh = tmp_path / "fresh"
+    fresh.mkdir()
+    assert stopped(signal.SIGINT, 0.5, fresh, *words[:-1], fresh) in (0, 1)
+    assert visible(fresh) == {} or (fresh / TABLE).exists()
+    assert said(*words, "--seed", 2, "--overwrite") == "" or visible(out) != old
+
+
+@pytest.fixture(scope="module")
+def reach(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of the person of a simulated pair."""
+    path = tmp_path_factory.mktemp("reach") / "reach.c3d"
+    paper, trial = load_marker_set("paper"), simulate_pair("angry", "B2", 0, np.random.default_rng(0))
+    pair = record([("human:", markers_of(trial.person, paper), paper)], CLEAN, np.random.default_rng(1))
+    write_c3d(path, pair)
+    return path
+
+
+@pytest.mark.slow
+def test_an_interrupted_track_leaves_whole_files(tmp_path: Path, reach: Path) -> None:
+    out = tmp_path / "tracked"
+    words = ("track", reach, "--out", out, "--marker-set", "paper")
+    said(*words)
+    old = visible(out)
+    assert set(old) == {"reach_filled.c3d", "angles.csv", "report.json", "report.html"}
+    (out / "notes.txt").write_bytes(b"mine")
+    said(*words, "--no-fit", "--overwrite")
+    new = visible(out)
+    assert new.pop("notes.txt") == b"mine" and new["angles.csv"] != old["angles.csv"]
+    for number in (signal.SIGINT, signal.SIGKILL):
+        for after in (0.0, 0.02, 0.1, 0.4):
+            code = stopped(number, after, out, *words, "--overwrite")
+            assert code in (0, 1, -number)  # -SIGINT: it was done, and Python on its way down
+            assert code != 1 or not list(out.rglob(f"{UNFINISHED}*"))
+            for name, content in visible(out).items():
+                if name.endswith((".c3d", ".csv")):
+                    assert content in (old[name], new[name])
+                elif name != "notes.txt":  # times of day are in it
+                    assert content.strip().endswith((b"}", b"</html>"))
+            read_c3d(out / "reach_filled.c3d")
+            said(*words, "--no-fit", "--overwrite")

@@ -52,13 +52,13 @@ class _Limit:
         known = [row for row in rows if row[self.key] is not None]
         values = sorted(row[self.key] for row in known)
         limits = {name: limit for name, limit in (("median", self.median), ("largest", self.largest)) if limit}
-        if len(values) == 1 and len(limits) > 1:
+        if len(rows) == 1 and len(limits) > 1:
             limits.pop("largest")
         listed = []
         for name, limit in limits.items():
             value = None if not values else values[-1] if name == "largest" else _median(values)
             met = None if value is None or not applies else value <= limit
-            what = self.what if len(values) == 1 else f"{self.what}, {name}"
+            what = self.what if len(rows) == 1 else f"{self.what}, {name}"
             over = [row for row in known if row[self.key] > limit]
             why = self._why(over, len(known), name) if met is False else ""
             listed.append(Target(what, f"≤ {_with(limit, self.unit, 'g')}", _with(value, self.unit), met, why))

@@ -69,6 +69,8 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
             or the arm was stopped.
     """
     if options.picture is not None:
+        if not options.picture.parent.is_dir():
+            raise HighFiveError(f"cannot draw {options.picture}: there is no folder {options.picture.parent}")
         check_file(options.picture, options.overwrite, "--picture")
     for what, asked_for, known in (
         ("player", options.players, PLAYERS),

@@ -28,7 +28,7 @@ Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Write there though something is there already; other files stay.")
 ]
 """For results that fill a folder."""
-OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace that file if it is there.")]
+OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file that is written if it is there.")]
 
 AnySet = Annotated[str | None, typer.Option(help="The marker set: a name or a TOML file.")]
 

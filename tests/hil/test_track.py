@@ -224,7 +224,7 @@ def test_json_is_one_object(run, reach: Reach, tmp_path: Path):
     code, out, _ = run(reach.path, "--person", "human:", "--marker-set", "paper", "--json", "--out", tmp_path / "o")
     assert code == 0
     assert json.loads(out)["frames"] == len(reach.markers)
-    code, out, _ = run(reach.path, "--out", tmp_path / "o")
+    code, out, _ = run(reach.path, "--out", tmp_path / "o", "--overwrite")
     assert "report.html" in out
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from hil.avatar import Pose, avatar_skeleton, between
 from hil.contact_correction import ContactCorrection
-from hil.reach import Expectation, Phase, Reach, ReachTarget
+from hil.reach import Expectation, Reach, ReachTarget
 from hil.sim.scene import Scene
 from hil.tempo import Tempo
 from hil.threads import use_one_blas_thread
@@ -129,9 +129,9 @@ class Session:
         seen = person.palm if person.valid else None
         expectation = _expectation(response, familiar)
         target = self._reach.step(palm, seen, expectation, self._correction.shoulder, 1.0 / RATE_HZ)
-        if not self._correct or target.phase is Phase.IDLE:
+        if not self._correct:
             return Tick(markers, person, response, generated, palm, target, generated, palm, 0.0, False)
-        corrected = self._correction.solve(generated, target.position, target.normal)
+        corrected = self._correction.solve(generated, target.position, target.normal, target.weight)
         return Tick(
             markers, person, response, generated, palm, target,
             corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,

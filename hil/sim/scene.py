@@ -180,8 +180,13 @@ def contact_pairs(skeleton: Skeleton) -> tuple[list[tuple[str, str]], list[tuple
     hand = hand_shapes(skeleton, "right")
     expected = [(a, b) for a in hand for b in hand_shapes(skeleton, "person")]
     unwanted = [(a, "person_head") for a in [*hand, "right_elbow", "left_palm", "left_elbow"]]
-    unwanted += [(a, shape_name(b)) for a in [*hand, "right_elbow"] for b in _OWN_BODY]
-    return expected, unwanted
+    return expected, unwanted + own_pairs(skeleton)
+
+
+def own_pairs(skeleton: Skeleton) -> list[tuple[str, str]]:
+    """Every contact shape of the avatar's right hand and forearm with every one of its own body."""
+    arm = [*hand_shapes(skeleton, "right"), "right_elbow"]
+    return [(a, shape_name(b)) for a in arm for b in _OWN_BODY]
 
 
 def _add_contact_pairs(spec: mujoco.MjSpec, skeleton: Skeleton) -> None:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from trial_results import simulated_result
 
-from hil.arm_trial import played
-from hil.bench_contact import twin_loop
+from hil.bench_contact import played, twin_loop
 from hil.bench_retarget import asked_of_arm
 from hil.film import Arms, picture_strips
 from hil.servo_arm import DEFAULT_MOUNT

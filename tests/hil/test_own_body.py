@@ -1,0 +1,220 @@
+"""The own body: MuJoCo's distances are the oracle, finite differences the gradients'; and nothing of it is touched."""
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+import pytest
+
+from hil.avatar import Pose, avatar_skeleton
+from hil.contact_correction import ContactCorrection
+from hil.own_body import SOFTNESS, STIFFNESS, OwnBody
+from hil.partners import Partner, simulated_partners
+from hil.session import RATE_HZ, Session
+from hil.sim.actors import CELLS
+from hil.sim.scene import Scene, build_scene, own_pairs, rest_pose
+from hil.simulate import DEFAULT_MODEL
+from mocap_bridge.sources import C3DSource
+from model.hgpdm import HGPDM
+from model.store import load_model
+
+FLAT_PALM = (-0.006, 0.004)
+"""m by which the three rods of the palm may be nearer and further than the ellipsoid that they cover."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene()
+
+
+@pytest.fixture(scope="module")
+def model() -> HGPDM:
+    return load_model(DEFAULT_MODEL)
+
+
+def poses(scene: Scene, count: int, seed: int) -> Iterable[mujoco.MjData]:
+    """States with trunk and right arm about one with the forearm before the trunk, inside the limits."""
+    rng, data, skeleton = np.random.default_rng(seed), scene.make_data(), scene.skeleton
+    limits = skeleton.hinge_limits[scene.arm_joints].reshape(-1, 2)
+    hinges = across(scene, 30.0)
+    for _ in range(count):
+        arm = hinges[scene.arm_joints].ravel() + rng.normal(0.0, 0.5, 18)
+        scene.set_pose(data, Pose(rest_pose(skeleton).root_in_world, hinges))
+        data.qpos[scene.hinge_qpos[scene.arm_joints].ravel()] = np.clip(arm, limits[:, 0], limits[:, 1])
+        mujoco.mj_kinematics(scene.model, data)
+        yield data
+
+
+def across(scene: Scene, degrees: float) -> np.ndarray:
+    """Hinges of the avatar with its right forearm turned inwards, in front of the belly."""
+    skeleton, hinges = scene.skeleton, rest_pose(scene.skeleton).hinges.copy()
+    shoulder = skeleton.index("right_shoulder")
+    order = skeleton.hinge_orders[shoulder]
+    hinges[shoulder, order.index("y")], hinges[shoulder, order.index("z")] = np.radians([15.0, degrees])
+    hinges[skeleton.index("right_elbow"), 0] = np.radians(-95.0)
+    return skeleton.clamp(hinges)
+
+
+def deepest(scene: Scene, data: mujoco.MjData, pose: Pose) -> float:
+    """m of the deepest contact of the own body that MuJoCo finds; 0 where there is none."""
+    scene.set_pose(data, pose)
+    mujoco.mj_kinematics(scene.model, data)
+    mujoco.mj_collision(scene.model, data)
+    own = set(own_pairs(scene.skeleton))
+    names = [{scene.model.geom(g).name for g in pair} for pair in data.contact.geom]
+    found = [-c for c, pair in zip(data.contact.dist, names, strict=True) if any(pair == set(p) for p in own)]
+    return max(found, default=0.0)
+
+
+def test_every_pair_that_the_scene_calls_unwanted_is_kept_apart(scene: Scene) -> None:
+    body = OwnBody(scene, scene.make_data())
+    assert {(rod, shape) for rod in body.rods for shape in body.shapes} == set(own_pairs(scene.skeleton))
+
+
+def test_distances_are_mujocos(scene: Scene) -> None:
+    overlapping = 0
+    for data in poses(scene, 25, 1):
+        body = OwnBody(scene, data)
+        distances, _ = body.distances()
+        for column, shape in enumerate(body.shapes):
+            oracle = {
+                name: mujoco.mj_geomDistance(
+                    scene.model, data, scene.model.geom(name).id, scene.model.geom(shape).id, 10.0, None
+                )
+                for name in dict.fromkeys(body.rods)
+            }
+            palm = min(d for d, name in zip(distances[:, column], body.rods, strict=True) if name == "right_palm")
+            for name, distance in zip(body.rods, distances[:, column], strict=True):
+                if name == "right_palm":
+                    continue
+                overlapping += oracle[name] < 0.0
+                # Where bodies overlap, MuJoCo looks for the way out in steps, and for the shortest of all directions.
+                tolerance = 1e-6 if oracle[name] > 0.0 else 1e-3
+                assert distance == pytest.approx(oracle[name], abs=tolerance), (name, shape)
+            if oracle["right_palm"] > 0.0:
+                assert FLAT_PALM[0] < palm - oracle["right_palm"] < FLAT_PALM[1]
+    assert overlapping > 20
+
+
+def test_gradients_are_the_distances_differences(scene: Scene) -> None:
+    addresses = scene.hinge_qpos[scene.arm_joints].ravel()
+    for data in poses(scene, 5, 2):
+        body = OwnBody(scene, data)
+        _, gradients = body.distances()
+        start, step = data.qpos.copy(), 1e-6
+        for k, address in enumerate(addresses):
+            ends = []
+            for way in (step, -step):
+                data.qpos[:] = start
+                data.qpos[address] += way
+                mujoco.mj_kinematics(scene.model, data)
+                ends.append(body.distances()[0])
+            differences = (ends[0] - ends[1]) / (2.0 * step)
+            off = np.abs(differences - gradients[:, :, k])
+            # Inside, a distance has a crease where two ways out are as long.
+            outside = np.minimum(*ends) > 0.0
+            assert off[outside].max() < 1e-3
+            assert np.median(off) < 1e-6
+        data.qpos[:] = start
+
+
+def test_the_force_is_the_slope_of_the_cost(scene: Scene) -> None:
+    addresses, seen = scene.hinge_qpos[scene.arm_joints].ravel(), 0
+    for data in poses(scene, 30, 3):
+        body = OwnBody(scene, data)
+        gradient, hessian = np.zeros(18), np.zeros((18, 18))
+        mujoco.mj_kinematics(scene.model, data)
+        if body.keep_off(1.0, gradient, hessian) < 1e-8 or body.distances()[0].min() < -0.03:
+            continue
+        seen += 1
+        start, step, slopes = data.qpos.copy(), 1e-6, []
+        for address in addresses:
+            costs = []
+            for way in (step, -step):
+                data.qpos[:] = start
+                data.qpos[address] += way
+                mujoco.mj_kinematics(scene.model, data)
+                costs.append(body.keep_off(1.0, np.zeros(18), np.zeros((18, 18))))
+            slopes.append((costs[0] - costs[1]) / (2.0 * step))
+        data.qpos[:] = start
+        assert 0.5 * np.array(slopes) == pytest.approx(gradient, rel=1e-3, abs=1e-6)
+        assert np.linalg.eigvalsh(hessian).min() > -1e-9 * np.abs(hessian).max()
+    assert seen > 5
+
+
+def test_the_cost_of_one_pair_is_what_is_written(scene: Scene) -> None:
+    for pose in poses(scene, 300, 4):
+        body = OwnBody(scene, pose)
+        distances = body.distances()[0]
+        near = np.sort(distances.ravel())
+        if near[1] > 0.07 and 0.0 < near[0] < 0.05:
+            cost = body.keep_off(0.5, np.zeros(18), np.zeros((18, 18)))
+            assert cost == pytest.approx(0.5 * STIFFNESS * SOFTNESS * np.exp(-near[0] / SOFTNESS), rel=1e-9)
+            return
+    raise AssertionError("no pose with one near pair")
+
+
+@pytest.mark.parametrize(("share", "smooth"), [(0.0, 1.0), (0.1, 1.0), (1.0, None)])
+def test_a_forearm_that_is_led_through_the_trunk_stays_outside(
+    scene: Scene, share: float, smooth: float | None
+) -> None:
+    """It swings across the belly, 7 cm deep, and back: where no palm is wanted, or hardly, or firmly."""
+    correction, data, limits = ContactCorrection(scene), scene.make_data(), avatar_skeleton().hinge_limits
+    wanted, played = [], []
+    for swing in np.sin(np.linspace(0.0, np.pi, 180)) ** 2:
+        pose = Pose(rest_pose(scene.skeleton).root_in_world, across(scene, 55.0 * swing))
+        wanted.append(deepest(scene, data, pose))
+        palm = correction.palm_of(pose)
+        solved = correction.solve(pose, palm.position, palm.normal, share).pose
+        assert deepest(scene, data, solved) == 0.0
+        assert np.all(solved.hinges >= limits[..., 0] - 1e-9)
+        assert np.all(solved.hinges <= limits[..., 1] + 1e-9)
+        played.append(solved.hinges)
+    assert max(wanted) > 0.06
+    if smooth is not None:
+        change = np.abs(np.diff(np.array(played), n=2, axis=0)) * RATE_HZ
+        assert change.max() < smooth  # rad/s in a tick
+
+
+def test_far_from_the_own_body_nothing_changes(scene: Scene) -> None:
+    correction, pose = ContactCorrection(scene), rest_pose(scene.skeleton)
+    hinges = pose.hinges.copy()
+    hinges[scene.skeleton.index("right_shoulder"), 0] = np.radians(-90.0)
+    reaching = Pose(pose.root_in_world, hinges)
+    palm = correction.palm_of(reaching)
+    np.testing.assert_array_equal(correction.solve(reaching, palm.position, palm.normal, 0.0).pose.hinges, hinges)
+
+
+def own_contacts(scene: Scene, model: HGPDM, partner: Partner) -> tuple[float, float]:
+    """m of the deepest contact with the own body, of what the model wants and of what is played."""
+    session, data = Session(model, {partner.emotion: 1.0}, partner.marker_set, scene), scene.make_data()
+    ticks = [session.step(frame) for frame in C3DSource(partner.recording, RATE_HZ)]
+    wanted = max(deepest(scene, data, tick.generated) for tick in ticks)
+    return wanted, max(deepest(scene, data, tick.pose) for tick in ticks)
+
+
+@pytest.mark.parametrize(
+    ("seed", "emotion", "cell"),
+    [
+        (0, "happy", "A3"),  # forearm and trunk, after the high five
+        (7, "sad", "C3"),  # fingers and thigh, while the arm hangs
+        (101, "angry", "C3"),  # hand and head
+        (202, "sad", "A3"),  # forearm and trunk, while the arm hangs
+    ],
+)
+def test_high_fives_whose_arm_the_model_leads_into_its_body(
+    seed: int, emotion: str, cell: str, scene: Scene, model: HGPDM
+) -> None:
+    partner = simulated_partners(1, [emotion], [cell], seed)[0]
+    wanted, played = own_contacts(scene, model, partner)
+    assert wanted > 0.005
+    assert played == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.contact
+@pytest.mark.parametrize("seed", [0, 7, 101, 202])
+def test_no_high_five_touches_the_own_body(seed: int, scene: Scene, model: HGPDM) -> None:
+    partners = simulated_partners(36, model.emotions, CELLS, seed)
+    found = {partner.title: own_contacts(scene, model, partner)[1] for partner in partners}
+    assert not {title: depth for title, depth in found.items() if depth > 0.0}

@@ -85,8 +85,9 @@ def test_damaged_and_foreign_checkpoints_are_set_aside_with_a_word(tmp_path: Pat
     assert_same(run(path, say=said.append), run(None))
     Checkpoint(path, {"seed": 4}).save({"starts": np.array("[]")})
     assert_same(run(path, say=said.append), run(None))
-    assert len(said) == 2 and all("kept as run.npz.old, and training begins anew" in line for line in said)
-    assert "seed 4 instead of 5" in said[1]
+    assert len(said) == 2 and "kept as run.npz.old, and training begins anew" in said[0]
+    assert "seed 4 instead of 5" in said[1] and "kept as run.npz.old-2, and training begins anew" in said[1]
+    assert (tmp_path / "run.npz.old").read_bytes() == b"nonsense"  # what was set aside before stays
 
 
 def test_a_seed_that_fails_is_replaced_by_the_next():

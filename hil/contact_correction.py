@@ -149,26 +149,33 @@ class ContactCorrection:
         self, angles: Array, centre: Array, position: Array, normal: Array, share: float
     ) -> tuple[float, Array, Array]:
         """Cost, and half its gradient (18,) and its Gauss–Newton second derivatives (18, 18)."""
+        self._data.qpos[self._qpos] = angles
+        mujoco.mj_kinematics(self._model, self._data)
+        moved = angles - centre
+        pulled = self._pull * moved
+        cost, gradient, hessian = float(pulled @ moved), pulled, np.diag(self._pull)
+        if share > 0.0:
+            residual, jacobian = self._palm_terms(position, normal, share)
+            cost += float(residual @ residual)
+            gradient = gradient + jacobian.T @ residual
+            hessian += jacobian.T @ jacobian
+        return cost + self._own_body.keep_off(share * share + _OWN_BODY, gradient, hessian), gradient, hessian
+
+    def _palm_terms(self, position: Array, normal: Array, share: float) -> tuple[Array, Array]:
+        """Residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
         model, data = self._model, self._data
-        data.qpos[self._qpos] = angles
-        mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, self._translation, self._rotation, self._scene.palm_site)
         facing = self._axes[:, 2]
         residual, jacobian = np.empty(6), np.empty((6, len(self._dofs)))
-        near, facing_weight = share * POSITION_WEIGHT, share * NORMAL_WEIGHT
-        residual[:3] = near * (self._place - position)
-        residual[3:] = facing_weight * (facing - normal)
-        np.multiply(self._translation[:, self._dofs], near, out=jacobian[:3])
-        x, y, z = facing_weight * facing
+        placed, turned = share * POSITION_WEIGHT, share * NORMAL_WEIGHT
+        residual[:3] = placed * (self._place - position)
+        residual[3:] = turned * (facing - normal)
+        np.multiply(self._translation[:, self._dofs], placed, out=jacobian[:3])
+        x, y, z = turned * facing
         turning = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # dn = omega x n
         np.matmul(turning, self._rotation[:, self._dofs], out=jacobian[3:])
-        moved = angles - centre
-        gradient = jacobian.T @ residual + self._pull * moved
-        hessian = jacobian.T @ jacobian
-        hessian.flat[:: len(angles) + 1] += self._pull
-        cost = float(residual @ residual + self._pull @ (moved * moved))
-        return cost + self._own_body.keep_off(share * share + _OWN_BODY, gradient, hessian), gradient, hessian
+        return residual, jacobian
 
     def _step(self, angles: Array, gradient: Array, hessian: Array, damping: float) -> Array:
         damped = hessian.copy()

@@ -144,11 +144,11 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
     if error["median"] is not None:
         lines.append(
             "Plate to palm as tracked, where they touched, or at the nearest, in trials that were possible: "
-            + _spread(error, summary["trials"], ".1f", "mm")
+            + _spread(error, met + summary["missed"], ".1f", "mm")
         )
     if late["median"] is not None:
         lines.append(
-            f"Off the session's own contact in time: {_spread(late, summary['trials'], '.0f', 'ms')} They touched no "
+            f"Off the session's own contact in time: {_spread(late, met, '.0f', 'ms')} They touched no "
             f"faster than {_known(summary['max_relative_speed'], 'm/s')} relative to each other."
         )
     lines.append(
@@ -190,8 +190,8 @@ def _how(row: dict[str, Any]) -> str:
     return "yes" if row["touched"] else "no" if row["possible"] else "not possible"
 
 
-def _spread(extent: dict[str, float], trials: int, form: str, unit: str) -> str:
-    if trials == 1:
+def _spread(extent: dict[str, float], values: int, form: str, unit: str) -> str:
+    if values == 1:
         return f"{extent['median']:{form}} {unit}."
     return f"median {extent['median']:{form}} {unit}, largest {extent['max']:{form}} {unit}."
 

@@ -203,10 +203,11 @@ def _spread(extent: dict[str, float], count: int, digits: int, unit: str) -> str
 def _tell_arm(arm: dict[str, Any]) -> None:
     """What the servo arm did, for people."""
     error, late = arm["error_mm"], arm["time_error_ms"]
+    able = arm["trials"] - arm["broken_off"] - len(arm["unreachable"])
     if error["median"] is not None:
-        print(f"  servo arm's plate to palm  {_spread(error, arm['trials'], 1, 'mm')}")
+        print(f"  servo arm's plate to palm  {_spread(error, able, 1, 'mm')}")
     if late["median"] is not None:
-        print(f"    off in time             {_spread(late, arm['trials'], 0, 'ms')}")
+        print(f"    off in time             {_spread(late, able - arm['missed'], 0, 'ms')}")
     print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
     for label, key in (
         ("no contact", "missed"),

@@ -60,7 +60,7 @@ def test_a_system_that_dies_in_the_first_high_five_leaves_nothing_behind(greetin
     folder = tmp_path / "session"
     session = start("simulate", "--source", address, "--emotion", "neutral", "--no-pictures", "--out", folder)
     end = time.monotonic() + 60.0
-    while not folder.exists():
+    while not (folder.exists() and any(folder.iterdir())):  # the recording is begun, and with it the first high five
         assert session.poll() is None and time.monotonic() < end
         time.sleep(0.01)
     server.send_signal(signal.SIGKILL)

@@ -55,8 +55,12 @@ def within_rules(
         dt: s, of the tick.
     """
     if human is None:
-        share = people.share_of_speed(limits.face.speed, goals.jacobians @ offset)
-        return Rates(reference, share * offset, None), {Rule.FEED_FORWARD} if share < 1.0 else set()
+        slowest = min(limits.face.speed, limits.motion.point_speed)
+        share = people.share_of_speed(slowest, goals.jacobians @ (reference + offset))
+        # A reference that brakes may still be faster by itself: then goals lead it by no more than before.
+        return Rates(reference, share * offset if share == 1.0 else 0.0 * offset, None), (
+            {Rule.FEED_FORWARD} if share < 1.0 else set()
+        )
     spared, closing = people.spared_hand(limits.contact, seen, human, goals, reference + offset, dt)
     excess = reference + offset - spared
     if too_fast := bool(excess.any()):

@@ -145,3 +145,15 @@ def test_the_arm_is_compared_with_the_reference_it_is_to_hold() -> None:
     loop.follow(READY_POSE, 60, feed_forward=np.full(6, 0.09))
     assert isinstance(loop.inputs(None).arm, JointState)
     assert loop.state is State.TRACKING
+
+
+def test_goals_that_lead_are_slow_while_nobody_knows_where_the_person_is() -> None:
+    """It retracts as fast as it may, and requests jump: what is sent is no faster than near a face."""
+    loop, rng = Loop(lowered(LIMITS, {"face.speed": 0.1}), start=STRETCHED).tracking(), np.random.default_rng(1)
+    loop.human, requested = None, np.zeros(6)
+    for tick in range(400):
+        requested = rng.uniform(-0.1, 0.1, 6) if tick % 6 == 0 else requested
+        loop.tick(STRETCHED, feed_forward=requested)
+    assert any(report.state is State.RETRACTING for report in loop.reports)
+    speeds = np.linalg.norm(np.diff([plate(goal) for goal in loop.told], axis=0), axis=1) / SECONDS
+    assert 0.05 < speeds.max() <= 1.1 * 0.1  # the two postures' Jacobians differ

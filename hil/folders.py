@@ -40,7 +40,7 @@ def results_folder(
         HighFiveError: the folder holds something, is another command's, is none, or cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
-        raise HighFiveError(f"{folder} is no folder; --out takes the name of a folder")
+        raise HighFiveError(f"cannot write to {folder}: it is no folder; --out takes the name of a folder")
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     with ExitStack() as stack:
         try:

@@ -73,7 +73,7 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     empty.touch()
     nonsense.write_text("name = 3")
     assert "holds something already; give another --out" in said(recorded, "--out", recorded.parent)
-    assert "is no folder; --out takes the name of a folder" in said(recorded, "--out", recorded)
+    assert "it is no folder; --out takes the name of a folder" in said(recorded, "--out", recorded)
     assert "only with --arm" in said(recorded, "--port", "/dev/ttyUSB99")
     assert "no such port" in said(recorded, "--port", "/dev/ttyUSB99", "--arm", "--nobody-near")
     assert "not a serial port" in said(recorded, "--port", empty, "--arm", "--slow")

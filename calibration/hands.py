@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pair_frame import Pair
-from mocap_bridge.marker_sets import MarkerSet
-from mocap_bridge.recording import Recording
-from model.rotations import Array
+from highfive.calibration.pair_frame import Pair
+from highfive.mocap_bridge.files.recording import Recording
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.model.geometry.rotations import Array
 
 SIDES = ("right", "left")
 CLEARLY = 0.05

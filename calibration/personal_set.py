@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.subject import Subject
-from mocap_bridge.marker_sets import MarkerSet, Segment, segment_lengths
-from model import rotations
-from model.rotations import Array
-from model.skeleton import Skeleton
+from highfive.calibration.subject import Subject
+from highfive.mocap_bridge.markers.marker_set import MarkerSet, Segment, segment_lengths
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.skeleton import Skeleton
 
 SPREAD = 0.005
 """Least standard deviation of a marker's place on its own person, m, a coordinate: skin moves, and markers are glued on
@@ -25,7 +25,7 @@ def personal_set(subject: Subject, name: str, description: str) -> MarkerSet:
     Markers that the recording never showed (their ``rms`` is 0) keep the spread of the set that was fitted.
 
     Args:
-        subject: from :func:`calibration.subject.fit_subject`.
+        subject: from :func:`highfive.calibration.subject.fit_subject`.
         name: name of the new set.
         description: what it is, in a line.
     """

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_bridge.marker_sets import MarkerSet
-from mocap_bridge.recording import Recording
-from model import rotations
-from model.errors import HighFiveError
-from model.rotations import Array
+from highfive.mocap_bridge.files.recording import Recording
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
 
 AVATAR_REACH = 0.50
 """Horizontal distance of a comfortable contact from the avatar's pelvis, m."""

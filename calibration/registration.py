@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.placement import Placement
-from model.errors import HighFiveError
-from model.rotations import Array
+from highfive.calibration.placement import Placement
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 FORMAT = 1
 """Version of the file's format."""

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.body_solver import body_part, solve_body, solve_part_alone
-from mocap_bridge.kinematic_part import Part, forward, jacobian
-from mocap_bridge.marker_sets import MarkerSet, segment_lengths
-from mocap_bridge.pose_fit import ANGLE_SIGMA, MARKER_SIGMA
-from mocap_bridge.recording import Recording
-from model.errors import HighFiveError
-from model.rotations import Array
-from model.skeleton import Skeleton
+from highfive.mocap_bridge.body.body_solver import body_part, solve_body, solve_part_alone
+from highfive.mocap_bridge.body.kinematic_part import Part, forward, jacobian
+from highfive.mocap_bridge.body.pose_fit import ANGLE_SIGMA, MARKER_SIGMA
+from highfive.mocap_bridge.files.recording import Recording
+from highfive.mocap_bridge.markers.marker_set import MarkerSet, segment_lengths
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.skeleton import Skeleton
 
 FRAMES = 40
 """Frames of the recording that the fit looks at, spread over its length."""

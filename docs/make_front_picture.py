@@ -4,17 +4,17 @@ from pathlib import Path
 
 from PIL import Image
 
-from hil.moments import contact_tick, showpieces
-from hil.partners import simulated_partners
-from hil.session import Session
-from hil.sim.actors import CELLS
-from hil.sim.playout import KinematicPlayOut
-from hil.sim.rendering import NoPictures, open_renderer
-from hil.sim.scene import build_scene
-from hil.simulate import DEFAULT_MODEL
-from hil.stage import avatar_stage
-from hil.trial import run_trial
-from model.store import load_model
+from highfive.hil.report.stage import avatar_stage
+from highfive.hil.session.session import Session
+from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.playout import KinematicPlayOut
+from highfive.hil.sim.rendering import NoPictures, open_renderer
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.key_frames import contact_tick, showpieces
+from highfive.hil.trials.partners import simulated_partners
+from highfive.hil.trials.trial import run_trial
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
 
 EMOTION, SEED = "happy", 0
 WIDTH, HEIGHT = 1280, 640

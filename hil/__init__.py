@@ -1,1 +1,1 @@
-"""The session: tick loop, contact correction, recording, reports and the command line."""
+"""Hardware in the loop, in rooms: see docs/architecture.md for what each is for and what it may import."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from scenes import anthropometry, body_shapes
+from highfive.scenes import anthropometry, body_shapes
 
 Vector = tuple[float, float, float]
 Colour = tuple[float, float, float]

@@ -7,7 +7,7 @@ contact never shows as two surfaces that do not yet touch.
 
 from __future__ import annotations
 
-from scenes.anthropometry import PALM_CENTRE, PALM_THICKNESS
+from highfive.scenes.anthropometry import PALM_CENTRE, PALM_THICKNESS
 
 # joint: (centre, half axes)
 ELLIPSOIDS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {

@@ -18,11 +18,16 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).resolve().
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # hundreds of small ones, too
 
 # The shapes that the values at the seams declare are checked while the tests run.
-CHECKED = ["mocap_bridge.frames", "hil.avatar", "hil.reach", "hil.trial"]
+CHECKED = [
+    "highfive.mocap_bridge.frames",
+    "highfive.hil.sim.avatar",
+    "highfive.hil.session.reach",
+    "highfive.hil.trials.trial",
+]
 with install_import_hook(CHECKED, "beartype.beartype"):
-    import hil.trial  # noqa: F401
+    import highfive.hil.trials.trial  # noqa: F401
 
-from hil.threads import use_one_blas_thread  # noqa: E402
+from highfive.hil.runtime.threads import use_one_blas_thread  # noqa: E402
 
 use_one_blas_thread()  # as every session does
 

@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.drivers.values import JointCommand
-from hil.safety import faults, feed_forward, motion, people, wire
-from hil.safety.feed_forward import FeedForward
-from hil.safety.limits import JOINTS, Limits
-from hil.safety.motion import Motion
-from hil.safety.people import Human, Points, Remembered
-from hil.safety.retract import retracting
-from hil.safety.rules import Rule
-from hil.safety.states import MOVING, Event, State
-from hil.safety.transitions import entered, happened
-from hil.safety.values import Inputs, Report, Standing
-from model.rotations import Array
+from highfive.hil.drivers.values import JointCommand
+from highfive.hil.safety import faults, feed_forward, motion, people, wire
+from highfive.hil.safety.feed_forward import FeedForward
+from highfive.hil.safety.limits import JOINTS, Limits
+from highfive.hil.safety.motion import Motion
+from highfive.hil.safety.people import Human, Points, Remembered
+from highfive.hil.safety.retract import retracting
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.states import MOVING, Event, State
+from highfive.hil.safety.transitions import entered, happened
+from highfive.hil.safety.values import Inputs, Report, Standing
+from highfive.model.geometry.rotations import Array
 
 Kinematics = Callable[[Array], tuple[Array, Array]]
 """Joint positions (J,), rad, to the points of the arm that may meet the person: places (P, 3), m, in the world frame,
@@ -49,7 +49,7 @@ def step(
     Args:
         limits: all of them.
         kinematics: of the arm that is moved.
-        before: what came back from the tick before, or :func:`hil.safety.values.standing`.
+        before: what came back from the tick before, or :func:`highfive.hil.safety.values.standing`.
         inputs: what is known now.
         now_ns: monotonic clock, ns.
     """
@@ -207,7 +207,7 @@ def spared(
     velocities: Array,
     dt: float,
 ) -> tuple[Array, float | None, set[Rule]]:
-    """What of the velocities (J,), rad/s, the person allows; see :func:`hil.safety.people.slowed`.
+    """What of the velocities (J,), rad/s, the person allows; see :func:`highfive.hil.safety.people.slowed`.
 
     Where the arm's points are not known it stands. A stop is only made quicker for a person whose place is known.
     """
@@ -228,7 +228,7 @@ def on_the_wire(
     bounds: tuple[Array, Array],
     dt: float,
 ) -> tuple[wire.Rates, set[Rule]]:
-    """Rates (J,), rad/s, with which the goals, too, keep the rules for the person; see :mod:`hil.safety.wire`.
+    """Rates (J,), rad/s, with which the goals, too, keep the rules for the person; see :mod:`highfive.hil.safety.wire`.
 
     Where the arm's points are not known the goals stand.
     """

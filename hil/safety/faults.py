@@ -8,10 +8,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from hil.drivers.values import JointHealth, JointState
-from hil.safety.limits import JOINTS, Limits, Servo, Timing
-from hil.safety.rules import Rule
-from model.rotations import Array
+from highfive.hil.drivers.values import JointHealth, JointState
+from highfive.hil.safety.limits import JOINTS, Limits, Servo, Timing
+from highfive.hil.safety.rules import Rule
+from highfive.model.geometry.rotations import Array
 
 ERROR_BITS = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 """Of the servo's register Hardware Error Status (the maker's manual)."""

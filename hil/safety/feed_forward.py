@@ -1,7 +1,7 @@
 """How far goals go beyond where the joints shall be, because a loaded servo stands off its goal.
 
 Gravity compensation by position: the goal leads the reference by compliance times torque. The offset has rules of its
-own, and what the reference itself leaves of the joints' limits; :mod:`hil.safety.envelope` holds the sum of both to the
+own, and what the reference itself leaves of the joints' limits; :mod:`highfive.hil.safety.envelope` holds the sum of both to the
 rules for the person.
 """
 
@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hil.safety.limits import JOINTS, Limits
-from hil.safety.motion import NO_TIME, Motion
-from model.rotations import Array
+from highfive.hil.safety.limits import JOINTS, Limits
+from highfive.hil.safety.motion import NO_TIME, Motion
+from highfive.model.geometry.rotations import Array
 
 RISE_S = 0.03
 """Time constant with which the offset follows its request, s: planned torques jump, goals must not."""

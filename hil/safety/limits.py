@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hil.safety.contact_force import contact_speed
-from model.errors import HighFiveError
-from model.rotations import Array
+from highfive.hil.safety.contact_force import contact_speed
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 FILE = Path(__file__).with_name("limits.toml")
 """The limits that come with the project."""
@@ -135,7 +135,7 @@ class Posture:
 
 @dataclass(frozen=True)
 class Contact:
-    """How plate and hand may meet; the model is in :mod:`hil.safety.contact_force`.
+    """How plate and hand may meet; the model is in :mod:`highfive.hil.safety.contact_force`.
 
     Attributes:
         force: N, quasi-static limit of hand and fingers.
@@ -209,7 +209,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Offset:
-    """How far goals may go beyond where the joints shall be; see :mod:`hil.safety.feed_forward`.
+    """How far goals may go beyond where the joints shall be; see :mod:`highfive.hil.safety.feed_forward`.
 
     Attributes:
         largest: rad.

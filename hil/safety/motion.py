@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.safety.limits import Limits
-from hil.safety.rules import Rule
-from model.rotations import Array
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.rules import Rule
+from highfive.model.geometry.rotations import Array
 
 SAME = 1e-9
 """rad/s: velocities that differ by less are the same."""
@@ -72,7 +72,7 @@ def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Arr
     """Velocities (J,), rad/s, that bring the joints to where they are wanted and along with it.
 
     Joints that are where they were wanted go on exactly as they are wanted. Where one is behind, all make up for it in
-    step, none faster than :attr:`hil.safety.limits.Motion.catch_up`, and so that each can brake when it is there.
+    step, none faster than :attr:`highfive.hil.safety.limits.Motion.catch_up`, and so that each can brake when it is there.
     """
     before = told.wanted if told.wanted is not None else wanted
     paces, behind, rate, furthest = [], [], 1.0 / max(dt, NO_TIME), 0.0

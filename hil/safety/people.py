@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hil.safety.limits import Contact, Face, Limits
-from hil.safety.rules import Rule
-from model.rotations import Array
+from highfive.hil.safety.limits import Contact, Face, Limits
+from highfive.hil.safety.rules import Rule
+from highfive.model.geometry.rotations import Array
 
 SMOOTHING_S = 0.05
 """Time constant of the head's velocity, s: a millimetre of jitter at 120 Hz would be 0.12 m/s without."""

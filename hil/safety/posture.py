@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hil.drivers.values import JointState
-from hil.safety.limits import JOINTS, MECHANICAL, Limits
-from model.rotations import Array
+from highfive.hil.drivers.values import JointState
+from highfive.hil.safety.limits import JOINTS, MECHANICAL, Limits
+from highfive.model.geometry.rotations import Array
 
 STANDS = 0.05
 """rad/s: an arm whose joints are slower stands."""

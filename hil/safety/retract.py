@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hil.safety.limits import Limits
-from hil.safety.motion import Motion, braking_speed
-from model.rotations import Array
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.motion import Motion, braking_speed
+from highfive.model.geometry.rotations import Array
 
 ARRIVED = 0.01
 """rad: a way point nearer than this is reached."""

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hil.safety.limits import Contact, Face
-from model.rotations import Array
+from highfive.hil.safety.limits import Contact, Face
+from highfive.model.geometry.rotations import Array
 
 
 def closing_speed(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from hil.safety.limits import JOINTS, Limits
+from highfive.hil.safety.limits import JOINTS, Limits
 
 CURRENT_BASED_POSITION = 5
 """The operating mode in which a servo yields (the maker's manual, register Operating Mode)."""

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.safety import retract
-from hil.safety.limits import Limits
-from hil.safety.motion import Motion, at_rest
-from hil.safety.rules import Rule
-from hil.safety.states import Event, State, after
-from hil.safety.values import Inputs, Standing
+from highfive.hil.safety import retract
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.motion import Motion, at_rest
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.states import Event, State, after
+from highfive.hil.safety.values import Inputs, Standing
 
 
 def happened(limits: Limits, now: Standing, inputs: Inputs, faulty: bool, age_s: float) -> Event | None:
-    """The first of :class:`hil.safety.states.Event` that happened, if it leads anywhere.
+    """The first of :class:`highfive.hil.safety.states.Event` that happened, if it leads anywhere.
 
     Args:
         limits: all of them.

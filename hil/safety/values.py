@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from hil.drivers.values import JointCommand, JointHealth, JointState
-from hil.safety.faults import Watch, watch_from
-from hil.safety.feed_forward import FeedForward
-from hil.safety.motion import Motion
-from hil.safety.people import Human, Remembered
-from hil.safety.rules import Rule
-from hil.safety.startup import Check
-from hil.safety.states import Event, State
-from model.rotations import Array
+from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
+from highfive.hil.safety.faults import Watch, watch_from
+from highfive.hil.safety.feed_forward import FeedForward
+from highfive.hil.safety.motion import Motion
+from highfive.hil.safety.people import Human, Remembered
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.startup import Check
+from highfive.hil.safety.states import Event, State
+from highfive.model.geometry.rotations import Array
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil.safety import people
-from hil.safety.limits import Limits
-from hil.safety.people import Human, Points, Remembered
-from hil.safety.rules import Rule
-from model.rotations import Array
+from highfive.hil.safety import people
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.people import Human, Points, Remembered
+from highfive.hil.safety.rules import Rule
+from highfive.model.geometry.rotations import Array
 
 
 class Rates(NamedTuple):

@@ -8,16 +8,15 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from hil.safety.limits import load_limits
-from hil.servo_arm import DEFAULT_MOUNT, Mount
-from hil.sim.arm_twin import arm_alone
-from mocap_bridge.frames import PalmPose
-from model.errors import HighFiveError
-from model.rotations import Array
+from highfive.hil.arm_model.servo_arm import Mount
+from highfive.hil.sim.arm_body import arm_alone
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 
 class ArmPlant:
-    """The mounted arm in MuJoCo; a :class:`hil.drivers.values.Plant`.
+    """The mounted arm in MuJoCo; a :class:`highfive.hil.drivers.values.Plant`.
 
     Friction, gear inertia, gravity and the joint stops are in it; what a servo makes of its supply is the servo's.
     """
@@ -73,8 +72,3 @@ class ArmPlant:
         mujoco.mj_comPos(self._twin.model, self._data)
         mujoco.mj_comVel(self._twin.model, self._data)
         return self._twin.plate(self._data)
-
-
-def mounted_arm() -> ArmPlant:
-    """The arm on its default mount, where it rests."""
-    return ArmPlant(DEFAULT_MOUNT, load_limits().way_points[-1])

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from hil.avatar import PALM_IN_RIGHT_WRIST
-from model import rotations
-from model.rotations import Array
-from model.skeleton import Skeleton
-from scenes import anthropometry, body_shapes
+from highfive.hil.sim.avatar import PALM_IN_RIGHT_WRIST
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.skeleton import Skeleton
+from highfive.scenes import anthropometry, body_shapes
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 ROOT_JOINTS = ("root_x", "root_y", "root_z")

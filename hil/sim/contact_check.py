@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.sim.playout import PlayState
-from mocap_bridge.frames import PalmPose
-from model.errors import HighFiveError
-from model.rotations import Array
+from highfive.hil.sim.playout import PlayState
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 TOUCHING = 0.002
 """m of gap below which two palms count as touching: skin gives way by more than that."""

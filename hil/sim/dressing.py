@@ -10,10 +10,10 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from hil.sim.body_geometry import is_finger, split_side
-from hil.sim.sculpt import BindPose, Surface, sculpt
-from model.skeleton import Skeleton
-from scenes import appearance, body_shapes
+from highfive.hil.sim.body_geometry import is_finger, split_side
+from highfive.hil.sim.sculpt import BindPose, Surface, sculpt
+from highfive.model.geometry.skeleton import Skeleton
+from highfive.scenes import appearance, body_shapes
 
 GLOSS = {"skin": 0.18, "lips": 0.35, "hair": 0.25, "shoes": 0.25, "eye": 0.9}
 """Specular reflection of materials; all others are matt cloth."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hil.avatar import PALM_IN_RIGHT_WRIST
-from model import rotations
-from model.rotations import Array
-from model.skeleton import Skeleton
+from highfive.hil.sim.avatar import PALM_IN_RIGHT_WRIST
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.skeleton import Skeleton
 
 
 def _unit(vector: Array) -> Array:

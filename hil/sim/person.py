@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from hil.avatar import PALM_IN_RIGHT_WRIST
-from hil.sim.body_geometry import Shape, add_palm_site, add_shape, is_finger, shape_of
-from mocap_bridge.frames import HumanArm, PalmPose
-from model import rotations
-from model.rotations import Array
-from model.skeleton import Skeleton
-from scenes import body_shapes
+from highfive.hil.sim.avatar import PALM_IN_RIGHT_WRIST
+from highfive.hil.sim.body_geometry import Shape, add_palm_site, add_shape, is_finger, shape_of
+from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.skeleton import Skeleton
+from highfive.scenes import body_shapes
 
 PALM_BODY, PALM_TARGET = "person_palm", "person_palm_target"
 MOCAP_BODIES = ("person_head", "person_upper_arm", "person_forearm", "person_trunk", "person_pelvis", PALM_TARGET)

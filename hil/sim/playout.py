@@ -12,12 +12,12 @@ from typing import Protocol, runtime_checkable
 import mujoco
 import numpy as np
 
-from hil.avatar import Pose
-from hil.sim import person
-from hil.sim.scene import SUBSTEPS, Scene
-from hil.sim.touch import Touch, TouchReader
-from mocap_bridge.frames import HumanArm, PalmPose
-from model.rotations import Array
+from highfive.hil.sim import person
+from highfive.hil.sim.avatar import Pose
+from highfive.hil.sim.scene import SUBSTEPS, Scene
+from highfive.hil.sim.touch import Touch, TouchReader
+from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.model.geometry.rotations import Array
 
 FRAME_SECONDS = 1.0 / 120.0
 _MAX_FRAMES = 12

@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.sim import opengl
-from hil.sim.arm_twin import ArmTwin
-from hil.sim.scene import Scene
-from model.errors import HighFiveError
+from highfive.hil.sim import opengl
+from highfive.hil.sim.arm_body import ArmTwin
+from highfive.hil.sim.scene import Scene
+from highfive.model.errors import HighFiveError
 
 Image = NDArray[np.uint8]
 

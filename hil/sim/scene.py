@@ -13,14 +13,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from hil.avatar import Pose, avatar_skeleton
-from hil.sim import person
-from hil.sim.body_geometry import ROOT_JOINTS, add_avatar, is_finger, shape_name
-from hil.sim.dressing import dress
-from mocap_bridge.frames import HumanArm, PalmPose
-from model.errors import HighFiveError
-from model.skeleton import Skeleton
+from highfive import scenes
+from highfive.hil.sim import person
+from highfive.hil.sim.avatar import Pose, avatar_skeleton
+from highfive.hil.sim.body_geometry import ROOT_JOINTS, add_avatar, is_finger, shape_name
+from highfive.hil.sim.dressing import dress
+from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.skeleton import Skeleton
 
 Indices = NDArray[np.int64]
 
@@ -96,7 +96,7 @@ class Scene:
         return Pose(data.qpos[self.root_qpos], data.qpos[self.hinge_qpos])
 
     def set_person(self, data: mujoco.MjData, arm: HumanArm, *, move_palm: bool = True) -> None:
-        """Writes the person's bodies into ``data``; see :meth:`hil.sim.person.PersonBodies.put`."""
+        """Writes the person's bodies into ``data``; see :meth:`highfive.hil.sim.person.PersonBodies.put`."""
         self._person.put(data, arm, move_palm=move_palm)
 
     @cached_property
@@ -142,7 +142,7 @@ def build_scene(skeleton: Skeleton | None = None, *, visible: bool = False) -> S
     """Builds and compiles the scene.
 
     Args:
-        skeleton: the avatar's, by default :func:`hil.avatar.avatar_skeleton`.
+        skeleton: the avatar's, by default :func:`highfive.hil.sim.avatar.avatar_skeleton`.
         visible: also sculpts what the eye sees (some 2 s); needed for pictures and for the viewer, not for play-out.
 
     Raises:

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from model import rotations
-from model.rotations import Array
-from model.skeleton import Skeleton
-from scenes.appearance import Blob, Part
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.skeleton import Skeleton
+from highfive.scenes.appearance import Blob, Part
 
 FAR = 10.0
 BLOCK = 4

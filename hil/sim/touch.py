@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from hil.sim.scene import Scene
-from model.rotations import Array
+from highfive.hil.sim.scene import Scene
+from highfive.model.geometry.rotations import Array
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 
-from hil.sim.rendering import Image
-from model.errors import HighFiveError
+from highfive.hil.sim.rendering import Image
+from highfive.model.errors import HighFiveError
 
 
 def write_video(path: Path, frames: Iterable[Image], frames_per_second: float = 30.0) -> int:

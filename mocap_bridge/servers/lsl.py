@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 import pylsl
 
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.lsl import TYPE, configure
-from mocap_bridge.wire.lsl import channel_descriptions, samples_of
-from model.errors import HighFiveError
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.lsl import TYPE, configure
+from highfive.mocap_bridge.wire.lsl import channel_descriptions, samples_of
+from highfive.model.errors import HighFiveError
 
 _KEPT_S = 1  # what a client has not taken for so long is dropped
 
@@ -57,7 +57,7 @@ class LslServer:
 
     @property
     def sent_ns(self) -> int:
-        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        """When the last frame went out; see :class:`highfive.mocap_bridge.servers.serving.Server`."""
         return self._sent_ns
 
     def send(self, frame: MarkerFrame) -> None:

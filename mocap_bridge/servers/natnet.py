@@ -12,10 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LinkError
-from mocap_bridge.serving import LOOPBACK
-from mocap_bridge.wire import natnet as wire
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.wire import natnet as wire
+from highfive.mocap_bridge.wire.errors import LinkError
 
 FORGET_S = 10.0
 """A client that has not been heard of for so long gets no more frames, s."""
@@ -25,7 +25,7 @@ _MOST_CLIENTS = 64
 
 
 class NatNetServer:
-    """See :class:`mocap_bridge.serving.Server`.
+    """See :class:`highfive.mocap_bridge.servers.serving.Server`.
 
     Every person is a marker set; a hidden marker is zero and flagged. The set 'all' is there as well, as in Motive.
     """
@@ -77,7 +77,7 @@ class NatNetServer:
 
     @property
     def sent_ns(self) -> int:
-        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        """When the last frame went out; see :class:`highfive.mocap_bridge.servers.serving.Server`."""
         return self._sent_ns
 
     def send(self, frame: MarkerFrame) -> None:

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LinkError
-from mocap_bridge.serving import LOOPBACK
-from mocap_bridge.wire import qtm as wire
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.wire import qtm as wire
+from highfive.mocap_bridge.wire.errors import LinkError
 
 ANNOUNCE_S = 0.25
 """A new order of labels is announced so often at most, s; a client that asks anew takes a moment to do so."""
@@ -52,7 +52,7 @@ class _Client:
 
 
 class QtmServer:
-    """See :class:`mocap_bridge.serving.Server`.
+    """See :class:`highfive.mocap_bridge.servers.serving.Server`.
 
     Points have no names on the wire: a client asks for the labels once, and points come in their order. If labels
     change, clients are told that settings changed; each gets the old order until it has asked for the new one.
@@ -91,7 +91,7 @@ class QtmServer:
 
     @property
     def sent_ns(self) -> int:
-        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        """When the last frame went out; see :class:`highfive.mocap_bridge.servers.serving.Server`."""
         return self._sent_ns
 
     def send(self, frame: MarkerFrame) -> None:

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.serving import LOOPBACK
-from mocap_bridge.wire import vicon as wire
-from mocap_bridge.wire.vicon import Kind, Labelled, Packet, Subject
-from model.errors import HighFiveError
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.wire import vicon as wire
+from highfive.mocap_bridge.wire.vicon import Kind, Labelled, Packet, Subject
+from highfive.model.errors import HighFiveError
 
 OFFERED: frozenset[int] = frozenset(Kind) - {
     Kind.OBJECTS,
@@ -35,7 +35,7 @@ _MOST_REQUESTS = 1000  # frames that a client may ask for ahead
 
 
 class ViconServer:
-    """Sends frames to any number of clients that ask for all or for one at a time (see :mod:`mocap_bridge.serving`).
+    """Sends frames to any number of clients that ask for all or for one at a time (see :mod:`highfive.mocap_bridge.servers.serving`).
 
     :meth:`send` writes to the sockets itself and never waits: whoever has not taken the last frame yet misses this one.
     A thread takes connections and requests, and goes on where a socket was full.
@@ -79,11 +79,11 @@ class ViconServer:
 
     @property
     def sent_ns(self) -> int:
-        """When the last frame went out; see :class:`mocap_bridge.serving.Server`."""
+        """When the last frame went out; see :class:`highfive.mocap_bridge.servers.serving.Server`."""
         return self._sent_ns
 
     def send(self, frame: MarkerFrame) -> None:
-        """Sends a frame to every client that asked for frames; see :meth:`mocap_bridge.serving.Server.send`."""
+        """Sends a frame to every client that asked for frames; see :meth:`highfive.mocap_bridge.servers.serving.Server.send`."""
         with self._lock:
             self._frame = self._packet(frame)
             self._encoded.clear()

@@ -18,10 +18,10 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.lost_samples import LostSamples
-from mocap_bridge.plausible import plausible
-from model.errors import HighFiveError
-from model.rotations import Array
+from highfive.mocap_bridge.wire.lost_samples import LostSamples
+from highfive.mocap_bridge.wire.plausible import plausible
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 MAX_DESCRIPTION = 4_000_000
 """Longest description that is read, characters; a thousand markers take 600,000."""
@@ -147,7 +147,7 @@ def _factor(unit: str, label: str) -> float:
 def markers_of(layout: Layout, samples: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
     """Positions (T, M, 3), m, validity (T, M), and how many were impossible (T,), from samples (T, channels).
 
-    A coordinate that is no number hides a marker; see also :func:`mocap_bridge.plausible.plausible`.
+    A coordinate that is no number hides a marker; see also :func:`highfive.mocap_bridge.wire.plausible.plausible`.
 
     Raises:
         DescriptionError: the samples have another number of channels than was described.
@@ -174,7 +174,7 @@ class FrameCounter:
     """Frame numbers from time stamps, so that lost samples leave a gap.
 
     A number is given at once, but a sample may only have been stamped late: what was lost shows some half a second
-    afterwards (:mod:`mocap_bridge.lost_samples`). One counter serves all connections to a stream: what is lost while it
+    afterwards (:mod:`highfive.mocap_bridge.wire.lost_samples`). One counter serves all connections to a stream: what is lost while it
     is gone shows when it is back.
     """
 

@@ -15,8 +15,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.live import LinkError
-from model.rotations import Array
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.model.geometry.rotations import Array
 
 MAX_DATAGRAM = 65_507
 """What UDP can carry at most, bytes."""

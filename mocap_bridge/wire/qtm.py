@@ -17,8 +17,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.live import LinkError
-from model.rotations import Array
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.model.geometry.rotations import Array
 
 MAX_MESSAGE = 4 << 20
 """A message that says it is longer is refused, bytes: a frame of 1,000 markers has 36,000."""

@@ -19,8 +19,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_bridge.live import LinkError
-from model.rotations import Array
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.model.geometry.rotations import Array
 
 PORT = 801
 """Where a Vicon system listens."""

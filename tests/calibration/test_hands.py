@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.hands import meeting_hands, mirror_columns, mirrored
-from mocap_bridge.marker_sets import load_marker_set, marker_set_names
-from mocap_bridge.recording import make_recording
-from model.rotations import Array
+from highfive.calibration.hands import meeting_hands, mirror_columns, mirrored
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set, marker_set_names
+from highfive.model.geometry.rotations import Array
 
 CENTRES, PAPER = load_marker_set("joint_centres"), load_marker_set("paper")
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.pair_frame import find_frame, place_trial
-from hil.avatar import avatar_skeleton
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import make_recording
-from model import rotations
-from model.errors import HighFiveError
+from highfive.calibration.pair_frame import find_frame, place_trial
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 CENTRES = load_marker_set("joint_centres")

@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.placement import DISTANCE, place_person
-from hil.avatar import avatar_skeleton
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import make_recording
-from model import rotations
-from model.errors import HighFiveError
+from highfive.calibration.placement import DISTANCE, place_person
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 PAPER, FULL = load_marker_set("paper"), load_marker_set("full_body")

@@ -3,13 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.subject import fit_subject, same_bodies
-from hil.avatar import avatar_skeleton
-from mocap_bridge.body_solver import solve_body
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.marker_sets import load_marker_set, segment_lengths
-from mocap_bridge.recording import make_recording
-from model.errors import HighFiveError
+from highfive.calibration.subject import fit_subject, same_bodies
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.body.body_solver import solve_body
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.marker_set import segment_lengths
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
 
 SKELETON = avatar_skeleton()
 FACTORS = {"elbow": 1.08, "wrist": 0.94, "knee": 1.05, "ankle": 0.97, "neck": 1.04}

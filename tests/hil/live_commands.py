@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_bridge.c3d import write_c3d
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import make_recording
+from highfive.mocap_bridge.files.c3d import write_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 
-HIGHFIVE = [sys.executable, "-m", "hil.cli"]
+HIGHFIVE = [sys.executable, "-m", "highfive.hil.cli.main"]
 
 
 def lab_recording(path: Path, frames: int = 240) -> Path:

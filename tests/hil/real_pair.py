@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.sim.capture import write_table
-from mocap_bridge.c3d import read_c3d, write_c3d
-from mocap_bridge.recording import make_recording, resample
-from model import rotations
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.files.recording import make_recording, resample
+from highfive.mocap_bridge.files.trial_table import write_table
+from highfive.model.geometry import rotations
 
 # What the Acclaim labels, which name the far end of a bone, are called by who names joints.
 SIDED = {

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from hil.avatar import Pose
-from mocap_bridge.frames import HumanArm, PalmPose
-from model import rotations
+from highfive.hil.sim.avatar import Pose
+from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.model.geometry import rotations
 
 UP = np.array([0.0, 0.0, 1.0])
 RAISED = {

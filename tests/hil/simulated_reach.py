@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.avatar import avatar_skeleton
-from mocap_bridge.c3d import write_c3d
-from mocap_bridge.joint_angles import ANGLES, BASES, angles_between
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import make_recording
-from model import rotations
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.files.c3d import write_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.joint_angles import ANGLES, BASES, angles_between
+from highfive.model.geometry import rotations
 
 RATE_HZ = 120.0
 

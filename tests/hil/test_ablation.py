@@ -7,15 +7,15 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from hil.ablation import departures, through_interaction
-from hil.protocols import learned, refuse_none
-from hil.simulate import DEFAULT_MODEL
-from model.errors import HighFiveError
-from model.presets import DEFAULT, PAPER
-from model.responder import Responder
-from model.splits import Fold
-from model.store import load_model
-from model.trials import Trial
+from highfive.hil.bench.ablation import departures, through_interaction
+from highfive.hil.evaluation.cross_validation import learned, refuse_none
+from highfive.model import DEFAULT_MODEL
+from highfive.model.errors import HighFiveError
+from highfive.model.evaluation.splits import Fold
+from highfive.model.hgpdm.presets import DEFAULT, PAPER
+from highfive.model.hgpdm.store import load_model
+from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.responder import Responder
 
 
 def test_each_row_takes_back_one_departure_and_together_they_are_the_paper():

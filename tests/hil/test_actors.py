@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hil.avatar import right_palm
-from hil.sim.actors import CELLS, GRID_Y, GRID_Z, RATE_HZ, PairTrial, simulate_pair
-from hil.sim.emotions import EMOTIONS
-from hil.sim.limb_ik import solve_arm, solve_leg
-from model import rotations
-from model.errors import HighFiveError
+from highfive.hil.sim.avatar import right_palm
+from highfive.hil.sim.limb_ik import solve_arm, solve_leg
+from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z, RATE_HZ, PairTrial, simulate_pair
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 
 def palms(trial: PairTrial) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:

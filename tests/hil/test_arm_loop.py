@@ -10,26 +10,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.arm_loop import ArmLoop
-from hil.arm_session import full_errors, retarget_settings
-from hil.arm_trial import arm_summary, arm_trial
-from hil.bench_contact import played, twin_loop
-from hil.bench_retarget import Asked
-from hil.drivers.arm_process import Mode
-from hil.drivers.latch import Latch
-from hil.drivers.rig import load_rig
-from hil.retarget import ExpectedContact, PalmGoal, Retarget
-from hil.rig_reach import cell_point, facing
-from hil.safety.limits import load_limits
-from hil.safety.rules import Rule
-from hil.safety.startup import Check
-from hil.safety.states import State
-from hil.servo_arm import READY, default_arm, solve
-from hil.sim.actors import CELLS
-from hil.sim.arm_plant import mounted_arm
-from hil.twin_arm import TwinArm
-from mocap_bridge.frames import PalmPose
-from model.errors import HighFiveError
+from highfive.hil.arm.arm_trial import arm_summary, arm_trial
+from highfive.hil.arm.contact_outcome import Asked
+from highfive.hil.arm.lifecycle import full_errors, retarget_settings
+from highfive.hil.arm.loop import ArmLoop
+from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget
+from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
+from highfive.hil.arm_model.servo_arm import READY, default_arm, solve
+from highfive.hil.bench.contact import played, twin_loop
+from highfive.hil.commands.rig.reach import cell_point, facing
+from highfive.hil.drivers.bus.arm_process import Mode
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.startup import Check
+from highfive.hil.safety.states import State
+from highfive.hil.sim.people.actors import CELLS
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.errors import HighFiveError
 
 RATE_HZ = 120.0
 UP = np.array([0.0, 0.0, 1.0])

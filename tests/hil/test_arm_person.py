@@ -5,24 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.arm_loop import ArmLoop
-from hil.arm_session import full_errors, retarget_settings
-from hil.drivers.latch import Latch
-from hil.drivers.rig import load_rig
-from hil.partners import simulated_partners
-from hil.retarget import Retarget
-from hil.retarget_goal import palm_goal
-from hil.safety.limits import load_limits
-from hil.safety.startup import Check
-from hil.safety.states import State
-from hil.servo_arm import READY, default_arm
-from hil.session import RATE_HZ, Session
-from hil.sim.arm_plant import mounted_arm
-from hil.sim.scene import build_scene
-from hil.simulate import DEFAULT_MODEL
-from hil.twin_arm import TwinArm
-from mocap_bridge.sources import C3DSource
-from model.store import load_model
+from highfive.hil.arm.contact_goal import palm_goal
+from highfive.hil.arm.lifecycle import full_errors, retarget_settings
+from highfive.hil.arm.loop import ArmLoop
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
+from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.startup import Check
+from highfive.hil.safety.states import State
+from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.partners import simulated_partners
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
 
 
 @pytest.mark.parametrize("part", ["hand", "head"])

@@ -4,9 +4,9 @@ import sys
 import numpy as np
 import pytest
 
-from hil.bench import BenchOptions, bench_model
-from hil.made_up_motion import made_up_trials
-from model.errors import HighFiveError
+from highfive.hil.bench.speed import BenchOptions, bench_model
+from highfive.hil.bench.synthetic_trials import made_up_trials
+from highfive.model.errors import HighFiveError
 
 
 def silent(label: str, total: int):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.bench_bus import BusBenchOptions, bench_bus, limit_hz
+from highfive.hil.bench.bus import BusBenchOptions, bench_bus, limit_hz
 
 
 def test_the_limit_is_what_was_calculated() -> None:

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from hil.bench_locked import bench_locked
-from hil.locked_set import SUBJECTS, locked_partner, locked_trials
-from hil.session import RATE_HZ, Session
-from hil.sim.capture import Defects
-from hil.sim.emotions import EMOTIONS
-from hil.sim.playout import KinematicPlayOut
-from hil.sim.scene import build_scene
-from hil.simulate import DEFAULT_MODEL
-from mocap_bridge.sources import C3DSource
-from model.store import load_model
+from highfive.hil.bench.locked import bench_locked
+from highfive.hil.bench.locked_set import SUBJECTS, locked_partner, locked_trials
+from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.people.capture import Defects
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.playout import KinematicPlayOut
+from highfive.hil.sim.scene import build_scene
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
 
 
 def test_the_set_covers_every_person_in_every_emotion_and_all_cells():

@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 from simulated_reach import simulated_reach
 
-from hil import bench_tracker, tracker_cases
-from hil.bench_protocols import ProtocolBenchOptions, bench_protocols
-from hil.bench_tracker import TrackerBenchOptions, print_tracker_bench
-from hil.peer_models import biorbd_text, opensim_text, peer_model
-from hil.peer_runs import follow, installed
-from hil.plain_filters import held, kalman
-from hil.tracker_cases import HIDDEN_FRAMES, real_recording, simulated_arm
-from mocap_bridge.chain import make_chain, segment_order
-from mocap_bridge.first_pose import first_state
-from mocap_bridge.pose_filter import kinematics, on_segments
-from model.errors import HighFiveError
+from highfive.hil.bench import tracker as bench_tracker
+from highfive.hil.bench import tracker_cases
+from highfive.hil.bench.plain_filters import held, kalman
+from highfive.hil.bench.protocols import ProtocolBenchOptions, bench_protocols
+from highfive.hil.bench.tracker import TrackerBenchOptions, print_tracker_bench
+from highfive.hil.bench.tracker_cases import HIDDEN_FRAMES, real_recording, simulated_arm
+from highfive.hil.bench.tracking_baseline_models import biorbd_text, opensim_text, peer_model
+from highfive.hil.bench.tracking_baseline_runs import follow, installed
+from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
+from highfive.mocap_bridge.tracking.first_pose import first_state
+from highfive.mocap_bridge.tracking.pose_filter import kinematics, on_segments
+from highfive.model.errors import HighFiveError
 
 PROTOCOLS = ("vicon", "qtm", "natnet", "lsl")
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from simulated_reach import RATE_HZ, simulated_reach
 
-from calibration.personal_set import SPREAD
-from hil import cli
-from hil.calibrate import CalibrateOptions, calibrate_subject
-from hil.track import TrackOptions, track
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.tracker import Tracker
+from highfive.calibration.personal_set import SPREAD
+from highfive.hil.cli import main as cli
+from highfive.hil.commands.calibrate import CalibrateOptions, calibrate_subject
+from highfive.hil.commands.track import TrackOptions, track
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.tracker import Tracker
 
 SET = "plug_in_gait_upper"
 SIZE = 1.08

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.sim.actors import CELLS, RATE_HZ, PairTrial, simulate_pair
-from hil.sim.capture import CLEAN, COLUMNS, Defects, capture, markers_of, record_pair, trial_seed, write_table
-from mocap_bridge.c3d import read_c3d, write_c3d
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import Recording
-from model.errors import HighFiveError
+from highfive.hil.sim.people.actors import CELLS, RATE_HZ, PairTrial, simulate_pair
+from highfive.hil.sim.people.capture import CLEAN, Defects, capture, markers_of, record_pair, trial_seed
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.files.recording import Recording
+from highfive.mocap_bridge.files.trial_table import COLUMNS, write_table
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
 
 SEED = 5  # of the folder ``captured``
 

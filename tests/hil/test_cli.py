@@ -6,8 +6,8 @@ import ezc3d
 import numpy as np
 import pytest
 
-from hil import cli
-from hil.sim.capture import write_table
+from highfive.hil.cli import main as cli
+from highfive.mocap_bridge.files.trial_table import write_table
 
 
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:

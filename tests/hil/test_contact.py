@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.bench_contact import ContactOptions, bench_contact, twin_loop
-from hil.bench_retarget import asked_of_arm, foretold, notice
-from hil.session import RATE_HZ
-from hil.simulate import DEFAULT_MODEL
-from model.errors import HighFiveError
-from model.store import load_model
+from highfive.hil.arm.contact_outcome import foretold, notice
+from highfive.hil.bench.contact import ContactOptions, bench_contact, twin_loop
+from highfive.hil.bench.retarget import asked_of_arm
+from highfive.hil.session.session import RATE_HZ
+from highfive.model import DEFAULT_MODEL
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.store import load_model
 
 BASELINE = Path(__file__).with_name("contact_baseline.json")
 SLACK_MM = {"avatar": 1.0, "twin": 10.0, "rig": 15.0}

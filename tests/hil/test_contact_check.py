@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from hil.avatar import Pose
-from hil.sim.contact_check import ContactCheck, contact_report, palm_offset
-from hil.sim.playout import PlayState
-from hil.sim.touch import Touch
-from mocap_bridge.frames import PalmPose
-from model import rotations
-from model.errors import HighFiveError
+from highfive.hil.sim.avatar import Pose
+from highfive.hil.sim.contact_check import ContactCheck, contact_report, palm_offset
+from highfive.hil.sim.playout import PlayState
+from highfive.hil.sim.touch import Touch
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 NOWHERE = Pose(np.zeros(3), np.zeros((53, 3)))
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from mujoco import minimize
 
-from hil.avatar import Pose, avatar_skeleton
-from hil.contact_correction import NORMAL_WEIGHT, POSITION_WEIGHT, ContactCorrection
-from hil.sim.actors import simulate_pair
-from hil.sim.scene import Scene, build_scene
-from model import rotations
+from highfive.hil.session.contact_correction import NORMAL_WEIGHT, POSITION_WEIGHT, ContactCorrection
+from highfive.hil.sim.avatar import Pose, avatar_skeleton
+from highfive.hil.sim.people.actors import simulate_pair
+from highfive.hil.sim.scene import Scene, build_scene
+from highfive.model.geometry import rotations
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import serial
 
-from hil.drivers import packet as wire
-from hil.drivers.packet_decoder import Decoder
+from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus.packet_decoder import Decoder
 
-COMMAND = [sys.executable, "-m", "hil.cli", "rig", "emulate"]
+COMMAND = [sys.executable, "-m", "highfive.hil.cli.main", "rig", "emulate"]
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 
-from hil.ending import Told, until_told
+from highfive.hil.runtime.shutdown import Told, until_told
 
 # Signals come while the flag is being waited for, and while another signal's handler runs.
 STORM = """

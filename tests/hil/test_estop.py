@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from hil.drivers.latch import Cause, Latch
-from hil.estop import SIGNALS, listening, uninterrupted
-from model.errors import HighFiveError
+from highfive.hil.arm.emergency_stop import SIGNALS, listening, uninterrupted
+from highfive.hil.drivers.latch import Cause, Latch
+from highfive.model.errors import HighFiveError
 
 SOON = 10.0  # s; far more than it takes, but for a machine that is busy
 

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hil.cli import app
-from hil.sim.actors import simulate_pair
-from hil.sim.capture import Defects, record_pair, write_table
-from hil.simulate import DEFAULT_MODEL
-from mocap_bridge.c3d import write_c3d
-from model.errors import HighFiveError
+from highfive.hil.cli.main import app
+from highfive.hil.sim.people.actors import simulate_pair
+from highfive.hil.sim.people.capture import Defects, record_pair
+from highfive.mocap_bridge.files.c3d import write_c3d
+from highfive.mocap_bridge.files.trial_table import write_table
+from highfive.model import DEFAULT_MODEL
+from highfive.model.errors import HighFiveError
 
 
 @pytest.fixture

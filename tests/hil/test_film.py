@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from trial_results import some_results
 
-from hil.captions import Captions
-from hil.film import FPS, make_film, picture_strips, pixel_of
-from hil.moments import apart_at_contact, moments_of, showpieces
-from hil.sim.rendering import NoPictures
-from hil.sim.scene import build_scene
-from model.errors import HighFiveError
+from highfive.hil.report.captions import Captions
+from highfive.hil.report.film import FPS, make_film, picture_strips, pixel_of
+from highfive.hil.sim.rendering import NoPictures
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.key_frames import apart_at_contact, moments_of, showpieces
+from highfive.model.errors import HighFiveError
 
 
 @pytest.fixture(scope="module")

@@ -17,15 +17,16 @@ import numpy as np
 import pytest
 import typer
 
-from hil import cli
-from hil.folders import check_file, next_folder, results_folder
-from hil.sim.actors import simulate_pair
-from hil.sim.capture import CLEAN, TABLE, markers_of, record, write_table
-from mocap_bridge.c3d import read_c3d, write_c3d
-from mocap_bridge.marker_sets import load_marker_set
-from model.checkpoint import Checkpoint
-from model.errors import HighFiveError
-from model.files import UNFINISHED, write_whole
+from highfive.hil.cli import main as cli
+from highfive.hil.runtime.folders import check_file, next_folder, results_folder
+from highfive.hil.sim.people.actors import simulate_pair
+from highfive.hil.sim.people.capture import CLEAN, markers_of, record
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.files.trial_table import TABLE, write_table
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
+from highfive.model.files import UNFINISHED, write_whole
+from highfive.model.hgpdm.checkpoint import Checkpoint
 
 # Nothing that these name is there: a command that names them in its error has looked at them before its results.
 FOLDERS = {
@@ -225,7 +226,7 @@ def test_what_was_set_aside_is_not_written_over(tmp_path: Path) -> None:
 
 
 def command(*words: object) -> list[str]:
-    return [sys.executable, "-m", "hil.cli", *map(str, words)]
+    return [sys.executable, "-m", "highfive.hil.cli.main", *map(str, words)]
 
 
 def said(*words: object) -> str:

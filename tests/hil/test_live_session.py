@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from live_commands import ended, lab_recording, serving, start, stop
 
-from calibration.placement import Placement
-from hil.live_partner import PRACTICE_S, LivePerson, live_source
-from hil.partners import simulated_partners
-from mocap_bridge.c3d import read_c3d, write_c3d
-from model import rotations
+from highfive.calibration.placement import Placement
+from highfive.hil.trials.live_partner import PRACTICE_S, LivePerson, live_source
+from highfive.hil.trials.partners import simulated_partners
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.model.geometry import rotations
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

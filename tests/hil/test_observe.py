@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import cli
-from hil.observe import BOTH, CUES, Shown, _judge
-from hil.partners import Partner, simulated_partners
-from hil.sim.actors import simulate_pair
-from hil.sim.capture import Defects, record_pair, write_table
-from hil.simulate import DEFAULT_MODEL
-from mocap_bridge.c3d import write_c3d
-from model.observer import ANGLES, FEATURES
-from model.store import load_model
-from model.trials import Trial
+from highfive.hil.cli import main as cli
+from highfive.hil.commands.classify_style import BOTH, CUES, Shown, _judge
+from highfive.hil.sim.people.actors import simulate_pair
+from highfive.hil.sim.people.capture import Defects, record_pair
+from highfive.hil.trials.partners import Partner, simulated_partners
+from highfive.mocap_bridge.files.c3d import write_c3d
+from highfive.mocap_bridge.files.trial_table import write_table
+from highfive.model import DEFAULT_MODEL
+from highfive.model.evaluation.style_classifier import ANGLES, FEATURES
+from highfive.model.hgpdm.store import load_model
+from highfive.model.hgpdm.trials import Trial
 
 EMOTIONS = load_model(DEFAULT_MODEL).emotions
 
@@ -72,7 +73,18 @@ def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
             write_c3d(tmp_path / name, record_pair(trial, Defects(), rng))
             rows.append((name, emotion, trial.cell, str(repetition + 1), "test" if repetition == 3 else "train"))
     write_table(tmp_path, rows)
-    words = [sys.executable, "-m", "hil.cli", "observe", str(tmp_path), "--people", "5", "--seed", "3", "--json"]
+    words = [
+        sys.executable,
+        "-m",
+        "highfive.hil.cli.main",
+        "observe",
+        str(tmp_path),
+        "--people",
+        "5",
+        "--seed",
+        "3",
+        "--json",
+    ]
     found = json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout)
     assert min(found["observer_accuracy"].values()) >= 0.95
     assert min(found["by_person"]["neutral"].values()) >= 0.95

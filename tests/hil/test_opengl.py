@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from hil.sim.opengl import choose_backend
+from highfive.hil.sim.opengl import choose_backend
 
 
 def chosen(environment, libraries=(), platform="linux"):

@@ -6,17 +6,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from hil.avatar import Pose, avatar_skeleton
-from hil.contact_correction import ContactCorrection
-from hil.own_body import SOFTNESS, STIFFNESS, OwnBody
-from hil.partners import Partner, simulated_partners
-from hil.session import RATE_HZ, Session
-from hil.sim.actors import CELLS
-from hil.sim.scene import Scene, build_scene, own_pairs, rest_pose
-from hil.simulate import DEFAULT_MODEL
-from mocap_bridge.sources import C3DSource
-from model.hgpdm import HGPDM
-from model.store import load_model
+from highfive.hil.session.contact_correction import ContactCorrection
+from highfive.hil.session.own_body import SOFTNESS, STIFFNESS, OwnBody
+from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.sim.avatar import Pose, avatar_skeleton
+from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.scene import Scene, build_scene, own_pairs, rest_pose
+from highfive.hil.trials.partners import Partner, simulated_partners
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
+from highfive.model.hgpdm.trained import HGPDM
 
 FLAT_PALM = (-0.006, 0.004)
 """m by which the three rods of the palm may be nearer and further than the ellipsoid that they cover."""

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.partners import Partner, recorded_partner, simulated_partners
-from hil.training_data import track_hand
-from mocap_bridge.c3d import write_c3d
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import make_recording
-from model.errors import HighFiveError
+from highfive.hil.datasets.training_data import track_hand
+from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
+from highfive.mocap_bridge.files.c3d import write_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
 
 HIGH_FIVE = "high_five/cmu_20_21_11_high_five.c3d"
 

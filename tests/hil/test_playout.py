@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 from scene_helpers import RAISED, person_with_palm, pose_of
 
-from hil.avatar import Pose
-from hil.sim.contact_check import contact_report, palm_offset
-from hil.sim.playout import KinematicPlayOut, PhysicsPlayOut
-from hil.sim.scene import build_scene
-from model import rotations
+from highfive.hil.sim.avatar import Pose
+from highfive.hil.sim.contact_check import contact_report, palm_offset
+from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut
+from highfive.hil.sim.scene import build_scene
+from highfive.model.geometry import rotations
 
 FAR_AWAY = person_with_palm([1.0, 0.4, 0.9], [-1.0, 0.0, 0.0])
 

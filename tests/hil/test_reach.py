@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hil.profiles import minimum_jerk
-from hil.reach import Expectation, Phase, Reach, ReachSettings, ReachTarget
-from mocap_bridge.frames import PalmPose
+from highfive.hil.session.reach import Expectation, Phase, Reach, ReachSettings, ReachTarget
+from highfive.hil.sim.profiles import minimum_jerk
+from highfive.mocap_bridge.frames import PalmPose
 
 DT = 1.0 / 120.0
 OUT = np.array([1.0, 0.0, 0.0])

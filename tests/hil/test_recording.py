@@ -11,9 +11,9 @@ import pytest
 from mcap.reader import make_reader
 from trial_results import some_results
 
-from hil.recording import CHUNK_NS, SessionRecorder, read_recording
-from hil.summary import SessionSettings
-from model.errors import HighFiveError
+from highfive.hil.recording.recording import CHUNK_NS, SessionRecorder, read_recording
+from highfive.hil.trials.summary import SessionSettings
+from highfive.model.errors import HighFiveError
 
 SETTINGS = SessionSettings(seed=3, model="default", trials=2, command="highfive simulate")
 

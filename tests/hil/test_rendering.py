@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from scene_helpers import RAISED, person_with_palm, pose_of
 
-from hil.sim.rendering import CAMERAS, NoPictures, open_renderer
-from hil.sim.scene import build_scene
-from model.errors import HighFiveError
+from highfive.hil.sim.rendering import CAMERAS, NoPictures, open_renderer
+from highfive.hil.sim.scene import build_scene
+from highfive.model.errors import HighFiveError
 
 
 @pytest.fixture(scope="module")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from trial_results import some_results
 
-from hil.colours import colour_of, mark_of
-from hil.film import Strip
-from hil.page import write_file
-from hil.report import render_page, write_report
-from hil.sim.emotions import EMOTIONS
-from hil.sim.rendering import NoPictures
-from hil.summary import SessionSettings, summarise
-from model.errors import HighFiveError
+from highfive.hil.report.colours import colour_of, mark_of
+from highfive.hil.report.film import Strip
+from highfive.hil.report.page import write_file
+from highfive.hil.report.report import render_page, write_report
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.rendering import NoPictures
+from highfive.hil.trials.summary import SessionSettings, summarise
+from highfive.model.errors import HighFiveError
 
 SETTINGS = SessionSettings(seed=3, model="default", trials=5, command="highfive simulate --seed 3 && echo <b>")
 VOID = {"meta", "img", "br", "link", "path", "use", "rect", "circle", "line"}

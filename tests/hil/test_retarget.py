@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil import arm_motion
-from hil.reach import Phase, ReachSettings, ReachTarget
-from hil.retarget import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
-from hil.retarget_goal import until_touch
-from hil.rig_reach import cell_point, facing
-from hil.safety.people import speed_near_face
-from hil.servo_arm import READY, ServoArm, default_arm, solve
-from hil.sim.actors import CELLS
-from mocap_bridge.frames import PalmPose
-from model.rotations import Array
+from highfive.hil.arm.contact_goal import until_touch
+from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
+from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve
+from highfive.hil.commands.rig.reach import cell_point, facing
+from highfive.hil.safety.people import speed_near_face
+from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
+from highfive.hil.sim.people.actors import CELLS
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.geometry.rotations import Array
 
 TICK = 1.0 / 120.0
 UP = np.array([0.0, 0.0, 1.0])

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from hil import cli
-from hil.arm_session import PLANT, ArmOptions, check_arm, ready_arm
-from hil.drivers import ports
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from model.errors import HighFiveError
+from highfive.hil.arm.lifecycle import PLANT, ArmOptions, check_arm, ready_arm
+from highfive.hil.cli import main as cli
+from highfive.hil.drivers.bus import ports
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.model.errors import HighFiveError
 
 pytestmark = pytest.mark.realtime
 

@@ -22,20 +22,20 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from trial_results import simulated_result
 
-from hil import cli
-from hil.arm_session import PATIENCE_MS, PLANT, ArmOptions, ready_arm
-from hil.console import Advance
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.priority import may_go_first
-from hil.drivers.rig import load_rig
-from hil.drivers.servo_bus import ServoBus
-from hil.recorded_asked import FORESEEN, recorded_high_fives
-from hil.recording import SessionRecorder, read_recording
-from hil.rig_play import PlayOptions, play
-from hil.session import RATE_HZ
-from hil.sim.scene import build_scene
-from hil.summary import SessionSettings
-from model.errors import HighFiveError
+from highfive.hil.arm.lifecycle import PATIENCE_MS, PLANT, ArmOptions, ready_arm
+from highfive.hil.cli import main as cli
+from highfive.hil.commands.rig.play import PlayOptions, play
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.bus.servo_bus import ServoBus
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.hil.drivers.priority import may_go_first
+from highfive.hil.recording.recording import SessionRecorder, read_recording
+from highfive.hil.recording.replay_goals import FORESEEN, recorded_high_fives
+from highfive.hil.runtime.console import Advance
+from highfive.hil.session.session import RATE_HZ
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.summary import SessionSettings
+from highfive.model.errors import HighFiveError
 
 clockwork = pytest.mark.realtime
 EXAMPLE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]

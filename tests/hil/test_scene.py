@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scene_helpers import RAISED, person_with_palm, pose_of, random_pose
 
-from hil.avatar import right_palm
-from hil.sim.scene import build_scene, contact_pairs, rest_pose
-from hil.sim.touch import TouchReader
-from model import rotations
+from highfive.hil.sim.avatar import right_palm
+from highfive.hil.sim.scene import build_scene, contact_pairs, rest_pose
+from highfive.hil.sim.touch import TouchReader
+from highfive.model.geometry import rotations
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from hil.sim.dressing import avatar_bind
-from hil.sim.sculpt import FAR, distance, sculpt, surface_nets
-from scenes import appearance
-from scenes.appearance import Part, ball
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.dressing import avatar_bind
+from highfive.hil.sim.sculpt import FAR, distance, sculpt, surface_nets
+from highfive.scenes import appearance
+from highfive.scenes.appearance import Part, ball
 
 
 def volume(vertices, faces):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from live_commands import ended, lab_recording, serving, stop, summary
 
-from hil import cli
+from highfive.hil.cli import main as cli
 
 
 @pytest.fixture(scope="module")

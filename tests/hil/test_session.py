@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.avatar import Pose, avatar_skeleton
-from hil.partners import Partner, simulated_partners
-from hil.reach import Phase
-from hil.session import RATE_HZ, Session, Tick
-from hil.sim.scene import Scene, build_scene
-from hil.simulate import DEFAULT_MODEL
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.sources import C3DSource
-from model.errors import HighFiveError
-from model.hgpdm import HGPDM
-from model.store import load_model
+from highfive.hil.session.reach import Phase
+from highfive.hil.session.session import RATE_HZ, Session, Tick
+from highfive.hil.sim.avatar import Pose, avatar_skeleton
+from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.partners import Partner, simulated_partners
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.store import load_model
+from highfive.model.hgpdm.trained import HGPDM
 
 EMOTIONS = ("neutral", "angry")
 HIDDEN = 0.3  # s, the longest occlusion of a hand that a high five goes on through

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil import cli
-from hil.console import progress_bars
-from hil.recording import SessionRecording, read_recording
-from hil.sim.actors import simulate_pair
-from hil.sim.capture import Defects, record_pair
-from hil.simulate import SimulateOptions, simulate
-from hil.summary import SessionSettings, summarise, without_timings
-from mocap_bridge.c3d import write_c3d
-from model.errors import HighFiveError
+from highfive.hil.cli import main as cli
+from highfive.hil.commands.simulate import SimulateOptions, simulate
+from highfive.hil.recording.recording import SessionRecording, read_recording
+from highfive.hil.runtime.console import progress_bars
+from highfive.hil.sim.people.actors import simulate_pair
+from highfive.hil.sim.people.capture import Defects, record_pair
+from highfive.hil.trials.summary import SessionSettings, summarise, without_timings
+from highfive.mocap_bridge.files.c3d import write_c3d
+from highfive.model.errors import HighFiveError
 
 HIGH_FIVE = "high_five/cmu_20_21_11_high_five.c3d"
 PAIR: dict[str, Any] = {"trials": 2, "seed": 1, "emotions": ("happy", "angry"), "cells": ("B2",)}
@@ -153,7 +153,7 @@ def test_a_full_disk_is_one_line_and_what_was_recorded_stays(
 def start(*words: object, **environment: str) -> subprocess.Popen[str]:
     """``highfive`` as a process of its own, in a group of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", "hil.cli", *map(str, words)],
+        [sys.executable, "-m", "highfive.hil.cli.main", *map(str, words)],
         cwd=Path(__file__).resolve().parents[2],
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from trial_results import simulated_result
 
-from hil.bench_contact import played, twin_loop
-from hil.bench_retarget import asked_of_arm
-from hil.film import Arms, picture_strips
-from hil.servo_arm import DEFAULT_MOUNT
-from hil.sim.arm_twin import arm_in_scene
-from hil.sim.rendering import NoPictures
-from hil.sim.scene import build_scene
-from hil.simulate import DEFAULT_MODEL
-from hil.stage import arm_stage, avatar_stage
-from model.store import load_model
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.bench.contact import played, twin_loop
+from highfive.hil.bench.retarget import asked_of_arm
+from highfive.hil.report.film import Arms, picture_strips
+from highfive.hil.report.stage import arm_stage, avatar_stage
+from highfive.hil.sim.arm_body import arm_in_scene
+from highfive.hil.sim.rendering import NoPictures
+from highfive.hil.sim.scene import build_scene
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
 
 
 def quiet(label, total):

@@ -16,14 +16,14 @@ import pytest
 from live_commands import ended, lab_recording, serving, start, stop, summary, wait_for
 from rich.console import Console
 
-from hil import cli
-from hil.stream_arm import ArmView
-from hil.stream_screen import StreamView, plain_line, screen
-from hil.stream_statistics import Histogram, StreamStatistics
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.servers.vicon import ViconServer
-from mocap_bridge.sources import Connection, SourceHealth
+from highfive.hil.cli import main as cli
+from highfive.hil.commands.stream.arm import ArmView
+from highfive.hil.commands.stream.screen import StreamView, plain_line, screen
+from highfive.hil.commands.stream.statistics import Histogram, StreamStatistics
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.vicon import ViconServer
+from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.stream_record import Recorder, recover
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.frames import MarkerFrame
-from model.errors import HighFiveError
+from highfive.hil.commands.stream.record import Recorder, recover
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.model.errors import HighFiveError
 
 
 @contextmanager

@@ -6,15 +6,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hil.partners import simulated_partners
-from hil.reach import Phase
-from hil.session import RATE_HZ, Session, Tick
-from hil.sim.scene import build_scene
-from hil.simulate import DEFAULT_MODEL
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.sources import C3DSource
-from model.belief import STYLE_TIME
-from model.store import load_model
+from highfive.hil.session.reach import Phase
+from highfive.hil.session.session import RATE_HZ, Session, Tick
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.partners import simulated_partners
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
+from highfive.model.online.belief import STYLE_TIME
 
 EMOTIONS = load_model(DEFAULT_MODEL).emotions
 SLACK = {False: 1.25, True: 1.5}

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from trial_results import some_results
 
-from hil.sim.contact_check import UnwantedContact
-from hil.summary import SessionSettings, body_part, summarise, without_timings
-from hil.targets import targets
-from hil.trial import style_name
+from highfive.hil.sim.contact_check import UnwantedContact
+from highfive.hil.trials.summary import SessionSettings, body_part, summarise, without_timings
+from highfive.hil.trials.targets import targets
+from highfive.hil.trials.trial import style_name
 
 SETTINGS = SessionSettings(seed=3, model="default", trials=5)
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.avatar import Pose
-from hil.synchroniser import AHEAD_NS, Synchroniser
-from mocap_bridge.frames import HumanArm, PalmPose
-from model import rotations
-from model.errors import HighFiveError
+from highfive.hil.session.synchroniser import AHEAD_NS, Synchroniser
+from highfive.hil.sim.avatar import Pose
+from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 FRAME = 8_333_333
 

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from simulated_reach import RATE_HZ, Reach, simulated_reach
 
-from hil import cli
-from hil.track import TrackOptions, print_track, track
-from mocap_bridge.c3d import read_c3d, write_c3d
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.joint_angles import ANGLES
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import make_recording
-from mocap_bridge.tracker import Tracker
+from highfive.hil.cli import main as cli
+from highfive.hil.commands.track import TrackOptions, print_track, track
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.joint_angles import ANGLES
+from highfive.mocap_bridge.tracking.tracker import Tracker
 
 HAND = ("RFIN", "RMC5")
 

@@ -14,12 +14,11 @@ from pathlib import Path
 import pytest
 from unseen import Export, write_set
 
-from hil.console import training_bars
-from hil.train import CONVERGED, TrainOptions, summary, train
-from hil.training_count import TrainingCount
-from model.errors import HighFiveError
-from model.optimise import Progress
-from model.store import load_model
+from highfive.hil.commands.train import CONVERGED, TrainOptions, summary, train
+from highfive.hil.evaluation.training_progress import TrainingCount, training_bars
+from highfive.model.errors import HighFiveError
+from highfive.model.gp.optimise import Progress
+from highfive.model.hgpdm.store import load_model
 
 
 def options(folder: Path, out: Path, **changes) -> TrainOptions:
@@ -113,7 +112,18 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(lab: Path, out: Path, *words: str) -> list[str]:
-    return [sys.executable, "-m", "hil.cli", "train", str(lab), "--out", str(out), "--inducing", "10", *words]
+    return [
+        sys.executable,
+        "-m",
+        "highfive.hil.cli.main",
+        "train",
+        str(lab),
+        "--out",
+        str(out),
+        "--inducing",
+        "10",
+        *words,
+    ]
 
 
 def run(lab: Path, out: Path, *words: str, **given) -> subprocess.CompletedProcess[str]:

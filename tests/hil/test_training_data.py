@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import cli
-from hil.avatar import avatar_skeleton, right_palm
-from hil.sim.actors import ActorMotion, PairTrial, simulate_pair
-from hil.sim.capture import trial_seed, write_table
-from hil.training_data import SolvedPair, load_trials, track_hand
-from hil.trial_table import read_table
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.marker_sets import load_marker_set
-from model import presets, rotations
-from model.presets import DEFAULT
+from highfive.hil.cli import main as cli
+from highfive.hil.datasets.training_data import SolvedPair, load_trials, track_hand
+from highfive.hil.sim.avatar import avatar_skeleton, right_palm
+from highfive.hil.sim.people.actors import ActorMotion, PairTrial, simulate_pair
+from highfive.hil.sim.people.capture import trial_seed
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.files.trial_table import read_table, write_table
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.geometry import rotations
+from highfive.model.hgpdm import presets
+from highfive.model.hgpdm.presets import DEFAULT
 
 SEED = 5  # of the folder ``captured``
 CELL = "C3"

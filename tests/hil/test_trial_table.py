@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.trial_table import HOLD_OUT, TrialRow, read_table, with_held_out
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.trial_table import HOLD_OUT, TrialRow, read_table, with_held_out
+from highfive.model.errors import HighFiveError
 
 
 def table(folder: Path, text: str, said: list[str] | None = None) -> list[TrialRow]:

@@ -9,16 +9,16 @@ import pytest
 from real_pair import write_real_set
 from unseen import HABITS, Export, palm_of, walking_pair, write_set
 
-from hil import cli
-from hil.avatar import avatar_skeleton
-from hil.pairs import Role, read_pairs
-from hil.sim.capture import write_table
-from hil.training_data import SolvedPair, contact_frame, load_trials, unwrapped
-from hil.trial_table import read_table
-from mocap_bridge.c3d import read_c3d, write_c3d
-from model import presets, rotations
-from model.errors import HighFiveError
-from model.presets import DEFAULT
+from highfive.hil.cli import main as cli
+from highfive.hil.datasets.dyads import Role, read_pairs
+from highfive.hil.datasets.training_data import SolvedPair, contact_frame, load_trials, unwrapped
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.files.trial_table import read_table, write_table
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
+from highfive.model.hgpdm import presets
+from highfive.model.hgpdm.presets import DEFAULT
 
 CELLS = ("B2", "A3")
 BODY = 23  # joints before those of the fingers

@@ -2,8 +2,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from hil.sim.video import write_video
-from model.errors import HighFiveError
+from highfive.hil.sim.video import write_video
+from highfive.model.errors import HighFiveError
 
 
 def frames(count, height=65, width=97):

@@ -4,17 +4,17 @@ from functools import cache
 
 import numpy as np
 
-from hil.avatar import Pose, avatar_skeleton, right_palm
-from hil.sim.actors import RATE_HZ, PairTrial, simulate_pair
-from hil.sim.capture import PERSON_SET, markers_of
-from hil.sim.contact_check import contact_report
-from hil.sim.emotions import EMOTIONS
-from hil.sim.playout import KinematicPlayOut
-from hil.sim.scene import Scene, build_scene
-from hil.trial import TrialResult
-from mocap_bridge.frames import HumanArm, TrackedMarkers
-from mocap_bridge.human_arm import HumanArmEstimator
-from mocap_bridge.marker_sets import load_marker_set
+from highfive.hil.sim.avatar import Pose, avatar_skeleton, right_palm
+from highfive.hil.sim.contact_check import contact_report
+from highfive.hil.sim.people.actors import RATE_HZ, PairTrial, simulate_pair
+from highfive.hil.sim.people.capture import PERSON_SET, markers_of
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.playout import KinematicPlayOut
+from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.trial import TrialResult
+from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 
 
 def simulated_result(

@@ -13,11 +13,11 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 
-from hil.avatar import right_palm
-from hil.sim.actors import ActorMotion, PairTrial, simulate_pair
-from hil.sim.capture import write_table
-from model import rotations
-from model.rotations import Array
+from highfive.hil.sim.avatar import right_palm
+from highfive.hil.sim.people.actors import ActorMotion, PairTrial, simulate_pair
+from highfive.mocap_bridge.files.trial_table import write_table
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
 
 STEP = 4  # from 120 to 30 Hz
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_bridge.address import FILE, SCHEMES, Address, connector, open_source, parse_address
-from mocap_bridge.c3d import write_c3d
-from mocap_bridge.recording import make_recording
-from mocap_bridge.sources import C3DSource
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.c3d import write_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.sources.address import FILE, SCHEMES, Address, connector, open_source, parse_address
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model.errors import HighFiveError
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.joint_angles import ANGLES, BASES, angles_between
-from mocap_bridge.marker_sets import MarkerSet, load_marker_set
-from mocap_bridge.tracker import Tracker
-from model import rotations
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.joint_angles import ANGLES, BASES, angles_between
+from highfive.mocap_bridge.tracking.tracker import Tracker
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 FRAMES, SETTLED, SEEDS = 100, 10, 8

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from mocap_bridge.body_solver import solve_body
-from mocap_bridge.kinematic_part import forward, jacobian, make_part
-from mocap_bridge.marker_sets import load_marker_set
-from model import rotations
-from model.errors import HighFiveError
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.body.body_solver import solve_body
+from highfive.mocap_bridge.body.kinematic_part import forward, jacobian, make_part
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 FULL = load_marker_set("full_body")

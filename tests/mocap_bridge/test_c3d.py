@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocap_bridge.c3d import read_c3d, write_c3d
-from mocap_bridge.recording import make_recording, resample
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.files.recording import make_recording, resample
+from highfive.model.errors import HighFiveError
 
 NAMES = ("human:RWRA", "human:RFIN", "avatar:RWRA")
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_bridge.c3d import BLOCK, MAX_BYTES, layout_of, read_bytes, read_c3d, write_c3d
-from mocap_bridge.c3d_fill import _put_back, _words, write_filled
-from mocap_bridge.recording import make_recording
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.c3d import BLOCK, MAX_BYTES, layout_of, read_bytes, read_c3d, write_c3d
+from highfive.mocap_bridge.files.c3d_fill import _put_back, _words, write_filled
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.model.errors import HighFiveError
 
 NAMES = ("A:RFIN", "A:RWRA", "B:RFIN")
 

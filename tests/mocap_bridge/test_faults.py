@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_bridge.faults import KINDS, Fault, Faults, parse_fault
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.recording import make_recording
-from mocap_bridge.serving import frames_of
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.faults import KINDS, Fault, Faults, parse_fault
+from highfive.mocap_bridge.servers.serving import frames_of
+from highfive.model.errors import HighFiveError
 
 NAMES = ("human:RFIN", "human:RMC5", "human:RWRA", "human:RWRB")
 

@@ -1,11 +1,11 @@
 import numpy as np
 
-from hil.avatar import avatar_skeleton
-from mocap_bridge.chain import make_chain, segment_order
-from mocap_bridge.first_pose import first_state, standing, turned_back
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.pose_filter import kinematics
-from model import rotations
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
+from highfive.mocap_bridge.tracking.first_pose import first_state, standing, turned_back
+from highfive.mocap_bridge.tracking.pose_filter import kinematics
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 

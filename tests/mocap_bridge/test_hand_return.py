@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap_bridge.frames import HumanArm, PalmPose
-from mocap_bridge.hand_return import BANDWIDTH, HandReturn
+from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.mocap_bridge.tracking.reacquisition import BANDWIDTH, HandReturn
 
 DT = 1.0 / 120.0
 HIDDEN = range(40, 76)  # frames

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton, right_palm
-from mocap_bridge.frames import TrackedMarkers
-from mocap_bridge.human_arm import HumanArmEstimator
-from mocap_bridge.marker_sets import load_marker_set, marker_set_names
-from mocap_bridge.pose_filter import NEVER
-from model import rotations
+from highfive.hil.sim.avatar import avatar_skeleton, right_palm
+from highfive.mocap_bridge.frames import TrackedMarkers
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set, marker_set_names
+from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
+from highfive.mocap_bridge.tracking.pose_filter import NEVER
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 

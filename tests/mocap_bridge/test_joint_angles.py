@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mocap_bridge.joint_angles import ANGLES, angles_between
+from highfive.mocap_bridge.tracking.joint_angles import ANGLES, angles_between
 
 # ISB axes of a segment that hangs in the zero pose, in columns, in our axes: forward, up, right.
 ISB = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

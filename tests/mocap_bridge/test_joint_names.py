@@ -2,9 +2,10 @@
 
 import pytest
 
-from mocap_bridge.joint_names import recognise, words_of
-from mocap_bridge.marker_sets import find_marker_set, load_marker_set
-from model.errors import HighFiveError
+from highfive.mocap_bridge.markers.joint_names import recognise, words_of
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.markers.recognise import find_marker_set
+from highfive.model.errors import HighFiveError
 
 # For each habit the right arm, right leg and the middle, as: shoulder elbow wrist | hip knee ankle | pelvis head
 HABITS = {

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from mocap_bridge.joint_shapes import recognise_shape
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.recording import make_recording
-from model import rotations
-from model.errors import HighFiveError
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.markers.joint_shapes import recognise_shape
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 CENTRES = load_marker_set("joint_centres")

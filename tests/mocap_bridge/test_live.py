@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from mocap_bridge.faults import Faults, parse_fault
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LiveSource
-from mocap_bridge.recording import make_recording
-from mocap_bridge.servers.vicon import ViconServer
-from mocap_bridge.serving import serve
-from mocap_bridge.sources import Connection
-from mocap_bridge.tap import tapped
-from mocap_bridge.vicon import connect_vicon
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.faults import Faults, parse_fault
+from highfive.mocap_bridge.servers.serving import serve
+from highfive.mocap_bridge.servers.vicon import ViconServer
+from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.source import Connection
+from highfive.mocap_bridge.sources.tap import tapped
+from highfive.mocap_bridge.sources.vicon import connect_vicon
+from highfive.model.errors import HighFiveError
 
 NAMES = ("human:RFIN", "human:RMC5", "human:RWRA", "other:RFIN")
 Serving = Callable[..., ViconServer]

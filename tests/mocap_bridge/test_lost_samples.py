@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stamped_senders import Sent, send
 
-from mocap_bridge.lost_samples import PATIENCE_S, LostSamples, lost_before
+from highfive.mocap_bridge.wire.lost_samples import PATIENCE_S, LostSamples, lost_before
 
 RATES = (30.0, 60.0, 100.0, 120.0, 240.0, 500.0)
 CASES = {

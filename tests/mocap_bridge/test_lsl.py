@@ -10,16 +10,17 @@ import numpy as np
 import pylsl
 import pytest
 
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LinkError, LiveSource
-from mocap_bridge.lsl import configure, connect_lsl
-from mocap_bridge.recording import Recording, make_recording
-from mocap_bridge.servers.lsl import LslServer
-from mocap_bridge.serving import serve
-from mocap_bridge.sources import Connection
-from mocap_bridge.take_file import TakeWriter, take_to_c3d
-from mocap_bridge.tap import tapped
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.recording import Recording, make_recording
+from highfive.mocap_bridge.files.take_file import TakeWriter, take_to_c3d
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.lsl import LslServer
+from highfive.mocap_bridge.servers.serving import serve
+from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.lsl import configure, connect_lsl
+from highfive.mocap_bridge.sources.source import Connection
+from highfive.mocap_bridge.sources.tap import tapped
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.model.errors import HighFiveError
 
 NAMES = ("human:RFIN", "human:RMC5", "human:RWRA", "human:LFHD")
 

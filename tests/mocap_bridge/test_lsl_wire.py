@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from stamped_senders import send
 
-from mocap_bridge.wire.lsl import (
+from highfive.mocap_bridge.wire.lsl import (
     DescriptionError,
     FrameCounter,
     channel_descriptions,

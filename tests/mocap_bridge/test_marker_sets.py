@@ -5,14 +5,15 @@ import ezc3d
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from mocap_bridge.frames import TrackedMarkers
-from mocap_bridge.human_arm import HumanArmEstimator
-from mocap_bridge.marker_set_file import write_marker_set
-from mocap_bridge.marker_sets import FOLDER, find_marker_set, load_marker_set, marker_set_names, segment_lengths
-from model import rotations
-from model.errors import HighFiveError
-from scenes import anthropometry
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.frames import TrackedMarkers
+from highfive.mocap_bridge.markers.marker_set import segment_lengths
+from highfive.mocap_bridge.markers.marker_set_file import FOLDER, load_marker_set, marker_set_names, write_marker_set
+from highfive.mocap_bridge.markers.recognise import find_marker_set
+from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
+from highfive.scenes import anthropometry
 
 SKELETON = avatar_skeleton()
 ZERO = np.tile(rotations.IDENTITY, (len(SKELETON), 1))

@@ -12,15 +12,16 @@ import natnet
 import numpy as np
 import pytest
 
-from mocap_bridge.faults import Faults, parse_fault
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LinkError, LiveSource
-from mocap_bridge.natnet import connect_natnet
-from mocap_bridge.servers.natnet import NatNetServer
-from mocap_bridge.serving import LOOPBACK
-from mocap_bridge.sources import Connection
-from mocap_bridge.wire import natnet as wire
-from mocap_bridge.wire.natnet import Kind
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.faults import Faults, parse_fault
+from highfive.mocap_bridge.servers.natnet import NatNetServer
+from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.natnet import connect_natnet
+from highfive.mocap_bridge.sources.source import Connection
+from highfive.mocap_bridge.wire import natnet as wire
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.mocap_bridge.wire.natnet import Kind
 
 NAMES = tuple(f"Anna:M{m}" for m in range(12))
 OWN = tuple(name.removeprefix("Anna:") for name in NAMES)

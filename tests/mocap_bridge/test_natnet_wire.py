@@ -17,10 +17,10 @@ from natnet.packet_buffer import PacketBuffer
 from natnet.server_info import ServerInfo as PeerInfo
 from natnet.version import Version
 
-from mocap_bridge.live import LinkError
-from mocap_bridge.natnet import Columns, marker_frame
-from mocap_bridge.wire import natnet as wire
-from mocap_bridge.wire.natnet import Kind
+from highfive.mocap_bridge.sources.natnet import Columns, marker_frame
+from highfive.mocap_bridge.wire import natnet as wire
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.mocap_bridge.wire.natnet import Kind
 
 VERSIONS = [(3, 0), (3, 1), (4, 0), (4, 1)]
 FLOATS = st.floats(width=32, allow_nan=False)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from mocap_bridge.frames import PalmPose
-from mocap_bridge.palm_filter import SLOW, PalmFilter
-from model import rotations
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.mocap_bridge.tracking.palm_filter import SLOW, PalmFilter
+from highfive.model.geometry import rotations
 
 DT = 1.0 / 120.0
 TIME = np.arange(600) * DT

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from mocap_bridge.chain import make_chain
-from mocap_bridge.first_pose import first_state, standing
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.pose_filter import (
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.chain import make_chain
+from highfive.mocap_bridge.tracking.first_pose import first_state, standing
+from highfive.mocap_bridge.tracking.pose_filter import (
     HINGE,
     MARKER_SIGMA,
     NEVER,

@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 import qtm_rt
 
-from mocap_bridge.faults import Faults, parse_fault
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LinkError, LiveSource
-from mocap_bridge.qtm import QtmLink, connect_qtm
-from mocap_bridge.servers.qtm import QtmServer
-from mocap_bridge.serving import LOOPBACK
-from mocap_bridge.sources import Connection
-from mocap_bridge.wire import qtm as wire
-from mocap_bridge.wire.qtm import Kind
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.faults import Faults, parse_fault
+from highfive.mocap_bridge.servers.qtm import QtmServer
+from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.qtm import QtmLink, connect_qtm
+from highfive.mocap_bridge.sources.source import Connection
+from highfive.mocap_bridge.wire import qtm as wire
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.mocap_bridge.wire.qtm import Kind
 
 NAMES = tuple(f"Anna:M{m}" for m in range(12))
 OWN = tuple(name.removeprefix("Anna:") for name in NAMES)

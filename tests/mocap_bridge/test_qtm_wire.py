@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from qtm_rt.packet import QRTPacket
 
-from mocap_bridge.live import LinkError
-from mocap_bridge.qtm import marker_frame
-from mocap_bridge.wire import qtm as wire
-from mocap_bridge.wire.qtm import Component, Kind
+from highfive.mocap_bridge.sources.qtm import marker_frame
+from highfive.mocap_bridge.wire import qtm as wire
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.mocap_bridge.wire.qtm import Component, Kind
 
 FLOATS = st.floats(width=32, allow_nan=True, allow_infinity=True)
 POINTS = hnp.arrays(np.float32, st.tuples(st.integers(0, 8), st.just(3)), elements=FLOATS)

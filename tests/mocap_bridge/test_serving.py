@@ -5,10 +5,10 @@ import time
 
 import numpy as np
 
-from mocap_bridge.faults import Faults, parse_fault
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.recording import Recording, make_recording
-from mocap_bridge.serving import frames_of, serve
+from highfive.mocap_bridge.files.recording import Recording, make_recording
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.faults import Faults, parse_fault
+from highfive.mocap_bridge.servers.serving import frames_of, serve
 
 
 class Notebook:

@@ -1,7 +1,7 @@
 import numpy as np
 
-from mocap_bridge.recording import make_recording
-from mocap_bridge.sources import C3DSource, Connection
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.sources.source import C3DSource, Connection
 
 
 def source(rate=120.0, frames=10, start_ns=0):

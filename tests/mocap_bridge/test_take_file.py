@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from stamped_senders import send
 
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.c3d_writer import write_frames
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.take_file import NoFrames, TakeWriter, being_written, take_to_c3d
-from mocap_bridge.wire.lsl import FrameCounter
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.files.c3d_writer import write_frames
+from highfive.mocap_bridge.files.take_file import NoFrames, TakeWriter, being_written, take_to_c3d
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.wire.lsl import FrameCounter
+from highfive.model.errors import HighFiveError
 
 POINTS = np.random.default_rng(0).uniform(0.1, 1.7, size=(4, 3))
 NAMES = ("A:RFIN", "A:RMC5", "B:RFIN", "B:RMC5")

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.human_arm import HumanArmEstimator
-from mocap_bridge.joint_angles import ANGLES, angles_between
-from mocap_bridge.marker_sets import load_marker_set
-from mocap_bridge.pose_filter import MARKER_SIGMA, NEVER
-from mocap_bridge.tracker import Tracker
-from model import rotations
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
+from highfive.mocap_bridge.tracking.joint_angles import ANGLES, angles_between
+from highfive.mocap_bridge.tracking.pose_filter import MARKER_SIGMA, NEVER
+from highfive.mocap_bridge.tracking.tracker import Tracker
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 PAPER = load_marker_set("paper")

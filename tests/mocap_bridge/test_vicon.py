@@ -13,17 +13,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap_bridge.faults import Faults, parse_fault
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LinkError, LiveSource
-from mocap_bridge.recording import make_recording
-from mocap_bridge.servers.vicon import OFFERED, ViconServer
-from mocap_bridge.serving import LOOPBACK, frames_of, serve
-from mocap_bridge.sources import Connection
-from mocap_bridge.vicon import connect_vicon
-from mocap_bridge.wire import vicon as wire
-from mocap_bridge.wire.vicon import Kind, Labelled, Packet, Subject, encode
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.faults import Faults, parse_fault
+from highfive.mocap_bridge.servers.serving import LOOPBACK, frames_of, serve
+from highfive.mocap_bridge.servers.vicon import OFFERED, ViconServer
+from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.source import Connection
+from highfive.mocap_bridge.sources.vicon import connect_vicon
+from highfive.mocap_bridge.wire import vicon as wire
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.mocap_bridge.wire.vicon import Kind, Labelled, Packet, Subject, encode
+from highfive.model.errors import HighFiveError
 
 NAMES = ("Anna:LFHD", "Anna:RFIN", "Anna:RWRA", "Anna:RSHO")
 

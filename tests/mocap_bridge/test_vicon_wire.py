@@ -10,8 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mocap_bridge.wire import vicon as wire
-from mocap_bridge.wire.vicon import Kind, Labelled, Packet, Subject, ViconWireError, body_length, decode, encode
+from highfive.mocap_bridge.wire import vicon as wire
+from highfive.mocap_bridge.wire.vicon import (
+    Kind,
+    Labelled,
+    Packet,
+    Subject,
+    ViconWireError,
+    body_length,
+    decode,
+    encode,
+)
 
 U32 = st.integers(0, 2**32 - 1)
 TEXT = st.text(max_size=12)

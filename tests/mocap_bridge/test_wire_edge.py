@@ -13,24 +13,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_bridge.c3d import read_c3d
-from mocap_bridge.faults import Faults, parse_fault
-from mocap_bridge.frames import MarkerFrame
-from mocap_bridge.live import LiveSource
-from mocap_bridge.lsl import configure, connect_lsl
-from mocap_bridge.natnet import connect_natnet
-from mocap_bridge.plausible import FARTHEST_M, plausible
-from mocap_bridge.qtm import connect_qtm
-from mocap_bridge.recording import make_recording
-from mocap_bridge.servers.lsl import LslServer
-from mocap_bridge.servers.natnet import NatNetServer
-from mocap_bridge.servers.qtm import QtmServer
-from mocap_bridge.servers.vicon import ViconServer
-from mocap_bridge.serving import serve
-from mocap_bridge.take_file import TakeWriter, take_to_c3d
-from mocap_bridge.tap import tapped
-from mocap_bridge.vicon import connect_vicon
-from model.errors import HighFiveError
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.files.recording import make_recording
+from highfive.mocap_bridge.files.take_file import TakeWriter, take_to_c3d
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.faults import Faults, parse_fault
+from highfive.mocap_bridge.servers.lsl import LslServer
+from highfive.mocap_bridge.servers.natnet import NatNetServer
+from highfive.mocap_bridge.servers.qtm import QtmServer
+from highfive.mocap_bridge.servers.serving import serve
+from highfive.mocap_bridge.servers.vicon import ViconServer
+from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.lsl import configure, connect_lsl
+from highfive.mocap_bridge.sources.natnet import connect_natnet
+from highfive.mocap_bridge.sources.qtm import connect_qtm
+from highfive.mocap_bridge.sources.tap import tapped
+from highfive.mocap_bridge.sources.vicon import connect_vicon
+from highfive.mocap_bridge.wire.plausible import FARTHEST_M, plausible
+from highfive.model.errors import HighFiveError
 
 LOCAL = "127.0.0.1"
 NAMES = ("Anna:RFIN", "Anna:RMC5", "Anna:RWRA", "Anna:LFHD")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from made_up import EMOTIONS, SMALL, made_up_trial
 
-from model.answers import Body
-from model.hgpdm import HGPDM
-from model.skeleton import skeleton_from_table
-from model.training import train
-from model.trials import Trial
+from highfive.model.evaluation.predictions import Body
+from highfive.model.geometry.skeleton import skeleton_from_table
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.training import train
+from highfive.model.hgpdm.trials import Trial
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.presets import DEFAULT
-from model.trials import Trial
+from highfive.model.hgpdm.presets import DEFAULT
+from highfive.model.hgpdm.trials import Trial
 
 JOINTS = 9
 EMOTIONS = ("neutral", "angry")

@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from model import kernels, sparse
-from model.belief import RESIDUAL_TIME, STYLE_TIME, lagrange, tick_weights
-from model.hgpdm import HGPDM
-from model.hierarchy import dynamics_input, dynamics_mean
-from model.rotations import Array
-from model.sparse import Posterior
-from model.tick import COVARIANCE_LIMIT, SPEED_SPAN, Belief, Generated
+from highfive.model.geometry.rotations import Array
+from highfive.model.gp import kernels, sparse
+from highfive.model.gp.sparse import Posterior
+from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.belief import RESIDUAL_TIME, STYLE_TIME, lagrange, tick_weights
+from highfive.model.online.tick import COVARIANCE_LIMIT, SPEED_SPAN, Belief, Generated
 
 
 @jax.jit

@@ -22,11 +22,11 @@ def main(name: str, processes: int, number: int, address: str) -> None:
     # Only now: these imports ask JAX for its devices.
     from made_up import EMOTIONS, made_up_trial  # noqa: PLC0415
 
-    from model.dataset import training_set  # noqa: PLC0415
-    from model.hierarchy import objective, problem  # noqa: PLC0415
-    from model.initial import initial_parameters  # noqa: PLC0415
-    from model.presets import PRESETS  # noqa: PLC0415
-    from model.sharding import spread  # noqa: PLC0415
+    from highfive.model.hgpdm.dataset import training_set  # noqa: PLC0415
+    from highfive.model.hgpdm.hierarchy import objective, problem  # noqa: PLC0415
+    from highfive.model.hgpdm.initial import initial_parameters  # noqa: PLC0415
+    from highfive.model.hgpdm.presets import PRESETS  # noqa: PLC0415
+    from highfive.model.hgpdm.sharding import spread  # noqa: PLC0415
 
     rng = np.random.default_rng(2)
     trials = [made_up_trial(goal, emotion, 60.0, rng) for goal in (0.3, 0.5, 0.7) for emotion in EMOTIONS]

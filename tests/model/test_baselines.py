@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from model import baselines
-from model.answers import Body, online, regressed
-from model.dataset import output_channels, training_set
-from model.hgpdm import HGPDM
-from model.hierarchy import problem
-from model.trials import Trial
+from highfive.model.evaluation import baselines
+from highfive.model.evaluation.predictions import Body, online, regressed
+from highfive.model.hgpdm.dataset import output_channels, training_set
+from highfive.model.hgpdm.hierarchy import problem
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
 
 
 @pytest.fixture(scope="module")

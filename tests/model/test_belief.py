@@ -5,14 +5,14 @@ import naive_filter
 import numpy as np
 import pytest
 
-from model import belief, tick
-from model.belief import Filter
-from model.errors import HighFiveError
-from model.features import FeatureMap
-from model.hgpdm import HGPDM
-from model.hierarchy import VELOCITY_UNIT, dynamics_mean
-from model.kernels import MotionKernel
-from model.sparse import Posterior
+from highfive.model.errors import HighFiveError
+from highfive.model.gp.kernels import MotionKernel
+from highfive.model.gp.sparse import Posterior
+from highfive.model.hgpdm.features import FeatureMap
+from highfive.model.hgpdm.hierarchy import VELOCITY_UNIT, dynamics_mean
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online import belief, tick
+from highfive.model.online.belief import Filter
 
 NOISE = 0.01
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.checkpoint import Checkpoint, Unfitting
-from model.errors import HighFiveError
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.checkpoint import Checkpoint, Unfitting
 
 ARRAYS = {"a": np.arange(3.0), "b": np.array("text")}
 

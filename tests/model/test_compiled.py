@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from model.compiled import compiled_entry
+from highfive.model.compiled import compiled_entry
 
 
 def made_from_text(text: str) -> Callable:

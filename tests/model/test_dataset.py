@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.dataset import CLOCK_SCALE, Channels, hand_history, output_channels, training_set
-from model.errors import HighFiveError
-from model.features import fit_feature_map
-from model.presets import DEFAULT, PAPER, preset_named
-from model.trials import Trial
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.dataset import CLOCK_SCALE, Channels, hand_history, output_channels, training_set
+from highfive.model.hgpdm.features import fit_feature_map
+from highfive.model.hgpdm.presets import DEFAULT, PAPER, preset_named
+from highfive.model.hgpdm.trials import Trial
 
 
 def resampled(trial: Trial, rate_hz: float) -> Trial:

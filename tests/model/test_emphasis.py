@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.emphasis import Emphasis, peak_speeds
-from model.hgpdm import HGPDM
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.style_timing import Emphasis, peak_speeds
 
 PROGRESS = np.linspace(-0.3, 1.3, 641)
 

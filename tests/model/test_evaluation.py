@@ -3,14 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import baselines, evaluation, rotations
-from model.answers import Answer, Body, Doubt, online, regressed, scored_frames
-from model.dataset import CLOCK_SCALE, Channels, output_channels, training_set
-from model.errors import HighFiveError
-from model.hgpdm import HGPDM
-from model.hierarchy import problem
-from model.responder import Responder
-from model.trials import Trial
+from highfive.model.errors import HighFiveError
+from highfive.model.evaluation import baselines
+from highfive.model.evaluation import scores as evaluation
+from highfive.model.evaluation.predictions import Answer, Body, Doubt, online, regressed, scored_frames
+from highfive.model.geometry import rotations
+from highfive.model.hgpdm.dataset import CLOCK_SCALE, Channels, output_channels, training_set
+from highfive.model.hgpdm.hierarchy import problem
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.responder import Responder
 
 ERRORS = ("all_joints", "joint_angle", "palm", "palm_at_contact", "palm_at_contact_median", "contact_point",
           "time_to_contact", "lag_ms")  # fmt: skip

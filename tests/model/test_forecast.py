@@ -4,11 +4,19 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from model import sparse
-from model.dataset import KNUCKLES, hand_history
-from model.features import fit_feature_map
-from model.forecast import KNOTS, REGION, ContactLayer, _scales, approaches, fit_contact_layer, precision
-from model.trials import Trial
+from highfive.model.gp import sparse
+from highfive.model.hgpdm.contact_layer import (
+    KNOTS,
+    REGION,
+    ContactLayer,
+    _scales,
+    approaches,
+    fit_contact_layer,
+    precision,
+)
+from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
+from highfive.model.hgpdm.features import fit_feature_map
+from highfive.model.hgpdm.trials import Trial
 
 RATE = 60.0
 HISTORY = (0.1, 0.2)

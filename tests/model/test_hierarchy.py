@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from model.dataset import training_set
-from model.hierarchy import latents, objective, problem
-from model.initial import initial_parameters, principal_components
-from model.presets import DEFAULT, PAPER
-from model.trials import Trial
+from highfive.model.hgpdm.dataset import training_set
+from highfive.model.hgpdm.hierarchy import latents, objective, problem
+from highfive.model.hgpdm.initial import initial_parameters, principal_components
+from highfive.model.hgpdm.presets import DEFAULT, PAPER
+from highfive.model.hgpdm.trials import Trial
 
 
 @pytest.mark.parametrize("preset", [DEFAULT, PAPER], ids=lambda preset: preset.name)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from made_up import made_up_trial
 
-from model.answers import Answer, Doubt
-from model.dataset import Channels
-from model.horizons import BEFORE, contact_point_coverage, contact_point_errors
-from model.trials import Trial
+from highfive.model.evaluation.forecast_errors import BEFORE, contact_point_coverage, contact_point_errors
+from highfive.model.evaluation.predictions import Answer, Doubt
+from highfive.model.hgpdm.dataset import Channels
+from highfive.model.hgpdm.trials import Trial
 
 RATE = 60.0
 

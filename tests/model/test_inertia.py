@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.inertia import GENTLE, LONGEST, PEAK, SETTLING, Inertia
+from highfive.model.online.inertialization import GENTLE, LONGEST, PEAK, SETTLING, Inertia
 
 DT = 1.0 / 120.0
 

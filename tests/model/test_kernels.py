@@ -3,8 +3,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model import kernels
-from model.kernels import StyleFactor, motion_kernel
+from highfive.model.gp import kernels
+from highfive.model.gp.kernels import StyleFactor, motion_kernel
 
 seeds = st.integers(0, 2**32 - 1)
 

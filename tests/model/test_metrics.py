@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import erf
 
-from model import metrics
+from highfive.model.evaluation import metrics
 
 RATE = 120.0
 

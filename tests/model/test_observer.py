@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.avatar import avatar_skeleton
-from model import observer
-from model.errors import HighFiveError
-from model.observer import FEATURES, Motion, accuracy, confusion, features, fit_observer
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.model.errors import HighFiveError
+from highfive.model.evaluation import style_classifier as observer
+from highfive.model.evaluation.style_classifier import FEATURES, Motion, accuracy, confusion, features, fit_observer
 
 RATE = 120.0
 

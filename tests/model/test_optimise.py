@@ -2,8 +2,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from model.errors import HighFiveError
-from model.optimise import HALVINGS, Diverged, Progress, State, fall_at_the_end, minimise
+from highfive.model.errors import HighFiveError
+from highfive.model.gp.optimise import HALVINGS, Diverged, Progress, State, fall_at_the_end, minimise
 
 
 def bowl(vector: jnp.ndarray) -> jnp.ndarray:

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from model.errors import HighFiveError
-from model.hgpdm import HGPDM
-from model.responder import Responder, Response
-from model.trials import Trial
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.responder import Responder, Response
 
 RATE = 60.0
 

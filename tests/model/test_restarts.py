@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from model.checkpoint import Checkpoint
-from model.errors import HighFiveError
-from model.optimise import State, minimise
-from model.restarts import Best, best_of
+from highfive.model.errors import HighFiveError
+from highfive.model.gp.optimise import State, minimise
+from highfive.model.hgpdm.checkpoint import Checkpoint
+from highfive.model.hgpdm.restarts import Best, best_of
 
 STEPS = 60
 

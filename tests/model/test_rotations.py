@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from model import rotations
+from highfive.model.geometry import rotations
 
 ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 vectors = st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3).map(np.array)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton
-from model import rotations
-from model.errors import HighFiveError
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
 

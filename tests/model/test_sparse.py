@@ -3,10 +3,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from model import exact, kernels, sparse, tick
-from model.belief import packed
-from model.kernels import initial_style, motion_kernel
-from model.sparse import Layer, Targets
+from highfive.model.gp import exact, kernels, sparse
+from highfive.model.gp.kernels import initial_style, motion_kernel
+from highfive.model.gp.sparse import Layer, Targets
+from highfive.model.online import tick
+from highfive.model.online.belief import packed
 
 NOISE = 0.05
 

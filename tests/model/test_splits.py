@@ -3,9 +3,9 @@ from dataclasses import replace
 
 import pytest
 
-from model.errors import HighFiveError
-from model.splits import group_of, leave_out, own_split
-from model.trials import Trial
+from highfive.model.errors import HighFiveError
+from highfive.model.evaluation.splits import group_of, leave_out, own_split
+from highfive.model.hgpdm.trials import Trial
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from model.errors import HighFiveError
-from model.hgpdm import HGPDM
-from model.store import load_model, save_model
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.store import load_model, save_model
+from highfive.model.hgpdm.trained import HGPDM
 
 
 @pytest.fixture

@@ -7,13 +7,14 @@ import naive_filter
 import numpy as np
 import pytest
 
-from model import sparse, tick
-from model.belief import Filter, packed
-from model.features import fit_feature_map
-from model.hgpdm import HGPDM
-from model.kernels import MotionKernel, initial_style
-from model.sparse import Layer, Posterior
-from model.trials import Trial
+from highfive.model.gp import sparse
+from highfive.model.gp.kernels import MotionKernel, initial_style
+from highfive.model.gp.sparse import Layer, Posterior
+from highfive.model.hgpdm.features import fit_feature_map
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
+from highfive.model.online import tick
+from highfive.model.online.belief import Filter, packed
 
 STYLES = {"plain": None, "styled": np.array([0.25, 0.75])}
 RATE = 60.0

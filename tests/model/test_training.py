@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from made_up import SMALL
 
-from model import sparse
-from model.dataset import hand_history, output_channels, training_set
-from model.errors import HighFiveError
-from model.hgpdm import HGPDM
-from model.hierarchy import objective, problem
-from model.initial import initial_parameters
-from model.presets import DEFAULT, PAPER
-from model.training import train
-from model.trials import Trial
+from highfive.model.errors import HighFiveError
+from highfive.model.gp import sparse
+from highfive.model.hgpdm.dataset import hand_history, output_channels, training_set
+from highfive.model.hgpdm.hierarchy import objective, problem
+from highfive.model.hgpdm.initial import initial_parameters
+from highfive.model.hgpdm.presets import DEFAULT, PAPER
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.training import train
+from highfive.model.hgpdm.trials import Trial
 
 
 def test_latents_have_unit_variance_and_both_layers_reconstruct(model: HGPDM, trials: list[Trial]):

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model import baselines, windows
-from model.errors import HighFiveError
-from model.hierarchy import problem
-from model.presets import DEFAULT
-from model.training import train_on
+from highfive.model.errors import HighFiveError
+from highfive.model.evaluation import baselines
+from highfive.model.evaluation import nuisi_windows as windows
+from highfive.model.hgpdm.hierarchy import problem
+from highfive.model.hgpdm.presets import DEFAULT
+from highfive.model.hgpdm.training import train_on
 
 SMALL = replace(DEFAULT, avatar_dims=3, human_dims=2, interaction_dims=3, adam_steps=50, iterations=50)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hil.avatar import avatar_skeleton, right_palm
-from scenes import anthropometry as body
+from highfive.hil.sim.avatar import avatar_skeleton, right_palm
+from highfive.scenes import anthropometry as body
 
 SKELETON = avatar_skeleton()
 

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from hil.sim.body_geometry import is_finger
-from hil.sim.scene import NATURAL_FREQUENCY_HZ, build_scene
-from scenes import anthropometry
+from highfive.hil.sim.body_geometry import is_finger
+from highfive.hil.sim.scene import NATURAL_FREQUENCY_HZ, build_scene
+from highfive.scenes import anthropometry
 
 
 @pytest.fixture(scope="module")

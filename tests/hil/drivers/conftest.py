@@ -12,9 +12,9 @@ from dataclasses import replace
 import pytest
 import serial
 
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.rig import Rig, load_rig
-from hil.drivers.servo_bus import ServoBus
+from highfive.hil.drivers.bus.rig import Rig, load_rig
+from highfive.hil.drivers.bus.servo_bus import ServoBus
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 
 ALLOWANCE_MS = 250.0
 WATCHDOG_S = 2.0

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from test_servo_bus import until
 
-from hil.drivers.arm_process import ArmProcess, Mode
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.rig import Rig, angle, count, load_rig, wanted_registers
-from hil.drivers.servo_bus import ServoBus
-from hil.drivers.values import JointCommand
-from hil.rig_service import check, print_check
-from model.errors import HighFiveError
+from highfive.hil.commands.rig.service import check, print_check
+from highfive.hil.drivers.bus.arm_process import ArmProcess, Mode
+from highfive.hil.drivers.bus.rig import Rig, angle, count, load_rig, wanted_registers
+from highfive.hil.drivers.bus.servo_bus import ServoBus
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.hil.drivers.values import JointCommand
+from highfive.model.errors import HighFiveError
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

@@ -13,9 +13,9 @@ import dynamixel_sdk.port_handler as sdk_port
 import pytest
 import rustypot
 
-from hil.drivers.control_table import Table, encode, load_table
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.packet import ALERT, Error
+from highfive.hil.drivers.bus.control_table import Table, encode, load_table
+from highfive.hil.drivers.bus.packet import ALERT, Error
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 
 pytestmark = pytest.mark.realtime
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.drivers.control_table import (
+from highfive.hil.drivers.bus.control_table import (
     BAUD_RATES,
     Table,
     bounds,
@@ -19,7 +19,7 @@ from hil.drivers.control_table import (
     to_raw,
     to_si,
 )
-from model.errors import HighFiveError
+from highfive.model.errors import HighFiveError
 
 MAKERS = {
     "XM540-W270": "xm540_w270",

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.drivers import packet as wire
-from hil.drivers.bus_faults import KINDS, parse_fault, parse_faults
-from hil.drivers.control_table import BAUD_RATES, load_table
-from hil.drivers.emulated_bus import TURNAROUND_NS, EmulatedBus, build_servos
-from hil.drivers.emulated_servo import BOOT_NS, EmulatedServo
-from hil.drivers.packet import ReadTarget, Status, decode_fast_status, decode_status
-from hil.drivers.packet_decoder import Decoder
-from hil.drivers.rig import load_rig, wanted_registers
-from model.errors import HighFiveError
+from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus.control_table import BAUD_RATES, load_table
+from highfive.hil.drivers.bus.packet import ReadTarget, Status, decode_fast_status, decode_status
+from highfive.hil.drivers.bus.packet_decoder import Decoder
+from highfive.hil.drivers.bus.rig import load_rig, wanted_registers
+from highfive.hil.drivers.emulator.bus_faults import KINDS, parse_fault, parse_faults
+from highfive.hil.drivers.emulator.emulated_bus import TURNAROUND_NS, EmulatedBus, build_servos
+from highfive.hil.drivers.emulator.emulated_servo import BOOT_NS, EmulatedServo
+from highfive.model.errors import HighFiveError
 
 MS = 1_000_000
 MODEL = load_table("XM430-W350")

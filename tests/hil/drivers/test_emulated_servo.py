@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.drivers.control_table import decode, encode, load_table, models, to_si
-from hil.drivers.emulated_servo import BOOT_NS, OVERHEATING, OVERLOAD, VOLTAGE_ERROR, EmulatedServo
-from hil.drivers.packet import CLEAR_POSITION, Error, Instruction, Packet
-from hil.drivers.servo_instructions import obey
-from hil.drivers.simple_plant import SimplePlant
+from highfive.hil.drivers.bus.control_table import decode, encode, load_table, models, to_si
+from highfive.hil.drivers.bus.packet import CLEAR_POSITION, Error, Instruction, Packet
+from highfive.hil.drivers.emulator.emulated_servo import BOOT_NS, OVERHEATING, OVERLOAD, VOLTAGE_ERROR, EmulatedServo
+from highfive.hil.drivers.emulator.servo_instructions import obey
+from highfive.hil.drivers.emulator.simple_plant import SimplePlant
 
 STEP_NS = 1_000_000
 BIG = load_table("XM540-W270")

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 import serial
 
-from hil.drivers import packet as wire
-from hil.drivers.emulator import Emulator
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess, make_bus
-from hil.drivers.packet_decoder import Decoder
-from model.errors import HighFiveError
+from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus.packet_decoder import Decoder
+from highfive.hil.drivers.emulator.emulator import Emulator
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess, make_bus
+from highfive.model.errors import HighFiveError
 
 pytestmark = pytest.mark.realtime
 

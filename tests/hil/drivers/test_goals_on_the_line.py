@@ -6,13 +6,13 @@ import tty
 
 import numpy as np
 
-from hil.bench_contact import twin_loop
-from hil.drivers.joint_bus import JointBus
-from hil.drivers.rig import load_rig
-from hil.drivers.servo_bus import ServoBus
-from hil.retarget import PalmGoal
-from hil.safety.states import State
-from mocap_bridge.frames import PalmPose
+from highfive.hil.arm.planner import PalmGoal
+from highfive.hil.bench.contact import twin_loop
+from highfive.hil.drivers.bus.joint_bus import JointBus
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.bus.servo_bus import ServoBus
+from highfive.hil.safety.states import State
+from highfive.mocap_bridge.frames import PalmPose
 
 SYNC_WRITE, BROADCAST = 0x83, 0xFE
 AMPERE, TURN = 0.00269, 4096 / (2 * np.pi)

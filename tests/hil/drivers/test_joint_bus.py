@@ -11,13 +11,13 @@ import pytest
 from conftest import ALLOWANCE_MS, Adapter
 from test_servo_bus import until
 
-from hil.drivers.emulator_process import EmulatorProcess
-from hil.drivers.joint_bus import JointBus
-from hil.drivers.rig import COUNTS, PROFILE, Rig, count
-from hil.drivers.rig_setup import configure, differences, missing_servos, read_back, shadow_gaps
-from hil.drivers.servo_bus import NoAnswer, ServoBus
-from hil.drivers.values import JointCommand
-from model.errors import HighFiveError
+from highfive.hil.drivers.bus.joint_bus import JointBus
+from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, Rig, count
+from highfive.hil.drivers.bus.rig_setup import configure, differences, missing_servos, read_back, shadow_gaps
+from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus
+from highfive.hil.drivers.emulator.emulator_process import EmulatorProcess
+from highfive.hil.drivers.values import JointCommand
+from highfive.model.errors import HighFiveError
 
 pytestmark = pytest.mark.realtime
 

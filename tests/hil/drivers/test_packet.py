@@ -6,8 +6,8 @@ from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.drivers import packet as wire
-from hil.drivers.packet import (
+from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus.packet import (
     BROADCAST,
     LONGEST,
     Instruction,
@@ -25,7 +25,7 @@ from hil.drivers.packet import (
     unstuff,
     write_targets,
 )
-from hil.drivers.packet_decoder import Damaged, Decoder
+from highfive.hil.drivers.bus.packet_decoder import Damaged, Decoder
 
 
 def bytes_of(text: str) -> bytes:

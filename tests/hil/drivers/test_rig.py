@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.drivers.control_table import bounds, load_table, to_si
-from hil.drivers.rig import DEFAULT_RIG, RigJoint, angle, count, load_rig, wanted_registers
-from model.errors import HighFiveError
+from highfive.hil.drivers.bus.control_table import bounds, load_table, to_si
+from highfive.hil.drivers.bus.rig import DEFAULT_RIG, RigJoint, angle, count, load_rig, wanted_registers
+from highfive.model.errors import HighFiveError
 
 TEXT = DEFAULT_RIG.read_text(encoding="utf-8")
 

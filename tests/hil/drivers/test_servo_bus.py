@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from conftest import ALLOWANCE_MS, Adapter
 
-from hil.drivers import ports
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.packet import status
-from hil.drivers.ports import Port, latency_ms, serial_ports
-from hil.drivers.rig import Rig
-from hil.drivers.servo_bus import DamagedAnswer, NoAnswer, ServoBus, ServoError
-from hil.drivers.servo_port import PortError, ServoPort
-from model.errors import HighFiveError
+from highfive.hil.drivers.bus import ports
+from highfive.hil.drivers.bus.packet import status
+from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports
+from highfive.hil.drivers.bus.rig import Rig
+from highfive.hil.drivers.bus.servo_bus import DamagedAnswer, NoAnswer, ServoBus, ServoError
+from highfive.hil.drivers.bus.servo_port import PortError, ServoPort
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.model.errors import HighFiveError
 
 pytestmark = pytest.mark.realtime
 

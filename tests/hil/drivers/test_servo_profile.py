@@ -7,7 +7,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hil.drivers.servo_profile import RECTANGLE, STEP, TRAPEZOID, TRIANGLE, Profile, to_position, to_velocity
+from highfive.hil.drivers.emulator.servo_profile import (
+    RECTANGLE,
+    STEP,
+    TRAPEZOID,
+    TRIANGLE,
+    Profile,
+    to_position,
+    to_velocity,
+)
 
 ANGLES, SPEEDS = st.floats(-7.0, 7.0), st.floats(-3.0, 3.0)
 FASTEST, PUSHES = st.floats(0.05, 4.0), st.floats(0.2, 50.0)

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from hil.drivers.values import JointCommand, JointHealth, JointState
-from hil.safety.envelope import Kinematics, step
-from hil.safety.limits import Limits, load_limits
-from hil.safety.people import Human
-from hil.safety.startup import Check
-from hil.safety.states import State
-from hil.safety.values import Inputs, Report, Standing, standing
-from model.rotations import Array
+from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
+from highfive.hil.safety.envelope import Kinematics, step
+from highfive.hil.safety.limits import Limits, load_limits
+from highfive.hil.safety.people import Human
+from highfive.hil.safety.startup import Check
+from highfive.hil.safety.states import State
+from highfive.hil.safety.values import Inputs, Report, Standing, standing
+from highfive.model.geometry.rotations import Array
 
 TICK_NS = 8_333_333
 READY_POSE = np.array([0.0, -0.6, 0.6, 0.0, 0.0, 0.0])

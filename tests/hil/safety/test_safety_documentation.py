@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hil.safety import limits as module
-from hil.safety.rules import Rule
-from hil.safety.states import TABLE, State
+from highfive.hil.safety import limits as module
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.states import TABLE, State
 
 ROOT = Path(__file__).resolve().parents[3]
 TEXT = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from envelope_cases import FAR, LIMITS, READY_POSE, REST, TICK_NS, Loop, kinematics, said, well
 
-from hil.drivers.values import JointState
-from hil.safety.envelope import step
-from hil.safety.limits import JOINTS
-from hil.safety.people import Human
-from hil.safety.rules import Rule
-from hil.safety.startup import Check
-from hil.safety.states import Event, State
-from model.rotations import Array
+from highfive.hil.drivers.values import JointState
+from highfive.hil.safety.envelope import step
+from highfive.hil.safety.limits import JOINTS
+from highfive.hil.safety.people import Human
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.startup import Check
+from highfive.hil.safety.states import Event, State
+from highfive.model.geometry.rotations import Array
 
 PACE = np.array([1.5, 0.5, -0.5, 1.0, 0.5, 1.0])
 MOVING_TICKS = 40

@@ -6,16 +6,16 @@ from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, plate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.drivers.values import JointState
-from hil.safety import feed_forward
-from hil.safety.feed_forward import FeedForward
-from hil.safety.limits import lowered
-from hil.safety.motion import Motion
-from hil.safety.people import Human
-from hil.safety.rules import Rule
-from hil.safety.speeds import closing_speed, face_speed
-from hil.safety.states import State
-from model.rotations import Array
+from highfive.hil.drivers.values import JointState
+from highfive.hil.safety import feed_forward
+from highfive.hil.safety.feed_forward import FeedForward
+from highfive.hil.safety.limits import lowered
+from highfive.hil.safety.motion import Motion
+from highfive.hil.safety.people import Human
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.speeds import closing_speed, face_speed
+from highfive.hil.safety.states import State
+from highfive.model.geometry.rotations import Array
 
 SECONDS = TICK_NS * 1e-9
 STRETCHED = np.array([0.0, 0.5, -0.3, 0.0, -0.2, 0.0])

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.safety import limits as module
-from hil.safety.contact_force import contact_force, contact_speed
-from hil.safety.limits import FILE, JOINTS, LimitsError, load_limits, load_safer, lowered, parse_changes
-from model.errors import HighFiveError
+from highfive.hil.safety import limits as module
+from highfive.hil.safety.contact_force import contact_force, contact_speed
+from highfive.hil.safety.limits import FILE, JOINTS, LimitsError, load_limits, load_safer, lowered, parse_changes
+from highfive.model.errors import HighFiveError
 
 LIMITS = load_limits()
 ENTRIES = [

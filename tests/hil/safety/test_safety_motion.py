@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hil.safety import motion
-from hil.safety.motion import Motion, at_rest, braking_speed
-from hil.safety.rules import Rule
-from hil.safety.states import State
+from highfive.hil.safety import motion
+from highfive.hil.safety.motion import Motion, at_rest, braking_speed
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.states import State
 
 POSES = arrays(float, 6, elements=st.floats(-8.0, 8.0))
 TICKS_S = st.floats(0.0, 0.0125)

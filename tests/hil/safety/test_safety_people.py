@@ -8,11 +8,11 @@ from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, kinematics, p
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hil.safety.limits import lowered
-from hil.safety.people import Human, allowed_speed
-from hil.safety.rules import Rule
-from hil.safety.states import State
-from model.rotations import Array
+from highfive.hil.safety.limits import lowered
+from highfive.hil.safety.people import Human, allowed_speed
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.states import State
+from highfive.model.geometry.rotations import Array
 
 STRETCHED = np.array([0.0, 0.5, -0.3, 0.0, -0.2, 0.0])
 """The plate is 0.33 m further out than in the ready pose."""

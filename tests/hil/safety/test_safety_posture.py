@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from hil.drivers.values import JointState
-from hil.safety.limits import JOINTS, STALL_CURRENTS, load_limits
-from hil.safety.posture import posture_mismatches
-from hil.servo_arm import DEFAULT_MOUNT, default_arm
-from hil.sim.arm_plant import ArmPlant, mounted_arm
-from model.rotations import Array
-from scenes import servo_arm as measures
+from highfive.hil.arm.simulated_driver import mounted_arm
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm
+from highfive.hil.drivers.values import JointState
+from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, load_limits
+from highfive.hil.safety.posture import posture_mismatches
+from highfive.hil.sim.arm_plant import ArmPlant
+from highfive.model.geometry.rotations import Array
+from highfive.scenes import servo_arm as measures
 
 LIMITS, ARM = load_limits(), default_arm()
 REST = LIMITS.way_points[-1]

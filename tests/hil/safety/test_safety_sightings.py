@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, plate
 
-from hil.safety.limits import lowered
-from hil.safety.people import MEASURED, WIDENING, Human, Sighting
-from hil.safety.rules import Rule
-from hil.safety.states import State
+from highfive.hil.safety.limits import lowered
+from highfive.hil.safety.people import MEASURED, WIDENING, Human, Sighting
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.states import State
 
 STRETCHED = np.array([0.0, 0.5, -0.3, 0.0, -0.2, 0.0])
 MS = 1_000_000

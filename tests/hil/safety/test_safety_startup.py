@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.safety.limits import JOINTS, load_limits
-from hil.safety.startup import (
+from highfive.hil.safety.limits import JOINTS, load_limits
+from highfive.hil.safety.startup import (
     Check,
     Room,
     ServoLimits,

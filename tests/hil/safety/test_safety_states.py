@@ -9,9 +9,9 @@ from envelope_cases import FAR, LIMITS, READY_POSE, REST, TICK_NS, Loop, said
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.safety.startup import Check
-from hil.safety.states import MOVING, TABLE, Event, State, after
-from model.rotations import Array
+from highfive.hil.safety.startup import Check
+from highfive.hil.safety.states import MOVING, TABLE, Event, State, after
+from highfive.model.geometry.rotations import Array
 
 EVENTS = st.lists(st.sampled_from(Event), max_size=40)
 

@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from hil import arm_motion
-from hil.drivers.values import Plant
-from hil.servo_arm import Mount, ServoArm
-from hil.sim.arm_plant import ArmPlant
-from hil.sim.arm_twin import PREFIX, ArmTwin, arm_alone, arm_in_scene
-from model.errors import HighFiveError
-from scenes import servo_arm as measures
+from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model.servo_arm import Mount, ServoArm
+from highfive.hil.drivers.values import Plant
+from highfive.hil.sim.arm_body import PREFIX, ArmTwin, arm_alone, arm_in_scene
+from highfive.hil.sim.arm_plant import ArmPlant
+from highfive.model.errors import HighFiveError
+from highfive.scenes import servo_arm as measures
 
 MOUNT = Mount((0.1, -0.2, 1.1), 0.4, 0.2)
 JOINTS = 6

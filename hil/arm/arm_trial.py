@@ -1,0 +1,305 @@
+"""What the arm did in one high five: every tick, every cycle of the bus, and how palm plate and palm met."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from highfive.hil.arm.contact_goal import palm_goal
+from highfive.hil.arm.contact_outcome import Asked, Met, asked_in, judged, notice
+from highfive.hil.arm.loop import ArmLoop, ArmTick
+from highfive.hil.arm.planner import Retarget, Sacrifice
+from highfive.hil.arm_model.servo_arm import ServoArm, default_arm
+from highfive.hil.drivers.bus.arm_process import Cycle
+from highfive.hil.safety.limits import Limits, load_limits
+from highfive.hil.safety.speeds import closing_speed, face_speed
+from highfive.hil.safety.states import HALTED
+from highfive.hil.session.session import RATE_HZ, Tick
+from highfive.mocap_bridge.frames import MarkerFrame, PalmPose
+from highfive.model.geometry.rotations import Array
+
+MS, NS = 1e3, 1e-9
+MISSED = 1.5
+"""Periods between two cycles from which on one between them is missing."""
+FEWEST = 3
+"""Ticks and cycles of which something can be said."""
+
+
+@dataclass(frozen=True)
+class ArmTrial:
+    """One high five of the arm.
+
+    Attributes:
+        ticks: one a frame of the session.
+        cycles: of the bus, meanwhile; one that is late is in it, one that was left out is not.
+        plates: where the plate was at each tick, by what the servos said.
+        met: how plate and palm met.
+        due: tick in which the session had the palms touch.
+        broken_off: the arm was stopped before plate and palm had touched; it says nothing of how well they meet.
+    """
+
+    ticks: tuple[ArmTick, ...]
+    cycles: tuple[Cycle, ...]
+    plates: tuple[PalmPose, ...]
+    met: Met
+    due: int
+    broken_off: bool
+
+    @cached_property
+    def times(self) -> Array:
+        """(T,) s, of the ticks, from the first."""
+        return NS * np.array([tick.frame_ns - self.ticks[0].frame_ns for tick in self.ticks])
+
+    @cached_property
+    def cycle_times(self) -> Array:
+        """(C,) s, when the servos had answered, from the first tick."""
+        return NS * np.array([cycle.state.time_ns - self.ticks[0].frame_ns for cycle in self.cycles])
+
+    @cached_property
+    def sent(self) -> Array:
+        """(C, J) rad, goals as they went over the bus; NaN where none did."""
+        none = np.full(self.actual.shape[1], np.nan)
+        return np.array([none if cycle.sent is None else cycle.sent.positions for cycle in self.cycles])
+
+    @cached_property
+    def actual(self) -> Array:
+        """(C, J) rad, what the servos said."""
+        return np.array([cycle.state.positions for cycle in self.cycles])
+
+    @cached_property
+    def currents(self) -> Array:
+        """(C, J) A."""
+        return np.array([cycle.state.currents for cycle in self.cycles])
+
+    @cached_property
+    def wanted(self) -> Array:
+        """(T, J) rad, where retargeting wanted the joints a lag later."""
+        return np.array([tick.wanted for tick in self.ticks])
+
+    @cached_property
+    def periods_ms(self) -> Array:
+        """(C - 1,) ms, from cycle to cycle."""
+        return 1e-6 * np.diff(np.array([cycle.begun_ns for cycle in self.cycles], dtype=np.float64))
+
+    def following_error(self, lag: float) -> Array:
+        """(T, J) rad, of the joints beside where they were wanted, ``lag`` s later."""
+        there = [np.interp(self.times + lag, self.cycle_times, joint) for joint in self.actual.T]
+        return np.array(there).T - self.wanted
+
+    def separation_speeds(self, arm: ServoArm, limits: Limits) -> dict[str, float]:
+        """m/s, the largest closing speed near the hand and the largest speed near the head, from positions.
+
+        ``wire``: of the goals as they went out, against the hand as it was known then; ``body``: of what the servos
+        said, against where the hand went; see :mod:`highfive.hil.safety.speeds`.
+        """
+        found = {f"{which}_{speed}_speed": 0.0 for which in ("wire", "body") for speed in ("closing", "face")}
+        goals = [tick.goal for tick in self.ticks]
+        palm, velocity, head = (
+            _rows(rows)
+            for rows in (
+                [None if goal.person is None else goal.person.position for goal in goals],
+                [None if goal.person is None else goal.person.velocity for goal in goals],
+                [goal.head for goal in goals],
+            )
+        )
+        was = np.array([arm.points(pose)[0] for pose in self.actual])
+
+        begun = NS * np.array([cycle.begun_ns - self.ticks[0].frame_ns for cycle in self.cycles])
+        went = np.isfinite(self.sent).all(axis=1)
+        if went.any():
+            times, points = begun[went], np.array([arm.points(pose)[0] for pose in self.sent[went]])
+            hands, speeds, heads = (_at(times, self.times, rows) for rows in (palm, velocity, head))
+            bodies = _at(times, self.cycle_times, was[:, 0])
+            found["wire_closing_speed"] = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
+            found["wire_face_speed"] = face_speed(times, points, heads, limits.face)
+        times = self.cycle_times
+        hands, heads = _at(times, self.times, palm), _at(times, self.times, head)
+        found["body_closing_speed"] = closing_speed(times, was[:, 0], hands, limits.contact)
+        found["body_face_speed"] = face_speed(times, was, heads, limits.face)
+        return found
+
+    @cached_property
+    def acted(self) -> Counter[str]:
+        """How many ticks each rule of the envelope acted in."""
+        return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
+
+
+def played_until_stopped(asked: Asked, loop: ArmLoop) -> ArmTrial | None:
+    """Has the arm play one high five as far as it comes; ``loop.trouble`` says why it was stopped, if it was.
+
+    Returns:
+        what it did; None where that are fewer than :data:`FEWEST` ticks or cycles.
+
+    Raises:
+        HighFiveError: it was not allowed to; it says why. Nothing has moved.
+    """
+    ticks, cycles = loop.play(asked.goals)
+    if len(ticks) < FEWEST or len(_meanwhile(ticks, cycles)) < FEWEST:
+        return None
+    return arm_trial(asked, loop.retarget, ticks, cycles, loop.sacrifice)
+
+
+def arm_trial(
+    asked: Asked, retarget: Retarget, ticks: Sequence[ArmTick], cycles: Sequence[Cycle], given_up: Sacrifice
+) -> ArmTrial:
+    """Puts together what was collected, and judges it.
+
+    Args:
+        asked: the high five.
+        retarget: of the arm.
+        ticks: one for each of its goals, or for those until it was stopped; :data:`FEWEST` at least.
+        cycles: of the bus, from before the first to after the last tick.
+        given_up: what the retargeting had to give up.
+    """
+    cycles = _meanwhile(ticks, cycles)
+    frames = np.array([tick.frame_ns for tick in ticks], float)
+    heard = np.array([cycle.state.time_ns for cycle in cycles], float)
+    joints = np.array([np.interp(frames, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T
+    poses = [retarget.arm.plate_at(pose) for pose in joints]
+    places, normals = np.array([p.position for p in poses]), np.array([p.normal for p in poses])
+    velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
+    plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
+    met = judged(asked, places, normals, notice(asked, retarget), given_up)
+    halted = any(tick.report.state in HALTED for tick in ticks[: asked.due + 1])
+    broken_off = not met.touched and (halted or len(ticks) < len(asked.goals))
+    return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due, broken_off)
+
+
+def _rows(rows: Sequence[Array | None]) -> Array:
+    """(T, 3), NaN where there is none."""
+    return np.array([np.full(3, np.nan) if row is None else row for row in rows])
+
+
+def _at(times: Array, known: Array, rows: Array) -> Array:
+    """Rows (T, 3), ``known`` at some times, at others (N,), s: (N, 3)."""
+    return np.array([np.interp(times, known, axis) for axis in rows.T]).T
+
+
+def _meanwhile(ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> list[Cycle]:
+    first = ticks[0].frame_ns - round(2e9 / RATE_HZ)  # before that everything was read back
+    return [cycle for cycle in cycles if cycle.begun_ns >= first]
+
+
+class ArmWatch:
+    """Lets the arm take part in a trial, and keeps what it does."""
+
+    def __init__(self, loop: ArmLoop) -> None:
+        """Around a loop."""
+        self.loop = loop
+        self._ticks: list[ArmTick] = []
+        self._session: list[Tick] = []
+        self._cycles: list[Cycle] = []
+        self._given_up = Sacrifice()
+
+    def begin(self) -> None:
+        """A new trial: the arm is checked again."""
+        self._ticks, self._session, self._cycles = [], [], []
+        self.loop.begin()
+
+    def frames(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+        """The frames of the trial; after the last of them the arm goes to where it rests."""
+        yield from self.loop.timed(frames)
+        self._given_up = self.loop.sacrifice
+        self._cycles += self.loop.cycles()
+        self.loop.rest()
+
+    def watch(self, tick: Tick) -> None:
+        """One tick of the session."""
+        self._session.append(tick)
+        self._ticks.append(self.loop.tick(palm_goal(tick)))
+        self._cycles += self.loop.cycles()
+
+    def end(self, emotion: str, cell: str, met: int) -> ArmTrial | None:
+        """What it did; None where it never moved.
+
+        Args:
+            emotion, cell: of the trial.
+            met: tick in which the palms met originally, -1 where not known.
+        """
+        if not self._ticks or not self._cycles:
+            return None
+        return arm_trial(
+            asked_in(self._session, emotion, cell, met), self.loop.retarget, self._ticks, self._cycles, self._given_up
+        )
+
+
+def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
+    """The figures of the arm in a session: numbers, strings, lists and objects of them; what is not known is None.
+
+    ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
+    contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them;
+    those that were ``broken_off`` by a stop are counted and not in them. ``closing_speed`` and ``face_speed`` are the
+    largest near hand and head, m/s, of what went on the ``wire`` and of the ``body``.
+    """
+    whole = [trial for trial in trials if not trial.broken_off]
+    able = [trial for trial in whole if trial.met.possible]
+    touched = [trial for trial in able if trial.met.touched]
+    periods = np.concatenate([trial.periods_ms for trial in trials]) if trials else np.zeros(0)
+    following = np.abs(np.concatenate([trial.following_error(lag) for trial in trials])) if trials else np.zeros((0, 6))
+    period = MS / RATE_HZ
+    arm, limits = default_arm(), load_limits()
+    speeds = [trial.separation_speeds(arm, limits) for trial in trials]
+    return {
+        "trials": len(trials),
+        "error_mm": _extent([MS * trial.met.error for trial in able]),
+        "time_error_ms": _extent([MS * abs(trial.met.late) for trial in touched]),
+        "max_relative_speed": max((round(trial.met.speed, 3) for trial in trials if trial.met.touched), default=None),
+        "missed": len(able) - len(touched),
+        "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in whole if not trial.met.possible],
+        "broken_off": len(trials) - len(whole),
+        "following_error_mrad": percentiles(MS * following.max(axis=1) if len(following) else np.zeros(0)),
+        "cycles": sum(len(trial.cycles) for trial in trials),
+        "missed_cycles": int((periods > MISSED * period).sum()),
+        "period_jitter_ms": percentiles(np.abs(periods - period)),
+        "cycle_ms": percentiles(np.array([1e-6 * c.took_ns for trial in trials for c in trial.cycles])),
+        "retarget_ms": percentiles(np.array([tick.retarget_ms for trial in trials for tick in trial.ticks])),
+        "step_ms": percentiles(np.array([tick.step_ms for trial in trials for tick in trial.ticks])),
+        "closing_speed": {which: _largest(speeds, f"{which}_closing_speed") for which in ("wire", "body")},
+        "face_speed": {which: _largest(speeds, f"{which}_face_speed") for which in ("wire", "body")},
+        "largest_current_A": max((round(float(np.abs(t.currents).max()), 2) for t in trials), default=None),
+        "unanswered": sum(not bool(c.state.answered.all()) for trial in trials for c in trial.cycles),
+        "rules": dict(sum((trial.acted for trial in trials), Counter())),
+        "stopped": next((t.report.reason for trial in trials for t in trial.ticks if t.report.state in HALTED), ""),
+        "rows": [_row(trial) for trial in trials],
+    }
+
+
+def _row(trial: ArmTrial) -> dict[str, Any]:
+    met = trial.met
+    return {
+        "emotion": met.emotion,
+        "cell": met.cell,
+        "possible": met.possible,
+        "touched": met.touched,
+        "broken_off": trial.broken_off,
+        "error_mm": round(MS * met.error, 2),
+        "time_error_ms": round(MS * met.late, 1) if met.touched else None,
+        "relative_speed": round(met.speed, 3) if met.touched else None,
+        "scale": round(met.sacrifice.scale, 3),
+        "delay_ms": round(MS * met.sacrifice.delay, 1),
+        "miss_mm": round(MS * met.sacrifice.miss, 1),
+        "limits": list(met.sacrifice.limit_names),
+    }
+
+
+def _largest(speeds: Sequence[dict[str, float]], name: str) -> float:
+    return round(max((found[name] for found in speeds), default=0.0), 3)
+
+
+def _extent(values: Sequence[float]) -> dict[str, float | None]:
+    if not values:
+        return {"median": None, "max": None}
+    return {"median": round(float(np.median(values)), 2), "max": round(float(np.max(values)), 2)}
+
+
+def percentiles(values: Array) -> dict[str, float | None]:
+    """``p50``, ``p99`` and ``max`` of values (N,); None of none."""
+    if not len(values):
+        return {"p50": None, "p99": None, "max": None}
+    p50, p99 = np.percentile(values, [50, 99])
+    return {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(float(values.max()), 3)}

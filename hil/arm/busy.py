@@ -1,0 +1,38 @@
+"""What to do where the computer was too busy for the arm."""
+
+from __future__ import annotations
+
+import getpass
+from collections.abc import Sequence
+
+from highfive.hil.arm.arm_trial import ArmTrial
+from highfive.hil.drivers.bus.arm_process import Cycle
+from highfive.hil.drivers.priority import PRIORITY, may_go_first
+from highfive.hil.safety.rules import Rule
+
+LATE_NS = 20_000_000
+"""A cycle of the bus that begins so late, ns, says that its process did not get the processor."""
+
+_AT_THE_END = 30  # cycles: a quarter of a second
+
+
+def too_busy(trial: ArmTrial | None, cycles: Sequence[Cycle] = ()) -> str:
+    """What to do, in one line, if the arm was stopped because loop or bus came too late; '' if for anything else.
+
+    Args:
+        trial: the high five in which it was stopped; None where that was too short to be one.
+        cycles: of the bus, the last ones, instead of the trial's.
+    """
+    acted = set() if trial is None else {rule for tick in trial.ticks for rule in tick.report.acted}
+    last = (trial.cycles if trial is not None else cycles)[-_AT_THE_END:]
+    late = any(cycle.begun_ns - cycle.due_ns > LATE_NS for cycle in last)
+    if Rule.DEADLINE not in acted and not (late and Rule.SILENT_SERVO in acted):
+        return ""
+    advice = "the computer was too busy: end other programs"
+    if not may_go_first():
+        line = f"{getpass.getuser()} - rtprio {PRIORITY}"
+        advice += (
+            ", or let this one go before them (real-time priority), once: "
+            f"echo '{line}' | sudo tee /etc/security/limits.d/highfive.conf, then log in again"
+        )
+    return advice

@@ -1,0 +1,214 @@
+"""How a palm or plate met the person's palm, and whether there was time for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from highfive.hil.arm.contact_goal import palm_goal
+from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, Sacrifice
+from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model.servo_arm import solve
+from highfive.hil.safety.people import speed_near_face
+from highfive.hil.session.reach import Phase
+from highfive.hil.session.session import RATE_HZ, Tick
+from highfive.hil.sim.profiles import minimum_jerk
+from highfive.model.geometry.rotations import Array
+
+if TYPE_CHECKING:
+    pass
+
+
+TICK = 1.0 / RATE_HZ
+
+
+SKIN = 0.002
+"""Palm and plate this near, m along the plate's normal, touch."""
+
+
+ASTRAY = 0.10
+"""Palms that pass further than this, m, beside the plate have not met it."""
+
+
+KNOWN = 0.05
+"""m: who knows the place so well may set off for it."""
+
+
+EXACT = 1e-3
+"""m, deviation of a contact that is foretold exactly."""
+
+
+REACHED = 0.01
+"""m: a plate that can come so near reaches the place."""
+
+
+EARLIEST = 0.25
+"""s before the session's own contact from which on a touch counts as this high five's."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What one simulated high five asked of the arm.
+
+    Attributes:
+        emotion, cell: of the high five.
+        goals: one a tick.
+        person: (T, 3) m, the person's palm as tracked.
+        avatar, avatar_normals: (T, 3) the avatar's palm.
+        due: tick in which the session had the palms touch.
+        met: tick in which they touched originally.
+    """
+
+    emotion: str
+    cell: str
+    goals: tuple[PalmGoal, ...]
+    person: Array
+    avatar: Array
+    avatar_normals: Array
+    due: int
+    met: int
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Whether the arm could be there in time.
+
+    Attributes:
+        reached: some posture has the plate where the palms met.
+        needed: s, of the quickest minimum-jerk movement there from the ready posture inside speed and torque, made
+            slower where it leads near the person's face; infinite where it is not reached.
+        given: s from when the arm first knew of a contact to the contact, less its lag.
+        known: s from when the place was foretold to 5 cm, from then on, to the contact.
+    """
+
+    reached: bool
+    needed: float
+    given: float
+    known: float
+
+    @property
+    def possible(self) -> bool:
+        """The place can be reached, and in the time that was left when the arm came to know of a contact."""
+        return self.reached and self.needed < self.given
+
+
+@dataclass(frozen=True)
+class Met:
+    """How one high five went.
+
+    Attributes:
+        emotion, cell: of the high five.
+        error: m, between the plate's middle and the person's palm as they touched; if they did not, at the nearest.
+        touched: they did.
+        late: s after the session's own contact; NaN where they did not touch.
+        later: s after the palms met originally.
+        speed: m/s, of the plate relative to the hand as they touched.
+        notice: that the arm had; None of an avatar, which can be anywhere at once.
+        sacrifice: what the retargeting gave up.
+    """
+
+    emotion: str
+    cell: str
+    error: float
+    touched: bool
+    late: float
+    later: float
+    speed: float
+    notice: Notice | None
+    sacrifice: Sacrifice
+
+    @property
+    def possible(self) -> bool:
+        """It could be there in time."""
+        return self.notice is None or self.notice.possible
+
+
+def asked_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Asked:
+    """What a session's ticks asked of the arm."""
+    touches = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
+    return Asked(
+        emotion,
+        cell,
+        tuple(palm_goal(tick) for tick in ticks),
+        np.array([tick.person.palm.position for tick in ticks]),
+        np.array([tick.palm.position for tick in ticks]),
+        np.array([tick.palm.normal for tick in ticks]),
+        touches[0] if touches else max(met, 0),
+        met,
+    )
+
+
+def foretold(asked: Asked) -> Asked:
+    """The same, but from when a contact was first foretold the arm knows exactly where and when it will be.
+
+    What it then misses by is its own; the rest is what the forecast does not know.
+    """
+    contacts = [goal.contact for goal in asked.goals[: asked.due + 1]]
+    last, began = contacts[-1], next((i for i, one in enumerate(contacts) if one is not None), asked.due)
+    if last is None:
+        return asked
+    goals = list(asked.goals)
+    for i in range(began, asked.due):
+        known = ExpectedContact(asked.person[asked.due], EXACT**2 * np.eye(3), last.normal, (asked.due - i) * TICK)
+        goals[i] = replace(goals[i], contact=known)
+    return replace(asked, goals=tuple(goals))
+
+
+def avatar_met(asked: Asked) -> Met:
+    """The avatar itself, judged as the arm is."""
+    return judged(asked, asked.avatar, asked.avatar_normals, None, Sacrifice())
+
+
+def notice(asked: Asked, retarget: Retarget) -> Notice:
+    """What the arm could do about this high five, and how long before it knew."""
+    place, goal = asked.person[asked.due], asked.goals[asked.due].contact
+    if goal is None:
+        return Notice(False, np.inf, 0.0, 0.0)
+    off = [
+        np.inf if one.contact is None else float(np.linalg.norm(one.contact.point - place))
+        for one in asked.goals[: asked.due]
+    ]
+    began = next((i for i, distance in enumerate(off) if np.isfinite(distance)), asked.due)
+    astray = max((i for i, distance in enumerate(off) if distance > KNOWN), default=-1)
+    given, known = (asked.due - began) * TICK - retarget.settings.lag, (asked.due - 1 - astray) * TICK
+    joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)
+    if miss >= REACHED:
+        return Notice(False, np.inf, given, known)
+    seconds, head = float(arm_motion.quickest(retarget.arm.packed, retarget.ready, joints)), asked.goals[asked.due].head
+    longer = 1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)
+    return Notice(True, seconds * longer, given, known)
+
+
+def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: Array) -> float:
+    """How many times as long a minimum-jerk movement of ``seconds`` takes that keeps slow near a head at rest."""
+    s, steps = retarget.settings, 200
+    shares = minimum_jerk(np.linspace(0.0, 1.0, steps + 1))
+    places = np.array([retarget.arm.plate_at(retarget.ready + a * (joints - retarget.ready)).position for a in shares])
+    longer = []
+    for place, way in zip(places[:-1], np.diff(places, axis=0), strict=True):
+        length, away = float(np.linalg.norm(way)), head - place
+        distance = float(np.linalg.norm(away))
+        straight = float(away @ way) / max(length * distance, 1e-12)
+        most = speed_near_face(s.face_speed, 0.0, distance - s.face_radius, s.face_braking, straight)
+        longer.append(max(1.0, length * steps / seconds / most))
+    return float(np.mean(longer))
+
+
+def judged(asked: Asked, places: Array, normals: Array, had: Notice | None, sacrifice: Sacrifice) -> Met:
+    """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand.
+
+    Where it was stopped there are fewer places than ticks: three at least.
+    """
+    apart = asked.person[: len(places)] - places
+    gap, distance = np.einsum("ti,ti->t", apart, normals), np.linalg.norm(apart, axis=1)
+    last = min(asked.due + round(EARLIEST * RATE_HZ), len(gap) - 2)
+    first = min(max(asked.due - round(EARLIEST * RATE_HZ), 1), last)  # stopped before: where it was in the end
+    touching = np.flatnonzero((gap[first : last + 1] < SKIN) & (distance[first : last + 1] < ASTRAY))
+    touched = len(touching) > 0
+    tick = first + int(touching[0] if touched else distance[first : last + 1].argmin())
+    speed = float(np.linalg.norm(apart[tick] - apart[tick - 1]) / TICK)
+    late, later = ((tick - asked.due) * TICK, (tick - asked.met) * TICK) if touched else (np.nan, np.nan)
+    return Met(asked.emotion, asked.cell, float(distance[tick]), touched, late, later, speed, had, sacrifice)

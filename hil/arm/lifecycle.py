@@ -1,0 +1,340 @@
+"""A servo arm made ready for a session, real or emulated, and laid to rest afterwards."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import shlex
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from highfive.calibration.registration import load_registration
+from highfive.hil.arm.emergency_stop import SIGNALS, check_pipe, listening
+from highfive.hil.arm.loop import ArmLoop, first_of
+from highfive.hil.arm.planner import Retarget, RetargetSettings
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, READY, ServoArm, default_arm
+from highfive.hil.drivers.bus.arm_process import ArmProcess, Mode
+from highfive.hil.drivers.bus.control_table import load_table, to_si
+from highfive.hil.drivers.bus.ports import too_slow
+from highfive.hil.drivers.bus.rig import COUNTS, Rig, load_rig, wanted_registers
+from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
+from highfive.hil.drivers.bus.servo_bus import ServoBus
+from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, Limits, load_limits, load_safer, lowered, parse_changes
+from highfive.hil.safety.posture import posture_mismatches
+from highfive.hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown, start_up_check
+from highfive.hil.session.session import RATE_HZ
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.model.compiled import when_compiling
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+from highfive.scenes import servo_arm as measures
+
+EMULATED = "emulated"
+"""In place of a port: an emulated arm, started for the session."""
+
+PLANT = "highfive.hil.arm.simulated_driver:mounted_arm"
+"""The body that emulated servos move."""
+
+PATIENCE_MS = 50.0
+"""How long an answer may be late before anything moves."""
+
+START_S = 30.0
+"""So long the driver's process may take to begin, s."""
+
+STOOD_S, STANDS_WITHIN_S = 0.3, 4.0
+"""So long an arm has to stand where it can before it is driven, and so long that is waited for, s."""
+
+ON_THE_WAY = 0.008
+"""s from a command to the servos having it: planning, and half a cycle of the bus."""
+
+EVERYWHERE = 10.0
+"""m: where no point may be faster than near a face, the plan takes the whole room for its zone."""
+
+FULL_GAIN = 885.0 * 128.0
+"""Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """Which arm.
+
+    Attributes:
+        port: path of a serial port, or :data:`EMULATED`.
+        rig: file of the rig; None for the one that comes with the project.
+        limits: file of limits, none of them less safe than those that come with the project; None for these.
+        lower: limits that are made safer, such as ``contact.speed=0.5``.
+        armed: a person said that a real arm may move.
+        estop: path of a named pipe that pulls the emergency stop, besides key and signals.
+        faults: what goes wrong on an emulated bus.
+        person: address of the live person whom the arm meets; '' where nobody is tracked.
+        registration: file that says where the arm's base stands in that person's room.
+        nobody_near: the operator answers for it that the arm can reach nobody.
+        slow: every known point of the arm is as slow as near a face.
+    """
+
+    port: str = EMULATED
+    rig: Path | None = None
+    limits: Path | None = None
+    lower: tuple[str, ...] = ()
+    armed: bool = False
+    estop: Path | None = None
+    faults: tuple[str, ...] = ()
+    person: str = ""
+    registration: Path | None = None
+    nobody_near: bool = False
+    slow: bool = False
+
+    @property
+    def emulated(self) -> bool:
+        """No real arm moves."""
+        return self.port == EMULATED
+
+
+@contextmanager
+def ready_arm(options: ArmOptions, bar: Bar | None = None) -> Iterator[ArmLoop]:
+    """An arm that was checked, holds where it stands, and follows; it is brought to rest in the end.
+
+    The emergency stop is armed meanwhile: space or Esc where there is a terminal, SIGTERM, SIGUSR1 and Ctrl-C, and the
+    named pipe.
+
+    Args:
+        options: which arm.
+        bar: shows that it is being made ready, which takes minutes where nothing is compiled yet.
+
+    Raises:
+        HighFiveError: port, rig or limits cannot be used, a servo is not as it has to be, or a real port is not armed.
+            Nothing has moved then.
+    """
+    check_arm(options)
+    limits, rig = _loaded(options)
+    advance = None if bar is None else bar("arm", 1)
+    if advance is not None:
+        advance("starting", 0)
+    slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))  # what may not be sent shall not be planned
+    with when_compiling(lambda: advance and advance("compiling, a minute or two the first time", 0)):
+        retarget = Retarget(slow, READY, retarget_settings(rig, limits))
+    estop = Latch()
+    with ExitStack() as stack:
+        port = options.port
+        if options.emulated:
+            told = EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
+            emulator = stack.enter_context(EmulatorProcess(told))
+            emulator.set_faults(options.faults)
+            port = emulator.port
+        _refuse_unless_ready(port, rig, limits)
+        terminal = 0 if sys.stdin.isatty() else None
+        stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
+        if not options.emulated:
+            stack.callback(tell_torque, options.port, rig, options.rig)
+        allowance = PATIENCE_MS if options.emulated else ALLOWANCE_MS
+        arm = ArmProcess(port, weakened(rig, limits), RATE_HZ, estop, allowance)
+        stack.callback(arm.close)
+        arm.wait_ready(START_S)
+        loop = ArmLoop(arm, retarget, limits, lambda: checked(arm, retarget.arm, rig, limits, options), estop)
+        if advance is not None:
+            advance("", 1)
+        try:
+            yield loop
+        finally:
+            loop.rest()
+
+
+def check_arm(options: ArmOptions) -> None:
+    """Looks at what was asked for before anything that takes long: limits, rig, pipe, and the servos of a real port.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. Nothing has moved.
+    """
+    limits, rig = _loaded(options)
+    if not options.emulated:
+        _refuse_unless_ready(options.port, rig, limits)
+
+
+def fingerprint(rig: Rig) -> str:
+    """Tells this arm, with its mount, from others: what a registration of it depends on."""
+    parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
+
+
+def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
+    """Who is near the arm, and whether that is known.
+
+    Raises:
+        HighFiveError: the registration cannot be read, or goes with no live person.
+    """
+    if options.registration is None:
+        return Room(options.person, nobody_near=options.nobody_near, slow=options.slow)
+    if not options.person:
+        raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
+    found = load_registration(options.registration)
+    mismatches = found.mismatches(fingerprint(rig), options.person.partition("://")[0], now)
+    return Room(options.person, True, mismatches, options.nobody_near, options.slow)
+
+
+def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
+    limits = load_limits()
+    if options.limits is not None:
+        limits = load_safer(options.limits, limits)
+    limits = lowered(limits, parse_changes(options.lower))
+    if options.slow:
+        limits = lowered(limits, {"motion.point_speed": min(limits.motion.point_speed, limits.face.speed)})
+    rig = load_rig(options.rig)
+    if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
+        raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
+    if not options.emulated and not options.armed:
+        raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
+    if troubles := room_unknown(not options.emulated, room(options, rig, datetime.now(UTC))):
+        raise HighFiveError(f"{options.port}: {first_of(troubles)}")
+    if options.estop is not None:
+        check_pipe(options.estop)
+    watchdog = min(rig.settings.watchdog, limits.timing.watchdog_s)
+    return limits, replace(rig, settings=replace(rig.settings, watchdog=watchdog))
+
+
+def weakened(rig: Rig, limits: Limits) -> Rig:
+    """The rig as the driver knows it: it holds, too, with no more current than the limits say. What the servos are set
+    to themselves stays."""
+    own = [
+        replace(j, current_limit=min(j.current_limit, k.current))
+        for j, k in zip(rig.joints, limits.joints, strict=True)
+    ]
+    return replace(rig, joints=tuple(own))
+
+
+def checked(arm: ArmProcess, body: ServoArm, rig: Rig, limits: Limits, options: ArmOptions) -> Check:
+    """Switches the servos on, if they are not, reads everything back, and compares it with rig and limits.
+
+    Before and after they are switched on the posture that they claim has to be one in which an arm can stand.
+    """
+    first = arm.mode is Mode.READING
+    if first and (impossible := _posture(arm, body, limits, held=True)):
+        return Check(time.monotonic_ns(), impossible)
+    held = arm.engage(START_S)
+    if first and (impossible := _posture(arm, body, limits, held=False)):
+        return Check(time.monotonic_ns(), impossible)
+    wanted = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
+    now = time.monotonic_ns()
+    near = room(options, rig, datetime.now(UTC))
+    return start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now, near)
+
+
+def _posture(arm: ArmProcess, body: ServoArm, limits: Limits, *, held: bool) -> tuple[str, ...]:
+    """What speaks against where the servos say that the arm stands, once it has stood for a moment; waits for that."""
+    strength = np.array([count * servo.stall for servo, count in measures.SERVOS])
+    now = time.monotonic()
+    well, end, found = now, now + STANDS_WITHIN_S, ("the arm was not read",)
+    while now < end and now - well < STOOD_S and not arm.trouble:
+        if (newest := arm.newest()) is not None:
+            state = newest.state
+            given = state.currents / STALL_CURRENTS * strength
+            found = posture_mismatches(
+                limits,
+                state,
+                body.gravity(state.positions),
+                strength,
+                given,
+                body.clearance(state.positions),
+                held=held,
+            )
+        time.sleep(limits.timing.period_s)
+        now = time.monotonic()
+        well = now if found else well
+    return found
+
+
+def tell_torque(port: str, rig: Rig, file: Path | None) -> None:
+    """Says in one line that an arm is left with torque on, and how to let it go; asked of its servos. One that does not
+    answer may hold.
+
+    Args:
+        port: of the arm; nobody else has it open.
+        rig: the arm.
+        file: of the rig; None for the one that comes with the project.
+    """
+    words = ["highfive", "rig", "release", port, *(["--rig", str(file)] if file else [])]
+    how = f"to let it go, hold the arm, then: {shlex.join(words)}"
+    try:
+        bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
+        try:
+            on = [servo for servo in rig.servos if bus.read(servo, "torque_enable")]
+        finally:
+            bus.close()
+    except HighFiveError as error:
+        say_aside(f"the arm MAY STILL HOLD, with torque on ({error}); {how}")
+        return
+    if on:
+        who = "" if len(on) == len(rig.servos) else f" in servos {', '.join(map(str, on))}"
+        say_aside(f"the arm holds where it is, torque is on{who}; {how}")
+
+
+def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
+    """What every servo holds itself to, in SI units, from the registers as read back."""
+    found = []
+    for servo, joint in rig.servos.items():
+        table, own = load_table(joint.model), held[servo]
+        speed, current, heat, watchdog = (
+            to_si(table[name], own[name])
+            for name in ("velocity_limit", "current_limit", "temperature_limit", "bus_watchdog")
+        )
+        torque = bool(own["torque_enable"])
+        found.append(ServoLimits(joint.name, own["operating_mode"], speed, current, heat, watchdog, torque))
+    return found
+
+
+def full_errors(rig: Rig) -> Array:
+    """(J,) rad, errors at which the position controllers give the full voltage."""
+    return np.array([FULL_GAIN / joint.position_p_gain * math.tau / COUNTS for joint in rig.joints])
+
+
+def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) -> RetargetSettings:
+    """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
+    have a torque–speed line.
+
+    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way``:
+    s that a command takes to the servos. The plan keeps the limits near the person by itself.
+    """
+    full = full_errors(rig)
+    no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
+    stall = np.array([count * servo.stall for servo, count in measures.SERVOS])
+    return RetargetSettings(
+        lag=float(np.median(full / no_load)) + on_the_way,
+        sag=tuple((full / stall).tolist()),
+        contact_speed=limits.contact.speed,
+        face_speed=limits.face.speed,
+        face_radius=EVERYWHERE if limits.motion.point_speed <= limits.face.speed else limits.face.radius,
+        face_braking=limits.face.braking,
+    )
+
+
+def at_their_time(frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+    """The frames of a recording as they would come from a live system: each at its time, from now on."""
+    start = time.monotonic_ns()
+    for frame in frames:
+        if (left := start + frame.source_time_ns - time.monotonic_ns()) > 0:
+            time.sleep(1e-9 * left)
+        yield replace(frame, arrival_time_ns=time.monotonic_ns())
+
+
+def _refuse_unless_ready(port: str, rig: Rig, limits: Limits) -> None:
+    """Looks at every servo before anything is switched on."""
+    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
+    try:
+        if slow := too_slow(port):
+            raise HighFiveError(f"{port}: {slow}; nothing moves")
+        troubles = missing_servos(bus, rig) or [str(one) for one in differences(bus, rig)]
+        troubles = troubles or shadow_gaps(bus, rig, limits.servo.shadow_rest)
+    finally:
+        bus.close()
+    if troubles:
+        raise HighFiveError(f"{first_of(troubles)}; nothing moves (highfive rig check {port} shows all)")

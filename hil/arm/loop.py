@@ -1,0 +1,296 @@
+"""The servo arm in a session, tick by tick: through retargeting and the safety envelope to the driver, and back.
+
+Nothing here waits, but for :meth:`ArmLoop.rest`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from highfive.hil.arm.planner import ArmStep, PalmGoal, Retarget, RetargetState, Sacrifice
+from highfive.hil.drivers.bus.arm_process import Cycle, Mode
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.drivers.values import JointCommand
+from highfive.hil.safety import envelope
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.people import Human, Sighting
+from highfive.hil.safety.startup import Check
+from highfive.hil.safety.states import HALTED, State
+from highfive.hil.safety.values import Inputs, Report, standing
+from highfive.mocap_bridge.frames import MarkerFrame, PalmPose
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+
+OFF_COURSE = 0.03
+"""rad: where the envelope holds a joint back by more than this, the plan goes on from where it was told to be."""
+
+REST_S = 15.0
+"""At most so long the arm takes to come to rest, s."""
+
+
+@dataclass(frozen=True)
+class ArmTick:
+    """One tick of the arm.
+
+    Attributes:
+        frame_ns: monotonic clock when the tick's frame was there, ns.
+        goal: what was asked.
+        wanted: (J,) rad, where retargeting wanted the joints a lag later.
+        report: of the envelope; ``report.sent`` is what went to the driver, unchanged.
+        retarget_ms: what retargeting took, ms.
+        step_ms: what retargeting and envelope took, ms.
+    """
+
+    frame_ns: int
+    goal: PalmGoal
+    wanted: Array
+    report: Report
+    retarget_ms: float
+    step_ms: float
+
+
+class Driver(Protocol):
+    """What takes commands and says what the arm does: :class:`highfive.hil.drivers.bus.arm_process.ArmProcess`, or the twin."""
+
+    @property
+    def mode(self) -> Mode:
+        """What it is doing."""
+        ...
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong, in one line; '' for nothing."""
+        ...
+
+    def drive(self, command: JointCommand) -> None:
+        """Gives a command."""
+        ...
+
+    def newest(self) -> Cycle | None:
+        """The last cycle."""
+        ...
+
+    def unread(self) -> list[Cycle]:
+        """The cycles since the last call."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A part of the person, and when one of its markers was last measured, ns of the loop's clock."""
+
+    measured_ns: int
+    deviation: float = 0.0
+
+    def again(self, sighting: Sighting | None, given: bool, frame_ns: int) -> _Seen:
+        """After a frame that came at ``frame_ns``; where it says nothing of how, what is ``given`` was measured in it.
+
+        What was not measured in it was measured no later than before, whatever the source's own clock makes of that.
+        """
+        if sighting is None:
+            return _Seen(frame_ns) if given else self
+        measured = frame_ns - sighting.age_ns
+        return _Seen(min(measured, self.measured_ns) if sighting.age_ns > 0 else measured, sighting.deviation)
+
+    def at(self, now_ns: int) -> Sighting:
+        """Now."""
+        return Sighting(max(0, now_ns - self.measured_ns), self.deviation)
+
+
+class ArmLoop:
+    """Retargeting, envelope and driver in a row. One owner, one thread."""
+
+    def __init__(
+        self,
+        arm: Driver,
+        retarget: Retarget,
+        limits: Limits,
+        checked: Callable[[], Check],
+        estop: Latch,
+        clock: Callable[[], int] = time.monotonic_ns,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Nothing moves before :meth:`begin`.
+
+        Args:
+            arm: the driver, engaged.
+            retarget: for the arm on its mount.
+            limits: of the envelope.
+            checked: makes the start-up check.
+            estop: the emergency stop.
+            clock: monotonic, ns.
+            pause: lets so many seconds pass.
+        """
+        self._arm, self.retarget, self._limits = arm, retarget, limits
+        self._checked, self._estop, self._clock, self._pause = checked, estop, clock, pause
+        self._human: Human | None = None
+        self._estimated_ns = self._frame_ns = self._arrived_ns = clock()
+        self._head = self._palm = _Seen(self._frame_ns)
+        self._check: Check | None = None
+        self._standing = standing(clock())
+        self._state: RetargetState | None = None
+        self._reference: Array | None = None
+        self._on_course = False
+
+    def begin(self) -> None:
+        """Has everything checked; then the arm follows, from where it stands.
+
+        Raises:
+            HighFiveError: the check found something, or the arm was stopped. It does not move.
+        """
+        if self.trouble:
+            raise HighFiveError(self.trouble)
+        self._check = self._checked()
+        if self._check.mismatches:
+            raise HighFiveError(first_of(self._check.mismatches))
+        self._standing = standing(self._check.time_ns, self._standing.feed_forward)
+        self._state = self._reference = None
+        self._arm.unread()
+
+    @property
+    def state(self) -> State:
+        """What the arm is doing."""
+        return self._standing.state
+
+    @property
+    def trouble(self) -> str:
+        """Why the arm is not to be driven any more, in one line; '' while it is."""
+        if self._standing.state in HALTED:
+            return self._standing.reason
+        if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
+            pulled = self._estop.pulled_ns is not None
+            return self._arm.trouble or ("the emergency stop was pulled" if pulled else "the arm was stopped")
+        return ""
+
+    @property
+    def _braking(self) -> bool:
+        """A controlled stop takes some ticks; a driver that has stopped the arm by itself hears no more of them."""
+        return self.state is State.STOPPING and self._arm.mode not in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED)
+
+    @property
+    def sacrifice(self) -> Sacrifice:
+        """What the high five that is on, or was last, had to give up."""
+        return Sacrifice() if self._state is None else self._state.sacrifice
+
+    def timed(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+        """The frames, each with a note of when it came."""
+        for frame in frames:
+            self.note_frame(frame.arrival_time_ns)
+            yield frame
+
+    def note_frame(self, arrived_ns: int | None = None) -> None:
+        """The next tick's frame is there, and came at ``arrived_ns`` of the loop's clock; None: now."""
+        self._frame_ns = self._clock()
+        self._arrived_ns = self._frame_ns if arrived_ns is None else min(arrived_ns, self._frame_ns)
+
+    def cycles(self) -> list[Cycle]:
+        """What the bus did since the last call."""
+        return self._arm.unread()
+
+    def tick(self, goal: PalmGoal, *, run: bool = True) -> ArmTick:
+        """One tick: plans, lets through what is safe, and gives it to the driver.
+
+        Args:
+            goal: of this tick.
+            run: the arm shall follow; otherwise it goes back to where it rests.
+        """
+        started, begun = time.perf_counter_ns(), self._clock()
+        newest = self._arm.newest()
+        arm, health = (None, None) if newest is None else (newest.state, newest.health)
+        if self._state is None and arm is not None:
+            self._state = self.retarget.start(arm.positions)
+        state = self._state or self.retarget.start()
+        planning = time.perf_counter_ns()
+        state, step = self.retarget.step(state, goal)
+        retarget_ms = 1e-6 * (time.perf_counter_ns() - planning)
+        inputs = Inputs(
+            step.joints, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns,
+            feed_forward=self._feed_forward(step),
+        )  # fmt: skip
+        self._standing, command, report = envelope.step(
+            self._limits, self.retarget.arm.points, self._standing, inputs, begun
+        )
+        if command is not None:
+            self._arm.drive(command)
+        self._state = self._followed(state, step.joints, report)
+        step_ms = 1e-6 * (time.perf_counter_ns() - started)
+        return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
+
+    def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
+        """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early once it was stopped.
+
+        Returns:
+            the ticks, and the cycles of the bus until the last of them.
+
+        Raises:
+            HighFiveError: the check found something.
+        """
+        self.begin()
+        ticks: list[ArmTick] = []
+        cycles: list[Cycle] = []
+        due = self._clock()
+        for goal in goals:
+            self._pause(max(0.0, 1e-9 * (due - self._clock())))
+            self.note_frame()
+            ticks.append(self.tick(goal))
+            cycles += self.cycles()
+            due += round(1e9 * self._limits.timing.period_s)
+            if self.trouble and not self._braking:
+                break
+        self.rest()
+        return ticks, cycles
+
+    def rest(self, longest_s: float = REST_S) -> None:
+        """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
+        end."""
+        plate = self.retarget.arm.plate_at(self.retarget.ready)
+        goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
+        due, end = self._clock(), self._clock() + round(longest_s * 1e9)
+        while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
+            self.tick(goal, run=False)
+            due += round(1e9 * self._limits.timing.period_s)
+            self._pause(max(0.0, 1e-9 * (due - self._clock())))
+
+    def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
+        """The person as estimated last, and when head and hand were last measured."""
+        self._head = self._head.again(goal.head_seen, goal.head is not None, self._arrived_ns)
+        self._palm = self._palm.again(goal.person_seen, goal.person is not None, self._arrived_ns)
+        if goal.head is not None:
+            palm = goal.person
+            at, velocity = (None, None) if palm is None else (palm.position, palm.velocity)
+            self._human, self._estimated_ns = Human(goal.head, at, velocity, 0), self._arrived_ns
+        if self._human is None:
+            return None
+        age_ns = max(0, now_ns - self._estimated_ns)
+        return replace(self._human, age_ns=age_ns, head_seen=self._head.at(now_ns), palm_seen=self._palm.at(now_ns))
+
+    def _feed_forward(self, step: ArmStep) -> Array:
+        """(J,) rad, by how much goals shall lead: what each joint gives way to its torque.
+
+        Off the plan's course only gravity's torque is known, of where the joints were told to be.
+        """
+        sag, reference = np.array(self.retarget.settings.sag or 0.0), self._reference
+        torques = step.torques if self._on_course or reference is None else self.retarget.arm.gravity(reference)
+        return sag * torques
+
+    def _followed(self, state: RetargetState, asked: Array, report: Report) -> RetargetState:
+        """The plan's state, from where the joints were really told to go."""
+        told = report.reference
+        before, self._reference = self._reference, told
+        near = told is not None and float(np.abs(told - asked).max()) < OFF_COURSE
+        self._on_course = near and report.state is State.TRACKING
+        if told is None or near:
+            return state
+        speeds = np.zeros_like(told) if before is None else (told - before) / self.retarget.settings.tick
+        most = self.retarget.arm.packed.speeds
+        return self.retarget.moved(state, told, np.clip(speeds, -most, most))
+
+
+def first_of(lines: Sequence[str]) -> str:
+    """The first of some lines, and how many there are besides."""
+    return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "")

@@ -1,0 +1,406 @@
+"""Retargeting: the avatar's palm, and where and when the palms will meet, to joint positions of the servo arm.
+
+Every tick a plan of the next moments is improved, not made anew (model predictive control, warm-started): joint
+accelerations at N knots that reach up to the expected contact and a little beyond. The place and time of contact count
+as much as the forecast is sure of them, the avatar's style less: the plate follows a copy of the avatar's palm path,
+scaled about the place of contact, so that its speed profile and its direction of approach are the avatar's. Limits,
+distances and the largest speed relative to the person's hand are costs in the plan, and what the first step of the plan
+still breaks is cut off (:func:`highfive.hil.arm_model.arm_motion.moved_on`). The arm follows its commands late: the plan runs ahead of
+time by that lag.
+
+State in, state out: the same inputs give the same outputs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model.arm_motion import Planned, Task
+from highfive.hil.arm_model.servo_arm import JOINTS, ServoArm, solve
+from highfive.hil.safety.people import Sighting
+from highfive.hil.sim.profiles import minimum_jerk
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.geometry.rotations import Array
+
+KNOTS = 12
+CONTACT_KNOT = 10
+"""Of those, the one at the expected contact, as long as it is further than so many ticks away."""
+
+
+@dataclass(frozen=True)
+class RetargetSettings:
+    """Times in s, lengths in m, speeds in m/s."""
+
+    tick: float = 1.0 / 120.0
+    lag: float = 0.03
+    """The arm is where it was told to be so long ago."""
+    sag: tuple[float, ...] = ()
+    """rad per N·m, by how much each joint gives way to a torque; the command goes beyond by that. Empty: 0."""
+    contact_speed: float = 0.78
+    """Largest speed of the plate relative to the hand that it meets (ISO/TS 15066 by a two-body model)."""
+    face_speed: float = 0.22
+    """Largest speed of the plate near the head, ..."""
+    face_radius: float = 0.30
+    """... which is so near its centre, ..."""
+    face_braking: float = 4.0
+    """... and what it can lose of more on the way there, m/s²."""
+    head_radius: float = 0.14
+    """No part of the arm plans to come nearer the head's centre than this and a margin."""
+    care: float = 0.8
+    """Share of those speeds that is planned for at contact: what is measured is late and noisy."""
+    sharpness: float = 0.002
+    """Deviation of the place of contact that the plan does not tell from none."""
+    loose: float = 0.08
+    """Deviation from the scaled path that costs as much as one standard deviation of the place of contact."""
+    leisurely: float = 0.3
+    """m/s: where the plate has to be faster than this on average it hurries, and the path counts less."""
+    turned: float = 0.15
+    """rad, the same for the direction in which the plate faces at contact, ..."""
+    turning: float = 1.5
+    """... which is surer by this many rad for each s nearer: a hand on its way faces elsewhere."""
+    facing: float = 0.3
+    """s before contact within which the plate turns from where it faces when it waits to the person's palm."""
+    rounds: int = 1
+    """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005)."""
+    effort: float = 3e-5
+    """Cost of a joint acceleration of 1 rad/s² at a knot."""
+    memory: float = 0.25
+    """A contact that nobody speaks of any more is expected for this long, ..."""
+    forgetting: float = 0.3
+    """... less surely by this, m/s."""
+    longest_delay: float = 0.3
+    """A hand that could not be met in time is followed at most so long."""
+    touch: float = 0.06
+    """The plate stays with a hand that it has met so long."""
+    near: float = 0.10
+    waiting: float = 0.15
+    """A hand that could not be met in time is followed only if it is this near and no faster than this, m/s."""
+    press: float = 0.025
+    most_press: float = 0.02
+    """The plate aims so far through the hand as the two close in this time, s, but no further than this, m, and so far
+    once it is late: a hand that is not met goes back, and the contact is then missed altogether."""
+    slowest: float = 0.35
+    """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
+    where a hand that goes back a moment sooner was."""
+    calm: float = 0.03
+    """Cost of a joint speed of 1 rad/s at a knot."""
+    met: float = 0.004
+    """A commanded plate this near the place of contact is there."""
+    settle: float = 0.15
+    """So long before contact the plate is in front of the hand, ..."""
+    beforehand: float = 0.25
+    """... where it has to hurry up to so much longer: a fast hand is near before contact, and near it the plate may
+    hardly move, ..."""
+    standoff: float = 0.02
+    """... this far away, and goes with it: neither the place nor the time of contact is known well before, but where
+    the hand is is, and near it the plate may not make up for what is missing."""
+    yielding: float = 0.93
+    """Share of the largest speed relative to the hand that is planned for on the way."""
+    shortest_knot: float = 0.015
+    """The plan's knots are no nearer each other than this, s, and ..."""
+    longest_knot: float = 0.07
+    """... no further apart than this."""
+
+
+@dataclass(frozen=True)
+class ExpectedContact:
+    """Where and when the palms will meet.
+
+    Attributes:
+        point: (3,) m, in the world.
+        covariance: (3, 3) m².
+        normal: (3,) unit vector out of the plate.
+        time: s from now; 0 while the palms touch.
+    """
+
+    point: Array
+    covariance: Array
+    normal: Array
+    time: float
+
+
+@dataclass(frozen=True)
+class PalmGoal:
+    """What the session asks of the arm in one tick.
+
+    Attributes:
+        palm: the avatar's palm.
+        person: the person's palm; None where nobody knows it.
+        head: (3,) m, centre of the person's head, or None.
+        contact: None while no high five is on.
+        person_seen, head_seen: how well palm and head are known, as of the tick's frame; None: measured in it where
+            they are given.
+    """
+
+    palm: PalmPose
+    person: PalmPose | None = None
+    head: Array | None = None
+    contact: ExpectedContact | None = None
+    person_seen: Sighting | None = None
+    head_seen: Sighting | None = None
+
+
+@dataclass(frozen=True)
+class Sacrifice:
+    """What a high five had to give up.
+
+    Attributes:
+        scale: size of the plate's path beside the avatar's palm's.
+        delay: s, by how much the plate came late.
+        time_scale: the time that the approach took over the time that was left when it began.
+        miss: m, distance of the commanded plate from the place of contact when contact was due.
+        limits: bits of :mod:`highfive.hil.arm_model.arm_motion` of the limits that shortened a step.
+    """
+
+    scale: float = 1.0
+    delay: float = 0.0
+    time_scale: float = 1.0
+    miss: float = 0.0
+    limits: int = 0
+
+    @property
+    def limit_names(self) -> tuple[str, ...]:
+        """The limits in words."""
+        names = ("acceleration", "speed", "joint stop", "torque", "nearness")
+        return tuple(name for bit, name in enumerate(names) if self.limits >> bit & 1)
+
+
+@dataclass(frozen=True)
+class RetargetState:
+    """What one tick hands to the next.
+
+    Attributes:
+        joints, speeds: (J,) rad and rad/s, as commanded.
+        pushes: (N, J) rad/s², the plan; its knots are ``knot`` s apart.
+        guess: (J,) rad, a posture that meets the hand.
+        knot: s.
+        scale: of the avatar's path about the contact; None between high fives.
+        given: s that were left when this approach began.
+        late: s since contact was due.
+        together: s since the commanded plate was there.
+        sacrifice: of the high five that is on, or was last.
+        said: the contact that is expected, if one is.
+        unsaid: s since it was last spoken of.
+    """
+
+    joints: Array
+    speeds: Array
+    pushes: Array = field(default_factory=lambda: np.zeros((KNOTS, JOINTS)))
+    guess: Array = field(default_factory=lambda: np.zeros(JOINTS))
+    knot: float = 0.05
+    scale: float | None = None
+    given: float = 0.0
+    late: float = 0.0
+    together: float = 0.0
+    sacrifice: Sacrifice = Sacrifice()
+    said: ExpectedContact | None = None
+    unsaid: float = 0.0
+
+
+@dataclass(frozen=True)
+class ArmStep:
+    """One tick's command.
+
+    Attributes:
+        positions: (J,) rad, the command: where the joints shall be, and beyond by what they give way.
+        joints, speeds: (J,) rad and rad/s, where they shall be a lag after the end of the tick.
+        torques: (J,) N·m, that this takes, gravity and friction included.
+        time: s until the commanded plate should meet the hand; infinite between high fives.
+        miss: m, planned distance from the place of contact then.
+        limits: bits of the limits that shortened this step.
+    """
+
+    positions: Array
+    joints: Array
+    speeds: Array
+    torques: Array
+    time: float
+    miss: float
+    limits: int
+
+
+class Retarget:
+    """The arm, its ready posture and the settings: what does not change from tick to tick."""
+
+    def __init__(self, arm: ServoArm, ready: Array, settings: RetargetSettings | None = None) -> None:
+        """Compiles what has to be compiled."""
+        self.arm, self.ready = arm, np.array(ready, float)
+        self.settings = settings or RetargetSettings()
+        ready_plate = arm.plate_at(self.ready)
+        self._ready_normal = ready_plate.normal
+        self._low, self._high = arm.packed.low, arm.packed.high
+        s = self.settings
+        self._face = np.array([s.yielding * s.face_speed, s.face_radius, s.yielding * s.face_braking])
+        self._sag = np.array(self.settings.sag) if self.settings.sag else None
+        self._nobody = PalmPose(ready_plate.position, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3))
+        # What a tick and the judgement of a high five call: with torque on, nobody may wait until it is compiled.
+        arm.points(self.ready)
+        arm.gravity(self.ready)
+        solve(arm, ready_plate.position, ready_plate.normal, self.ready)
+        arm_motion.quickest(arm.packed, self.ready, self.ready)
+        self.step(self.start(), PalmGoal(self._nobody))
+
+    def start(self, joints: Array | None = None) -> RetargetState:
+        """The state of an arm at rest, by default in its ready posture."""
+        where = self.ready if joints is None else np.clip(joints, self.arm.packed.low, self.arm.packed.high)
+        return RetargetState(np.array(where, float), np.zeros(JOINTS), guess=np.array(where, float))
+
+    def moved(self, state: RetargetState, joints: Array, speeds: Array) -> RetargetState:
+        """The state of an arm that was led elsewhere: joints (J,), rad, and speeds (J,), rad/s."""
+        packed = self.arm.packed
+        return replace(state, joints=np.clip(joints, packed.low, packed.high), speeds=speeds)
+
+    def step(self, state: RetargetState, goal: PalmGoal) -> tuple[RetargetState, ArmStep]:
+        """One tick. Whatever the goal says, the command is finite and inside every limit."""
+        s = self.settings
+        goal = goal if _sane(goal) else PalmGoal(self._nobody)
+        unsaid = 0.0 if goal.contact is not None else state.unsaid + s.tick
+        goal = self._carried_on(state, goal)
+        state = self._entered(state, goal)
+        task = self._task(state, goal)
+        pushes = _shifted(state, s.tick, task.seconds)
+        plan = arm_motion.planned(
+            self.arm.packed, task, state.joints, state.speeds, pushes, state.guess, s.tick, s.rounds
+        )
+        pushes = plan.pushes if math.isfinite(plan.cost) else np.zeros_like(pushes)
+        told = (
+            plan.joints if self._sag is None else np.clip(plan.joints + plan.torques * self._sag, self._low, self._high)
+        )
+        step = ArmStep(told, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
+        late, together, sacrifice = self._accounted(state, goal, task, plan)
+        state = RetargetState(
+            plan.joints, plan.speeds, pushes, plan.guess, task.seconds, state.scale, state.given, late, together,
+            sacrifice, goal.contact, unsaid,
+        )  # fmt: skip
+        return state, step
+
+    def _carried_on(self, state: RetargetState, goal: PalmGoal) -> PalmGoal:
+        """The goal; a contact no longer spoken of is believed in for a while, a late one until it was met."""
+        person, s, said = goal.person, self.settings, state.said
+        if goal.contact is not None:
+            return goal
+        if said is not None and state.late == 0.0 and state.unsaid < s.memory and said.time > s.tick:
+            doubt = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
+            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=doubt))
+        over = state.late == 0.0 or state.late > s.longest_delay or state.together > s.touch
+        if person is None or over or not self._waits(state, person):
+            return goal
+        return replace(goal, contact=ExpectedContact(person.position, np.zeros((3, 3)), -person.normal, 0.0))
+
+    def _waits(self, state: RetargetState, person: PalmPose) -> bool:
+        """The hand is still there to be met: it hardly moves, near the plate."""
+        away = float(np.linalg.norm(self.arm.plate_at(state.joints).position - person.position))
+        return away < self.settings.near and float(np.linalg.norm(person.velocity)) < self.settings.waiting
+
+    def _entered(self, state: RetargetState, goal: PalmGoal) -> RetargetState:
+        """Begins or ends a high five."""
+        if goal.contact is None:
+            return state if state.scale is None else replace(state, scale=None, late=0.0, together=0.0)
+        if state.scale is not None:
+            return state
+        ours = np.linalg.norm(self.arm.plate_at(state.joints).position - goal.contact.point)
+        theirs = np.linalg.norm(goal.palm.position - goal.contact.point)
+        scale = float(np.clip(ours / max(theirs, 1e-3), 0.1, 1.0))
+        given = max(goal.contact.time, self.settings.tick)
+        sacrifice = Sacrifice(scale)
+        return replace(state, scale=scale, given=given, guess=state.joints, late=0.0, together=0.0, sacrifice=sacrifice)
+
+    def _task(self, state: RetargetState, goal: PalmGoal) -> Task:
+        s, contact, person = self.settings, goal.contact, goal.person
+        head = _NO_HEAD if goal.head is None else np.array([*goal.head, s.head_radius])
+        hand, hand_velocity, cap = _NOWHERE, _NOWHERE, math.inf
+        if person is not None:
+            hand, hand_velocity = person.position + s.lag * person.velocity, person.velocity
+            cap = s.yielding * s.contact_speed
+        if contact is None:
+            return Task(
+                math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOWHERE,
+                _NOWHERE, 1.0, hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, self._face,
+                10.0 * s.effort, s.calm, 0.05,
+            )  # fmt: skip
+        time = contact.time - s.lag
+        closing, braked = self._meeting_speed(goal)
+        normal, firm = self._normal(contact)
+        scale = 1.0 if state.scale is None else state.scale
+        press = s.most_press if state.late > 0.0 else min(s.press * closing, s.most_press)
+        freedom = self._hurry(state, contact) ** 4
+        return Task(
+            time, contact.point, normal, contact.covariance, s.sharpness, firm,
+            closing, s.settle + s.beforehand * (1.0 - 1.0 / freedom), s.standoff, press, state.late > 0.0,
+            scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose * freedom,
+            hand, hand_velocity, braked, cap,
+            self.ready, 1e-3, head, self._face, s.effort, s.calm,
+            min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot),
+        )  # fmt: skip
+
+    def _hurry(self, state: RetargetState, contact: ExpectedContact) -> float:
+        """How many times faster than leisurely the plate has to be; at least 1."""
+        s = self.settings
+        way = float(np.linalg.norm(self.arm.plate_at(state.joints).position - contact.point))
+        return max(1.0, way / max(contact.time - s.lag - s.settle, 0.05) / s.leisurely)
+
+    def _normal(self, contact: ExpectedContact) -> tuple[Array, float]:
+        """Where the plate shall face (3,), and how much that counts."""
+        s = self.settings
+        share = float(minimum_jerk(1.0 - contact.time / s.facing))
+        normal = (1.0 - share) * self._ready_normal + share * contact.normal
+        normal /= max(math.sqrt(normal @ normal), 0.1)
+        return normal, 1.0 / (s.turned + s.turning * contact.time) ** 2
+
+    def _meeting_speed(self, goal: PalmGoal) -> tuple[float, Array]:
+        """m/s, at which the plate closes on the hand along its normal, and the hand's velocity (3,) then."""
+        assert goal.contact is not None
+        if goal.person is None:
+            return 0.2, _NOWHERE
+        normal = goal.contact.normal
+        share = min(max(1.0 - goal.contact.time / 0.3, 0.0), 1.0)  # the hand will have braked until then
+        hand = share * goal.person.velocity
+        own = min(max(float(goal.palm.velocity @ normal), self.settings.slowest), 1.0)
+        most = 0.75 * self.settings.care * self.settings.contact_speed
+        if goal.head is not None and float(np.linalg.norm(goal.contact.point - goal.head)) < self.settings.face_radius:
+            most = self.settings.care * self.settings.face_speed
+        return min(max(own - float(hand @ normal), min(self.settings.slowest, most)), most), hand
+
+    def _accounted(
+        self, state: RetargetState, goal: PalmGoal, task: Task, plan: Planned
+    ) -> tuple[float, float, Sacrifice]:
+        """Notes what had to be given up: s since contact was due, s since the plate is there, and the sacrifice."""
+        s, known, contact = self.settings, state.sacrifice, goal.contact
+        if contact is None:
+            return state.late, state.together, known
+        late = state.late + s.tick if contact.time == 0.0 else 0.0
+        off = plan.plate - contact.point - max(0.0, s.lag - contact.time) * task.hand_velocity
+        away = math.sqrt(off @ off)
+        together = state.together + s.tick if late > 0.0 and (away < s.met or state.together > 0.0) else 0.0
+        if late > 0.0 and state.together == 0.0:  # it was due and is not there, or is there just now
+            delay = state.late if together > 0.0 else late
+            miss = away if state.late == 0.0 else known.miss
+            known = replace(known, delay=delay, time_scale=1.0 + delay / state.given, miss=miss)
+        limits = known.limits | plan.active
+        return late, together, known if limits == known.limits else replace(known, limits=limits)
+
+
+_NOWHERE, _NO_HEAD, _UNSURE = np.zeros(3), np.zeros(4), np.eye(3)
+
+
+def _sane(goal: PalmGoal) -> bool:
+    """Every number of the goal is one: what is not is as if nobody were there."""
+    palms = [palm for palm in (goal.palm, goal.person) if palm is not None]
+    parts = [part for palm in palms for part in (palm.position, palm.normal, palm.velocity)]
+    parts += [] if goal.head is None else [goal.head]
+    if goal.contact is not None:
+        parts += [goal.contact.point, goal.contact.normal, goal.contact.covariance.ravel(), [goal.contact.time]]
+    return bool(np.isfinite(np.concatenate(parts)).all())
+
+
+def _shifted(state: RetargetState, tick: float, knot: float) -> Array:
+    """The last plan as seen one tick later, at knots ``knot`` s apart."""
+    begin = (np.arange(KNOTS) * knot + tick) / state.knot
+    index = np.minimum(begin.astype(int), KNOTS - 1)
+    share = (begin - index)[:, None]
+    following = np.minimum(index + 1, KNOTS - 1)
+    return (1.0 - np.minimum(share, 1.0)) * state.pushes[index] + np.minimum(share, 1.0) * state.pushes[following]

@@ -1,0 +1,98 @@
+"""The twin behind plain servos, in time that is told: to the loop what the driver is, without bus and without clock.
+
+A servo gives a voltage in proportion to its error, and its motor has a torque–speed line and a largest current.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.drivers.bus.arm_process import Cycle, Mode
+from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
+from highfive.hil.safety.limits import STALL_CURRENTS, load_limits
+from highfive.hil.sim.arm_plant import ArmPlant
+from highfive.model.geometry.rotations import Array
+from highfive.scenes import servo_arm as measures
+
+SUBSTEPS = 8
+WARM, SUPPLY = 35.0, 12.0
+"""°C and V that its servos say."""
+
+
+class TwinArm:
+    """An arm that is driven as :class:`highfive.hil.drivers.bus.arm_process.ArmProcess` is; time goes on by :meth:`pause`."""
+
+    trouble = ""
+
+    def __init__(self, plant: ArmPlant, full: Array) -> None:
+        """At rest.
+
+        Args:
+            plant: the body.
+            full: (J,) rad, error at which each servo gives its full voltage.
+        """
+        self._plant, self._full = plant, full
+        self._count = np.array([count for _, count in measures.SERVOS], float)
+        self._stall = self._count * np.array([servo.stall for servo, _ in measures.SERVOS])
+        self._no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
+        self._positions, self._velocities = plant.step(np.zeros(len(full)), 0.0)
+        self._torques = np.zeros(len(full))
+        self._command: JointCommand | None = None
+        self._now, self._number = 1, 0
+        self._cycles: list[Cycle] = []
+        self._cycle(0)
+
+    @property
+    def mode(self) -> Mode:
+        """What it is doing."""
+        return Mode.HOLDING if self._command is None else Mode.DRIVING
+
+    def clock(self) -> int:
+        """ns"""
+        return self._now
+
+    def drive(self, command: JointCommand) -> None:
+        """What its servos are told from now on."""
+        self._command = command
+
+    def newest(self) -> Cycle | None:
+        """The last cycle."""
+        return self._cycles[-1]
+
+    def unread(self) -> list[Cycle]:
+        """The cycles since the last call."""
+        found, self._cycles = self._cycles, self._cycles[-1:]
+        return found[1:]
+
+    def pause(self, seconds: float) -> None:
+        """Lets so much time pass; a millisecond at least, so that whoever waits for something gets there."""
+        self._advance(round(1e9 * max(seconds, 1e-3)))
+
+    def _advance(self, nanoseconds: int) -> None:
+        goal = self._positions if self._command is None else self._command.positions
+        current = STALL_CURRENTS if self._command is None else self._command.currents
+        most = self._stall * np.minimum(1.0, current / STALL_CURRENTS)
+        for _ in range(SUBSTEPS):
+            voltage = np.clip((goal - self._positions) / self._full, -1.0, 1.0)
+            self._torques = np.clip(self._stall * (voltage - self._velocities / self._no_load), -most, most)
+            self._positions, self._velocities = self._plant.step(self._torques, 1e-9 * nanoseconds / SUBSTEPS)
+        self._now += nanoseconds
+        self._cycle(nanoseconds)
+
+    def _cycle(self, nanoseconds: int) -> None:
+        joints = len(self._full)
+        state = JointState(
+            self._now, self._positions.copy(), self._velocities.copy(), self._torques / self._stall * STALL_CURRENTS,
+            np.zeros(joints, dtype=np.int64), np.ones(joints, dtype=bool), np.zeros(joints, dtype=bool),
+            np.zeros(joints),
+        )  # fmt: skip
+        begun = self._now - nanoseconds
+        health = JointHealth(self._now, np.full(joints, WARM), np.full(joints, SUPPLY))
+        self._cycles.append(Cycle(self._number, self.mode, begun, begun, nanoseconds, self._command, state, health))
+        self._number += 1
+
+
+def mounted_arm() -> ArmPlant:
+    """The arm on its default mount, where it rests."""
+    return ArmPlant(DEFAULT_MOUNT, load_limits().way_points[-1])

@@ -1,0 +1,276 @@
+"""How well palms meet, cell by cell and emotion by emotion: the avatar's, the twin's plate, and the emulated rig's.
+
+Sessions are run once; what they ask of the arm is then played by the twin, in time that is told, and by the rig, at the
+pace of the clock, both through retargeting and the safety envelope.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from highfive.hil.arm.arm_trial import MS, ArmTrial, percentiles, played_until_stopped
+from highfive.hil.arm.contact_outcome import Asked, Met, avatar_met, foretold, notice
+from highfive.hil.arm.lifecycle import ArmOptions, full_errors, ready_arm, retarget_settings
+from highfive.hil.arm.loop import ArmLoop
+from highfive.hil.arm.planner import Retarget, Sacrifice
+from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
+from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.bench.retarget import asked_of_arm
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.folders import check_file
+from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.startup import Check
+from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.trained import HGPDM
+
+if TYPE_CHECKING:
+    from highfive.hil.runtime.console import Bar
+
+PLAYERS = ("avatar", "twin", "rig")
+
+
+@dataclass(frozen=True)
+class ContactOptions:
+    """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
+    with, where its map is drawn, whether the arm is told exactly where and when, as soon as it is told at all, and
+    whether a picture that is there may be replaced."""
+
+    emotions: tuple[str, ...] = ()
+    cells: tuple[str, ...] = ()
+    players: tuple[str, ...] = PLAYERS
+    seed: int = 0
+    baseline: Path | None = None
+    picture: Path | None = None
+    foretold: bool = False
+    overwrite: bool = False
+
+
+def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
+    """Figures of each player, and a row for each high five.
+
+    Returns:
+        by player ``error_mm`` (``median``, ``max``), ``time_error_ms`` (the largest), ``max_relative_speed``,
+        ``unreachable`` (not in the other figures), ``missed``; of an arm the largest speeds near hand and head, on the
+        wire and of the body; of the rig also ``stops``, each of which is a high five that counts as it was; and
+        ``rows``.
+
+    Raises:
+        HighFiveError: there is no such player, emotion or cell, the baseline cannot be read, the picture not written,
+            or the arm was stopped.
+    """
+    if options.picture is not None:
+        if not options.picture.parent.is_dir():
+            raise HighFiveError(f"cannot draw {options.picture}: there is no folder {options.picture.parent}")
+        check_file(options.picture, options.overwrite, "--picture")
+    for what, asked_for, known in (
+        ("player", options.players, PLAYERS),
+        ("emotion", options.emotions, tuple(EMOTIONS)),
+        ("cell", options.cells, CELLS),
+    ):
+        if strange := [name for name in asked_for if name not in known]:
+            raise HighFiveError(f"unknown {what} {strange[0]!r}; there are {', '.join(known)}")
+    if options.picture is not None and set(options.players) <= {"avatar"}:
+        raise HighFiveError("the map shows what an arm can do; let twin or rig play too")
+    before = {} if options.baseline is None else read_baseline(options.baseline)
+    asked = asked_of_arm(model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar)
+    asked = [foretold(it) for it in asked] if options.foretold else asked
+    result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed, "foretold": options.foretold}
+    rows: list[dict[str, Any]] = []
+    for player in options.players:
+        results, commanded = _played_by(player, asked, bar)
+        result[player] = contact_figures([one.met for one in results]) | commanded
+        rows += [_row(player, one, before) for one in results]
+    if options.picture is not None:
+        from highfive.hil.report.contact_map import draw_contact_map  # noqa: PLC0415 (matplotlib takes a second)
+
+        draw_contact_map(options.picture, rows, replace=options.overwrite)
+    return result | {"rows": rows}
+
+
+def twin_loop() -> ArmLoop:
+    """The twin at rest, ready to play."""
+    rig = load_rig()
+    twin = TwinArm(mounted_arm(), full_errors(rig))
+    limits = load_limits()
+    retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits, on_the_way=0.0))
+    return ArmLoop(twin, retarget, limits, lambda: Check(twin.clock(), ()), Latch(), twin.clock, twin.pause)
+
+
+def contact_figures(met: Sequence[Met]) -> dict[str, Any]:
+    """Of one player, over the high fives that are possible."""
+    able = [one for one in met if one.possible]
+    touched = [one for one in able if one.touched]
+    errors = [MS * one.error for one in able if math.isfinite(one.error)]
+    late = [abs(MS * one.late) for one in touched]
+    return {
+        "error_mm": {
+            "median": round(float(np.median(errors)), 2) if errors else None,
+            "max": round(max(errors), 2) if errors else None,
+        },
+        "time_error_ms": round(max(late), 1) if late else None,
+        "time_error_median_ms": round(float(np.median(late)), 1) if late else None,
+        "max_relative_speed": round(max((one.speed for one in met if one.touched), default=0.0), 3),
+        "missed": [f"{one.emotion} {one.cell}" for one in able if not one.touched],
+        "unreachable": [f"{one.emotion} {one.cell}" for one in met if not one.possible],
+    }
+
+
+def read_baseline(path: Path) -> dict[str, float]:
+    """Errors, mm, by player, emotion and cell, as an earlier run wrote them (``--json``).
+
+    Raises:
+        HighFiveError: it is no such file.
+    """
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
+        return {_key(row["player"], row["emotion"], row["cell"]): float(row["error_mm"]) for row in rows}
+    except OSError as error:
+        raise HighFiveError(f"cannot read {path}: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError):
+        raise HighFiveError(f"{path} is no result of highfive bench contact --json") from None
+
+
+def print_contact(result: Mapping[str, Any]) -> None:
+    """The table and the figures, for people."""
+    print(f"{result['high_fives']} high fives, seed {result['seed']}; error: plate (or palm) to palm where they touch")
+    if result["foretold"]:
+        print("the arm is told exactly where and when, as soon as it is told at all")
+    print(f"{'':8}{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>9}{'late, ms':>10}{'speed, m/s':>12}")
+    for row in result["rows"]:
+        change = "" if row["change_mm"] is None else f"{row['change_mm']:+.1f}"
+        late = "–" if row["late_ms"] is None else f"{row['late_ms']:.0f}"
+        note = "" if row["touched"] else "  not met" if row["possible"] else "  not possible"
+        note += f" (stopped: {row['stopped']})" if row["stopped"] else ""
+        error = "–" if row["error_mm"] is None else f"{row['error_mm']:.1f}"
+        speed = "–" if row["speed"] is None else f"{row['speed']:.2f}"
+        print(
+            f"{row['player']:<8}{row['emotion']:<10}{row['cell']:<6}{error:>10}{change:>9}{late:>10}{speed:>12}{note}"
+        )
+    for player in PLAYERS:
+        if player not in result:
+            continue
+        of = result[player]
+        error = of["error_mm"]
+        median, worst = ("–" if value is None else f"{value:.1f}" for value in (error["median"], error["max"]))
+        print(
+            f"{player}: median {median} mm, largest {worst} mm, time error up to {of['time_error_ms']} ms, "
+            f"relative speed up to {of['max_relative_speed']} m/s, {len(of['missed'])} missed, "
+            f"{len(of['unreachable'])} not possible"
+        )
+        if "body_closing_speed" in of:
+            print(
+                f"{'':{len(player)}}  near the hand {of['commanded_closing_speed']} m/s on the wire, "
+                f"{of['body_closing_speed']} of the body; near the head {of['commanded_face_speed']} and "
+                f"{of['body_face_speed']}"
+            )
+        if "retarget_ms" in of:
+            print(
+                f"{'':{len(player)}}  retargeting {of['retarget_ms']['p50']} / {of['retarget_ms']['p99']} ms, with the "
+                f"envelope {of['step_ms']['p50']} / {of['step_ms']['p99']} ms (p50 / p99 of a tick)"
+            )
+
+
+@dataclass(frozen=True)
+class Played:
+    """How one high five went, and why the arm was stopped in it; '' where it was not."""
+
+    met: Met
+    stopped: str = ""
+
+
+def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
+    """Has the arm play one high five to its end.
+
+    Raises:
+        HighFiveError: it was not allowed to, or stopped by itself; it says why.
+    """
+    trial = played_until_stopped(asked, loop)
+    if trial is None or loop.trouble:
+        raise HighFiveError(f"{asked.emotion} {asked.cell}: {loop.trouble or 'too short to be played'}")
+    return trial
+
+
+def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+    if player == "avatar":
+        return [Played(avatar_met(it)) for it in asked], {}
+    advance = bar(player, len(asked))
+    trials: list[ArmTrial] = []
+    if player == "twin":
+        loop = twin_loop()
+        for it in asked:
+            trials.append(played(it, loop))
+            advance()
+        return [Played(trial.met) for trial in trials], _commanded(trials)
+    results: list[Played] = []
+    while len(results) < len(asked):  # one that was stopped counts as it is; the arm is then made ready again
+        with ready_arm(ArmOptions()) as loop:
+            while len(results) < len(asked) and not loop.trouble:
+                it = asked[len(results)]
+                trial = played_until_stopped(it, loop)
+                trials += [] if trial is None else [trial]
+                met = _not_met(it, loop.retarget) if trial is None or trial.broken_off else trial.met
+                results.append(Played(met, loop.trouble))
+                advance()
+    stops = [result.stopped for result in results if result.stopped]
+    return results, {**_commanded(trials), "stops": len(stops), "stopped": stops}
+
+
+def _not_met(asked: Asked, retarget: Retarget) -> Met:
+    """A high five in which the arm was stopped before it met the hand; how near it came says nothing."""
+    nan = float("nan")
+    return Met(asked.emotion, asked.cell, nan, False, nan, nan, nan, notice(asked, retarget), Sacrifice())
+
+
+def _commanded(trials: Sequence[ArmTrial]) -> dict[str, Any]:
+    """The largest speeds near hand and head, m/s, of what went on the wire and of the body, and ms of planning.
+
+    What the hand is faster than the limit by itself is not counted: the plate then stands.
+    """
+    limits, arm = load_limits(), default_arm()
+    speeds = [trial.separation_speeds(arm, limits) for trial in trials]
+    ticks = [tick for trial in trials for tick in trial.ticks]
+    names = {"wire": "commanded", "body": "body"}
+    return {
+        **{
+            f"{said}_{which}_speed": round(max((one[f"{name}_{which}_speed"] for one in speeds), default=0.0), 3)
+            for name, said in names.items()
+            for which in ("closing", "face")
+        },
+        "retarget_ms": percentiles(np.array([tick.retarget_ms for tick in ticks])),
+        "step_ms": percentiles(np.array([tick.step_ms for tick in ticks])),
+    }
+
+
+def _row(player: str, result: Played, before: Mapping[str, float]) -> dict[str, Any]:
+    met, had = result.met, result.met.notice
+    error = round(MS * met.error, 2) if math.isfinite(met.error) else None
+    earlier = before.get(_key(player, met.emotion, met.cell))
+    return {
+        "player": player,
+        "emotion": met.emotion,
+        "cell": met.cell,
+        "error_mm": error,
+        "change_mm": None if earlier is None or error is None else round(error - earlier, 2),
+        "late_ms": round(MS * met.late, 1) if met.touched else None,
+        "speed": round(met.speed, 3) if math.isfinite(met.speed) else None,
+        "touched": met.touched,
+        "stopped": result.stopped,
+        "possible": met.possible,
+        "needed_s": None if had is None or not had.reached else round(had.needed, 3),
+        "given_s": None if had is None else round(had.given, 3),
+        "place_known_s": None if had is None else round(had.known, 3),
+    }
+
+
+def _key(player: str, emotion: str, cell: str) -> str:
+    return f"{player} {emotion} {cell}"

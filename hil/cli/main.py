@@ -1,0 +1,255 @@
+"""The command line: ``highfive COMMAND``. Exit code 0: done; 1: ran and found a failure; 2: bad input, in one line."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from typer.exceptions import TyperException
+
+from highfive.hil.cli import bench as cli_bench
+from highfive.hil.cli import mocap as cli_mocap
+from highfive.hil.cli import model as cli_model
+from highfive.hil.cli import rig as cli_rig
+from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed
+from highfive.hil.runtime.console import STDERR, counted, print_json, progress_bars
+from highfive.model import DEFAULT_MODEL
+from highfive.model.errors import HighFiveError
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.lifecycle import ArmOptions
+
+app = typer.Typer(
+    help="Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+app.add_typer(cli_model.app)
+app.add_typer(cli_mocap.app)
+app.add_typer(cli_bench.app, name="bench")
+app.add_typer(cli_rig.app, name="rig")
+
+_INTERRUPTED = 130
+"""What Typer makes of Ctrl-C."""
+
+
+@app.command()
+def simulate(
+    trials: Annotated[int | None, typer.Option(min=1, help="Number of high fives (default: emotions × cells).")] = None,
+    emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
+    cell: Cells = None,
+    style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(help="A real person instead: a C3D file, or an address such as vicon://host."),
+    ] = None,
+    human: Annotated[
+        str | None, typer.Option("--human", "--person", help="Prefix of that person's markers, such as A or human.")
+    ] = None,
+    marker_set: Annotated[str | None, typer.Option(help="That person's marker set: a name or a TOML file.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/session-1, -2, …).")] = None,
+    physics: Annotated[
+        bool, typer.Option("--physics", help="Drive the avatar by actuators, with contact forces.")
+    ] = False,
+    no_correction: Annotated[
+        bool, typer.Option("--no-correction", help="Play the motion as the model gives it.")
+    ] = False,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help="A servo arm takes part: emulated, or the serial port of a real one, which MOVES (with --arm)."
+        ),
+    ] = None,
+    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    limits: cli_rig.LimitsFile = None,
+    lower: cli_rig.Lower = None,
+    estop: cli_rig.Estop = None,
+    registration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml", help="Where the arm's base stands in the live person's room (docs/safety.md)."
+        ),
+    ] = None,
+    nobody_near: cli_rig.NobodyNear = False,
+    slow: cli_rig.Slow = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
+    from highfive.hil.commands.simulate import SimulateOptions, simulate  # noqa: PLC0415
+    from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
+
+    options = SimulateOptions(
+        trials=trials,
+        emotions=tuple(emotion or ()),
+        cells=tuple(cell or ()),
+        style=None if style is None else _style(style),
+        source=source,
+        human=human,
+        marker_set=marker_set,
+        model=model or DEFAULT_MODEL,
+        seed=seed,
+        physics=physics,
+        correct=not no_correction,
+        pictures=not no_pictures,
+        arm=_arm(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow),
+        overwrite=overwrite,
+    )
+    folder = out or next_folder("session")
+    with progress_bars() as bar:
+        summary = simulate(options, folder, bar)
+    if json:
+        print_json(summary)
+    else:
+        _tell(summary, folder)
+    if summary["interrupted"] or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
+        raise typer.Exit(1)
+
+
+def _arm(
+    port: str | None,
+    armed: bool,
+    rig: Path | None,
+    limits: Path | None,
+    lower: list[str] | None,
+    estop: Path | None,
+    registration: Path | None,
+    nobody_near: bool,
+    slow: bool,
+) -> ArmOptions | None:
+    """The arm that takes part, if there is one."""
+    from highfive.hil.arm.lifecycle import ArmOptions  # noqa: PLC0415
+
+    if port is not None:
+        changes = tuple(lower or ())
+        return ArmOptions(
+            port, rig, limits, changes, armed, estop,
+            registration=registration, nobody_near=nobody_near, slow=slow,
+        )  # fmt: skip
+    given = {
+        "--arm": armed,
+        "--rig-file": rig,
+        "--limits": limits,
+        "--lower": lower,
+        "--estop": estop,
+        "--registration": registration,
+        "--nobody-near": nobody_near,
+        "--slow": slow,
+    }
+    if said := next((name for name, value in given.items() if value), None):
+        raise HighFiveError(f"{said} is about an arm, and none takes part; add --rig emulated, or --rig PORT")
+    return None
+
+
+def _style(text: str) -> dict[str, float]:
+    """``angry=0.5,neutral=0.5`` as weights."""
+    weights: dict[str, float] = {}
+    for part in text.split(","):
+        name, equals, value = part.partition("=")
+        if not equals and ":" in name:
+            raise HighFiveError(f"--style {text}: write {name.strip().replace(':', '=', 1)}")
+        try:
+            weights[name.strip()] = float(value) if equals else 1.0
+        except ValueError:
+            raise HighFiveError(f"--style {text}: {value!r} is no number; write it as angry=0.5,neutral=0.5") from None
+    return weights
+
+
+def _tell(summary: dict[str, Any], folder: Path) -> None:
+    """The summary for people."""
+    from highfive.hil.trials.summary import kind  # noqa: PLC0415
+    from highfive.hil.trials.targets import BEFORE_MM  # noqa: PLC0415
+
+    count, tick, styles = summary["trials"], summary["tick_ms"], summary["contact_error_mm"]["by_emotion"]
+    print(f"{counted(count, 'high five')} with a {kind(summary)} person, answered as {', '.join(styles) or 'nothing'}")
+    for label, key, digits, unit, target in (
+        ("true palm at first touch", "true_error_at_touch_mm", 1, "mm", ""),
+        ("closing speed then", "closing_speed_at_touch_m_s", 2, "m/s", ""),
+        ("before correction", "uncorrected_error_mm", 1, "mm", f" (target: median ≤ {BEFORE_MM:g} mm)"),
+        ("after, to tracked palm", "contact_error_mm", 2, "mm", ""),
+    ):
+        if summary[key]["median"] is not None:
+            print(f"  {label:<26}{_spread(summary[key], count, digits, unit)}{target}")
+    if count:
+        print(f"  one tick                  median {tick['p50']:.2f} ms, p99 {tick['p99']:.2f} ms")
+    for label, key in (
+        ("out of reach", "out_of_reach"),
+        ("no contact", "missed"),
+        ("unwanted contacts", "unwanted_contacts"),
+    ):
+        if summary[key]:
+            print(f"  {label + ':':<26}{summary[key]}")
+    if summary["arm"]:
+        _tell_arm(summary["arm"])
+    if summary["interrupted"]:
+        print("  interrupted; the report covers the trials until then")
+    for warning in summary["warnings"]:
+        STDERR.print(f"[bold yellow]warning:[/] {_escape(warning)}", soft_wrap=True)
+    print(f"Open {folder / 'report.html'}")
+
+
+def _spread(extent: dict[str, float], count: int, digits: int, unit: str) -> str:
+    """Median and worst; of a single trial the one figure that there is."""
+    if count == 1:
+        return f"{extent['median']:.{digits}f} {unit}"
+    return f"median {extent['median']:.{digits}f} {unit}, worst {extent['max']:.{digits}f} {unit}"
+
+
+def _tell_arm(arm: dict[str, Any]) -> None:
+    """What the servo arm did, for people."""
+    error, late = arm["error_mm"], arm["time_error_ms"]
+    able = arm["trials"] - arm["broken_off"] - len(arm["unreachable"])
+    if error["median"] is not None:
+        print(f"  servo arm's plate to palm  {_spread(error, able, 1, 'mm')}")
+    if late["median"] is not None:
+        print(f"    off in time             {_spread(late, able - arm['missed'], 0, 'ms')}")
+    print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
+    for label, key in (
+        ("no contact", "missed"),
+        ("broken off", "broken_off"),
+        ("unreachable", "unreachable"),
+        ("stopped", "stopped"),
+    ):
+        if arm[key]:
+            print(f"    {label + ':':<24}{arm[key] if isinstance(arm[key], int | str) else ', '.join(arm[key])}")
+
+
+def main() -> None:
+    """Entry point: one line for every error that a user can put right."""
+    try:
+        code = app(standalone_mode=False) or 0
+        if code == _INTERRUPTED:
+            raise KeyboardInterrupt
+        sys.exit(code)
+    except TyperException as error:
+        if not (message := error.format_message()):  # the help has been shown instead
+            sys.exit(2)
+        _fail(f"{message} (see highfive --help)")
+    except HighFiveError as error:
+        _fail(str(error))
+    except (KeyboardInterrupt, Interrupted, typer.Abort) as error:
+        STDERR.print(f"interrupted{error}", soft_wrap=True, markup=False)
+        sys.stdout.flush()
+        os._exit(1)  # not by Python's own way down: interrupted while it compiles, JAX crashes on it
+
+
+def _fail(message: str) -> NoReturn:
+    STDERR.print(f"[bold red]error:[/] {_escape(' '.join(message.split()))}", soft_wrap=True)
+    sys.exit(2)
+
+
+def _escape(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""The commands around motion capture: a live system played and listened to, recordings filled, people measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from highfive.hil.cli.options import AnySet, Json, Overwrite, OverwriteFile, Person, Seed
+from highfive.hil.runtime.console import print_json, print_result, progress_bars, say, say_aside
+
+app = typer.Typer()
+calibrate = typer.Typer(help="Fit what the project knows of a person or a place to a recording.", no_args_is_help=True)
+app.add_typer(calibrate, name="calibrate")
+
+
+@app.command()
+def serve(
+    protocol: Annotated[str, typer.Argument(help="vicon, qtm, natnet or lsl.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.c3d", help="The recording to send.")],
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port (default: the protocol's; 0: any).")] = None,
+    host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 lets in the whole network.")] = "127.0.0.1",
+    faults: Annotated[
+        list[str] | None,
+        typer.Option(help="What goes wrong: occlusion=RFIN+RMC5@2-2.3; may be given again."),
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Frames a second (default: the recording's).")] = None,
+    person: Annotated[
+        str | None, typer.Option("--person", "--human", help="Send only the markers of this prefix.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Replay a recording as a live motion capture system, with faults on demand (docs/mocap.md)."""
+    from highfive.hil.commands.serve import ServeOptions, serve_recording  # noqa: PLC0415
+
+    options = ServeOptions(
+        protocol,
+        file,
+        loop,
+        port,
+        host,
+        tuple(one for text in faults or () for one in text.split(",")),
+        rate,
+        person,
+        seconds,
+        seed,
+    )
+    result = serve_recording(options, say_aside if json else say)
+    if json:
+        print_json(result)
+
+
+@app.command()
+def stream(
+    address: Annotated[
+        str, typer.Argument(help="vicon://host, qtm://host, natnet://host, lsl://name or a C3D file (docs/mocap.md).")
+    ],
+    person: Person = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="End so long after the first frame.")] = None,
+    record: Annotated[Path | None, typer.Option(metavar="FILE.c3d", help="Keep everything that comes.")] = None,
+    marker_set: AnySet = None,
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Show a live motion capture system: rate, latency, gaps, each marker, the right arm; Ctrl-C ends it."""
+    from highfive.hil.commands.stream.stream import StreamOptions, stream  # noqa: PLC0415
+
+    result = stream(StreamOptions(address, person, seconds, record, marker_set, json, overwrite), say_aside)
+    if json:
+        print_json(result)
+    if not result["frames"]:
+        say_aside(f"no frame came from {result['source']}: {result['trouble'] or 'nothing was sent'}")
+        raise typer.Exit(1)
+    if result.get("recording_trouble"):
+        raise typer.Exit(2)
+
+
+@app.command()
+def track(
+    file: Annotated[Path, typer.Argument(metavar="FILE.c3d", help="The recording.")],
+    person: Person = None,
+    marker_set: AnySet = None,
+    subject: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The person's own set, from calibrate subject.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/track-1, -2, …).")] = None,
+    no_fit: Annotated[
+        bool, typer.Option("--no-fit", help="Use the marker set as it is, not fitted to the person first.")
+    ] = False,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Fill a recording's gaps, and write the right arm's angles and a report with figures (docs/mocap.md)."""
+    from highfive.hil.commands.track import TrackOptions, print_track, track  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = track(TrackOptions(file, person, marker_set, subject, out, not no_fit, overwrite), bar)
+    print_result(result, json, print_track)
+
+
+@calibrate.command("subject")
+def calibrate_subject(
+    file: Annotated[Path, typer.Argument(metavar="FILE.c3d", help="A recording of the person, still or moving.")],
+    person: Person = None,
+    marker_set: AnySet = None,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The person's own marker set.")] = Path("subject.toml"),
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Fit segment lengths and places of markers to a person, and write her own marker set (docs/markers.md)."""
+    from highfive.hil.commands.calibrate import CalibrateOptions, calibrate_subject, print_subject  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = calibrate_subject(CalibrateOptions(file, person, marker_set, out, overwrite), bar)
+    print_result(result, json, print_subject)

@@ -1,0 +1,185 @@
+"""The commands around the model: what it learns from, training, scores, and whether people would tell its moods."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from highfive.hil.cli.options import (
+    Avatar,
+    AvatarSet,
+    Human,
+    HumanSet,
+    Interrupted,
+    Json,
+    Overwrite,
+    OverwriteFile,
+    Seed,
+)
+from highfive.hil.report.terminal_tables import print_observations, print_scores
+from highfive.hil.runtime.console import print_json, print_result, progress_bars
+from highfive.model.errors import HighFiveError
+
+app = typer.Typer()
+
+
+@app.command()
+def capture(
+    out: Annotated[Path, typer.Option(help="Folder for the C3D files and trials.csv.")] = Path("captured"),
+    emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
+    repetitions: Annotated[int, typer.Option(min=1, help="Trials for each emotion and cell.")] = 4,
+    test_repetitions: Annotated[
+        int | None, typer.Option(min=0, help="So many of them are marked as held out (default: the last of several).")
+    ] = None,
+    overwrite: Overwrite = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Make the simulated two-actor data set: C3D files at 120 Hz and trials.csv."""
+    from highfive.hil.sim.people.capture import capture  # noqa: PLC0415
+    from highfive.hil.sim.people.emotions import EMOTIONS  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        chosen = tuple(emotion or EMOTIONS)
+        held_out = min(1, repetitions - 1) if test_repetitions is None else test_repetitions
+        count = capture(out, chosen, repetitions, held_out, seed, lambda total: bar("trials", total), overwrite)
+    if json:
+        print_json({"trials": count, "emotions": list(chosen), "seed": seed, "folder": str(out), "simulated": True})
+    else:
+        print(f"{count} simulated trials in {out}; train on them with: highfive train {out}")
+
+
+@app.command()
+def train(
+    data: Annotated[Path, typer.Argument(help="Folder with C3D files of two people and trials.csv.")],
+    out: Annotated[Path, typer.Option(help="The model's file.")] = Path("model.safetensors"),
+    preset: Annotated[str, typer.Option(help="default, or paper for the sizes of Taubert et al. 2013.")] = "default",
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
+    seed: Seed = 0,
+    restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
+    iterations: Annotated[int | None, typer.Option(min=1, help="Steps of training (default: the preset's).")] = None,
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Fit the model to recordings of two people; goes on where it was interrupted."""
+    from highfive.hil.commands.train import TrainOptions, after_interruption, summary, train  # noqa: PLC0415
+
+    options = TrainOptions(
+        data, out, preset, inducing, human, avatar, human_set, avatar_set, seed, overwrite, restarts, iterations
+    )
+    with progress_bars() as bar:
+        try:
+            result = train(options, bar)
+        except KeyboardInterrupt:
+            raise Interrupted(after_interruption(options)) from None
+    if json:
+        print_json(result)
+    else:
+        print("\n".join(summary(result)))
+
+
+@app.command()
+def evaluate(
+    paths: Annotated[
+        list[Path] | None, typer.Argument(metavar="[MODEL] [DATA]", help="Data folder; a model's file before it.")
+    ] = None,
+    windows: Annotated[Path | None, typer.Option(help="A windows file (.npz) instead of a data folder.")] = None,
+    preset: Annotated[str, typer.Option(help="default, or paper: what is trained if no model is given.")] = "default",
+    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer and of the sparse GP.")] = 200,
+    seeds: Annotated[int, typer.Option(min=1, help="Trainings; the scores are medians.")] = 3,
+    leave_out: Annotated[
+        str | None, typer.Option(help="repetition or cell: each is held out in turn, whatever the table's split.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for a report with figures; trainings are kept there and used again.")
+    ] = None,
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
+    from highfive.hil.commands.evaluate import MODELS, EvaluateOptions, evaluate  # noqa: PLC0415
+
+    # What is not there is what its ending says, and whoever reads it says that it is missing.
+    files, models, data = [], [], []
+    for path in paths or []:
+        folder = path.is_dir() or not (path.is_file() or path.suffix in (".npz", ".safetensors"))
+        (data if folder else files if path.suffix == ".npz" else models).append(path)
+    if len(data) > 1 or len(models) > 1 or len(files) + (windows is not None) > 1:
+        raise HighFiveError("give one data folder or windows file, and at most one model")
+    options = EvaluateOptions(
+        data=data[0] if data else None,
+        windows=windows or (files[0] if files else None),
+        model=models[0] if models else None,
+        preset=preset,
+        inducing=inducing,
+        seeds=seeds,
+        human=human,
+        avatar=avatar,
+        human_set=human_set,
+        avatar_set=avatar_set,
+        leave_out=leave_out,
+        out=out,
+        overwrite=overwrite,
+    )
+    with progress_bars() as bar:
+        try:
+            result = evaluate(options, bar)
+        except KeyboardInterrupt:
+            raise Interrupted(f"; the same command goes on from {out / MODELS}" if out else "") from None
+    if json:
+        print_json(result)
+    else:
+        print_scores(result)
+        if out is not None:
+            print(f"Open {result['report']}")
+
+
+@app.command()
+def observe(
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="[MODEL] DATA", help="Data folder to learn from; a model's file before it.")
+    ],
+    people: Annotated[int, typer.Option(min=1, help="Simulated people, each answered in every style.")] = 36,
+    morph: Annotated[str, typer.Option(help="Two styles to go between, in tenths.")] = "neutral,angry",
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
+    seed: Seed = 1,
+    json: Json = False,
+) -> None:
+    """Let a machine observer, which learned from recordings, tell the emotion of generated and of corrected motion."""
+    from highfive.hil.commands.classify_style import ObserveOptions, observe  # noqa: PLC0415
+    from highfive.model import DEFAULT_MODEL  # noqa: PLC0415
+
+    data = [path for path in paths if path.is_dir()]
+    models = [path for path in paths if not path.is_dir()]
+    if len(data) != 1 or len(models) > 1:
+        raise HighFiveError("give one data folder, and at most one model before it")
+    between = [name.strip() for name in morph.split(",")]
+    if len(between) != 2:
+        raise HighFiveError(f"--morph {morph}: expected two styles, as neutral,angry")
+    options = ObserveOptions(
+        data=data[0],
+        model=models[0] if models else DEFAULT_MODEL,
+        people=people,
+        morph=(between[0], between[1]),
+        seed=seed,
+        human=human,
+        avatar=avatar,
+        human_set=human_set,
+        avatar_set=avatar_set,
+    )
+    with progress_bars() as bar:
+        result = observe(options, bar)
+    print_result(result, json, print_observations)

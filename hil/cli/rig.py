@@ -1,0 +1,182 @@
+"""``highfive rig``: the servo arm and its stand-in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from highfive.hil.cli.options import Json, Overwrite, OverwriteFile, Seed
+from highfive.hil.runtime.console import STDERR, print_result, progress_bars, say, say_aside
+
+RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
+Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
+Lower = Annotated[list[str] | None, typer.Option(help="A lower limit, such as contact.speed=0.5 (docs/safety.md).")]
+LimitsFile = Annotated[
+    Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours (docs/safety.md).")
+]
+Estop = Annotated[
+    Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm when anything is written to it.")
+]
+NobodyNear = Annotated[
+    bool,
+    typer.Option("--nobody-near", help="Beside --arm: nobody can be reached by the real arm. You answer for that."),
+]
+Slow = Annotated[
+    bool, typer.Option("--slow", help="Beside --arm: every point of the arm at most as fast as near a face, 0.22 m/s.")
+]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
+
+app = typer.Typer(help="The servo arm, and the stand-in that behaves like it.", no_args_is_help=True)
+
+
+@app.callback()
+def rig() -> None:
+    """The servo arm, and the stand-in that behaves like it."""
+
+
+@app.command()
+def emulate(
+    file: RigFile = None,
+    port_link: Annotated[
+        Path | None, typer.Option(help="Make this a link to the port, which else has no name.")
+    ] = None,
+    baud: Annotated[int | None, typer.Option(help="Baud rate of the servos (default: the arm's).")] = None,
+    faults: Annotated[
+        list[str] | None, typer.Option(help="What goes wrong: dead=4@2-3; may be given again (docs/rig.md).")
+    ] = None,
+    factory: Annotated[bool, typer.Option("--factory", help="Servos as from the factory, to be configured.")] = False,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
+    unpaced: Annotated[bool, typer.Option("--unpaced", help="Bytes take no time.")] = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Serve an emulated arm on a pseudo-terminal until Ctrl-C (docs/rig.md). Nothing real moves."""
+    if STDERR.is_terminal:  # what follows takes seconds, and until then there is no port
+        say_aside("starting…")
+    from highfive.hil.commands.rig.emulate import emulate, print_emulated  # noqa: PLC0415
+    from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions  # noqa: PLC0415
+
+    options = EmulatorOptions(
+        rig=str(file) if file else None,
+        faults=tuple(faults or ()),
+        link=str(port_link) if port_link else None,
+        paced=not unpaced,
+        configured=not factory,
+        baud_rate=baud,
+        seed=seed,
+    )
+    result = emulate(options, seconds, say_aside if json else say)
+    print_result(result, json, print_emulated)
+
+
+@app.command()
+def scan(
+    ports: Annotated[list[str] | None, typer.Argument(metavar="PORT…", help="Ports (default: all there are).")] = None,
+    all_ids: Annotated[bool, typer.Option("--all", help="Ask for all 253 IDs, not 1 to 20.")] = False,
+    json: Json = False,
+) -> None:
+    """List serial ports and the servos that answer there. Nothing moves."""
+    from highfive.hil.commands.rig.service import PROBED_IDS, ScanOptions, print_scan, scan  # noqa: PLC0415
+    from highfive.hil.drivers.bus.rig import LAST_ID  # noqa: PLC0415
+
+    options = ScanOptions(tuple(ports or ()), ids=range(LAST_ID + 1) if all_ids else PROBED_IDS)
+    with progress_bars() as bar:
+        result = scan(options, bar)
+    print_result(result, json, print_scan)
+
+
+@app.command()
+def check(port: Port, file: RigFile = None, json: Json = False) -> None:
+    """Read everything back from the servos and compare it with the rig. Nothing moves; exit code 1 on any mismatch."""
+    from highfive.hil.commands.rig.service import check, print_check  # noqa: PLC0415
+
+    result = check(port, file)
+    print_result(result, json, print_check)
+    if not result["ready"]:
+        raise typer.Exit(1)
+
+
+@app.command()
+def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = False) -> None:
+    """Show in what the servos differ from the rig, ask, and set them. Nothing moves; torque has to be off."""
+    from highfive.hil.commands.rig.service import configure_rig, print_configured  # noqa: PLC0415
+
+    def agreed(lines: list[str]) -> bool:
+        for line in lines:
+            say_aside(f"  {line}")
+        return yes or typer.confirm("Write these?", default=False, err=True)
+
+    result = configure_rig(port, file, agreed)
+    print_result(result, json, print_configured)
+    if result["differences"] and not result["written"]:
+        raise typer.Exit(1)
+
+
+@app.command()
+def reach(
+    picture: Annotated[Path, typer.Option(metavar="FILE.png", help="Where to draw the map.")] = Path("reach.png"),
+    overwrite: OverwriteFile = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Only the mount as it is; no search.")] = False,
+    json: Json = False,
+) -> None:
+    """Show which cells the mounted arm reaches and how fast, and search for the best mount. Nothing moves."""
+    from highfive.hil.commands.rig.reach import print_rig_reach, rig_reach  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = rig_reach(picture, quick, bar, overwrite=overwrite)
+    print_result(result | {"picture": str(picture)}, json, print_rig_reach)
+
+
+@app.command()
+def play(
+    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Folder of a session, or its session.mcap.")],
+    port: Annotated[str, typer.Option(help="Serial port of a real arm, which MOVES (with --arm).")] = "emulated",
+    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    trial: Annotated[list[int] | None, typer.Option(help="Only this trial; may be given again.")] = None,
+    begin: Annotated[int | None, typer.Option("--from", metavar="TRIAL", min=0, help="Begin with this trial.")] = None,
+    trials: Annotated[int | None, typer.Option(min=1, help="Play so many at most.")] = None,
+    file: RigFile = None,
+    limits: LimitsFile = None,
+    lower: Lower = None,
+    estop: Estop = None,
+    nobody_near: NobodyNear = False,
+    slow: Slow = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base. Nobody is tracked: a
+    real arm needs --nobody-near or --slow beside --arm. Space or Esc stops it."""
+    from highfive.hil.arm.lifecycle import ArmOptions  # noqa: PLC0415
+    from highfive.hil.commands.rig.play import PlayOptions, play, print_played  # noqa: PLC0415
+    from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
+
+    which = ArmOptions(port, file, limits, tuple(lower or ()), arm, estop, nobody_near=nobody_near, slow=slow)
+    options = PlayOptions(session, which, tuple(trial or ()), begin, trials, overwrite)
+    folder = out or next_folder("play")
+    with progress_bars() as bar:
+        summary = play(options, folder, bar)
+    print_result(summary, json, lambda found: print_played(found, folder))
+    if summary["stopped"]:
+        say_aside(f"the arm was stopped: {summary['stopped']}")
+        if summary["remedy"]:
+            say_aside(summary["remedy"])
+        if summary["from"] is not None:
+            say_aside(f"go on with the same command, --from {summary['from']} and another --out")
+        raise typer.Exit(1)
+
+
+@app.command()
+def release(port: Port, file: RigFile = None, yes: Yes = False, json: Json = False) -> None:
+    """Switch torque off. THE ARM FALLS: it has no brakes. Hold it, and keep hands from between its links."""
+    from highfive.hil.commands.rig.service import print_released, release  # noqa: PLC0415
+
+    if not yes and not typer.confirm("The arm will fall. Is somebody holding it?", default=False, err=True):
+        say_aside(f"torque stays as it was on {port}")
+        raise typer.Exit(1)
+    result = release(port, file)
+    print_result(result, json, print_released)
+    if result["failed"]:
+        raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""What each command does. May import anything but benchmarks and the command line."""

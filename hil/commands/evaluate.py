@@ -1,0 +1,185 @@
+"""Scores of the model beside plain regressions: on held-out trials of a data folder, or on a windows file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from highfive.hil.datasets.training_data import load_trials
+from highfive.hil.evaluation.cross_validation import Run, run_protocol, trainings
+from highfive.hil.evaluation.model_cache import fit_windows, is_kept
+from highfive.hil.evaluation.score_table import Scored
+from highfive.hil.evaluation.training_progress import TrainingCount
+from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.folders import results_folder
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.mocap_bridge.files.trial_table import read_table
+from highfive.model.errors import HighFiveError
+from highfive.model.evaluation import baselines
+from highfive.model.evaluation import forecast_errors as horizons
+from highfive.model.evaluation import nuisi_windows as windows
+from highfive.model.evaluation import scores as evaluation
+from highfive.model.evaluation.splits import leave_out, left_out_in_turn, own_split
+from highfive.model.gp.optimise import ProgressCallback
+from highfive.model.hgpdm.presets import Preset, preset_named
+from highfive.model.hgpdm.store import load_model
+from highfive.model.hgpdm.trials import Trial
+
+MODELS = "models"
+"""Folder of a report's trainings, from which an interrupted run goes on."""
+
+
+@dataclass(frozen=True)
+class EvaluateOptions:
+    """What to score and how; see ``highfive evaluate --help``."""
+
+    data: Path | None
+    windows: Path | None
+    model: Path | None
+    preset: str
+    inducing: int
+    seeds: int
+    human: str
+    avatar: str
+    human_set: str | None
+    avatar_set: str | None
+    leave_out: str | None = None
+    out: Path | None = None
+    overwrite: bool = False
+
+
+def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
+    """Scores by method: the median over the seeds, and the smallest and largest; with ``out`` also a report.
+
+    Raises:
+        HighFiveError: nothing or too much to score, broken files, no held-out trials, or a folder that holds something
+            else than an evaluation that was not finished.
+    """
+    if options.out is None:
+        return _evaluate(options, bar)
+    with results_folder(options.out, options.overwrite, resumed=_trainings):
+        return _evaluate(options, bar)
+
+
+def _evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
+    if (options.data is None) == (options.windows is None):
+        alone = f"{options.model} alone cannot be scored; " if options.model and not options.data else ""
+        raise HighFiveError(f"{alone}give either a data folder or --windows FILE.npz")
+    preset = preset_named(options.preset)
+    kept = None if options.out is None else options.out / MODELS
+    if options.windows is not None:
+        if options.model is not None or options.leave_out is not None:
+            word = "the model" if options.model is not None else "--leave-out"
+            raise HighFiveError(f"a windows file brings its own training part; leave {word} out")
+        return _on_windows(options.windows, preset, options, kept, bar)
+    if options.model is not None and options.leave_out is not None:
+        raise HighFiveError("--leave-out trains models of its own; leave the model out")
+    assert options.data is not None
+    return _on_trials(options.data, preset, options, kept, bar)
+
+
+def _trainings(entry: Path) -> bool:
+    """Whether this is the folder of an interrupted evaluation's trainings, and nothing else is in it."""
+    return entry.name == MODELS and entry.is_dir() and all(is_kept(path) for path in entry.iterdir())
+
+
+def _summary(runs: list[Scored]) -> dict[str, Scored]:
+    return {"scores": _over(runs, np.median), "smallest": _over(runs, np.min), "largest": _over(runs, np.max)}
+
+
+def _over(runs: list[Scored], summary: Callable[[list[float]], Any]) -> Scored:
+    """One value for each method and metric out of those of all seeds."""
+    return {
+        method: {name: float(summary([run[method][name] for run in runs])) for name in values}
+        for method, values in runs[0].items()
+    }
+
+
+def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
+    learn, test = windows.read_windows(path)
+    chosen = windows.window_preset(preset)
+    runs: list[Scored] = []
+    count = TrainingCount(bar, options.seeds, say_aside)
+    for seed in range(options.seeds):
+        fitted = fit_windows(learn, chosen, options.inducing, seed, kept, count.next(f"seed {seed}"))
+        scores = {"hgpdm": windows.window_scores(windows.respond(fitted.model, test), test)}
+        task = fitted.task
+        baseline = {"sparse_gp": baselines.regression(fitted.sparse_gp), **evaluation.plain_baselines(task)}
+        for name, predictor in baseline.items():
+            scores[name] = windows.window_scores(windows.predicted(predictor, task.feature_map, test), test)
+        runs.append(scores)
+    unit = "m" if windows.is_person(test) else "rad²"
+    about = {"windows": str(path), "unit": unit, "seeds": options.seeds, "points": len(learn.target)}
+    result = {**_summary(runs), **about, "preset": preset.name, "inducing": options.inducing}
+    return _reported(result, options.out, None, ())
+
+
+def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
+    model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
+    rows = read_table(folder)
+    if options.leave_out is not None:  # what the table tells is told before any marker is solved
+        left_out_in_turn(rows, options.leave_out)
+    if model is not None and not any(row.test for row in rows):
+        advice = "mark some with split test in trials.csv and train again, or leave the model out"
+        raise HighFiveError(f"{folder} has no held-out trial; {advice}")
+    pairs = load_trials(
+        folder,
+        options.human,
+        options.avatar,
+        options.human_set,
+        options.avatar_set,
+        lambda total: bar("solving markers", total),
+        hold_out=model is None and options.leave_out is None,
+    )
+    trials = [pair.trial for pair in pairs]
+    folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
+    runs: list[Run] = []
+    count = TrainingCount(bar, options.seeds * trainings(folds, options.leave_out), say_aside)
+    for seed in range(options.seeds):
+        named = partial(_fold_steps, count, seed)
+        runs.append(run_protocol(folds, options.leave_out, preset, options.inducing, seed, kept, named, model))
+    about = {
+        "data": str(folder),
+        "model": None if options.model is None else str(options.model),
+        "preset": preset.name if model is None else model.preset.name,
+        "inducing": options.inducing if model is None else int(model.avatar.inducing.shape[0]),
+        "seeds": options.seeds,
+        "trials": len(trials) if options.leave_out else sum(not trial.test for trial in trials),
+        "held_out_trials": len(runs[0].trials),
+        "recorded": evaluation.recorded_smoothness(runs[0].trials),
+    }
+    if options.leave_out is not None:
+        about |= {"leave_out": options.leave_out, "folds": len(folds), "by_fold": runs[0].by_fold()}
+    result = {**_summary([run.scores for run in runs]), **about, "looking_ahead": _looking_ahead(runs[0])}
+    return _reported(result, options.out, runs[0], folds[0].trials)
+
+
+def _looking_ahead(run: Run) -> dict[str, Any]:
+    """Median errors of the contact point so long before contact, m, and the share of contacts in the 90 % regions."""
+    errors = horizons.contact_point_errors(run.trials, run.answers)
+    coverage = horizons.contact_point_coverage(run.trials, run.answers)
+    tables = {"contact_point": errors, "contact_point_within_90": coverage}
+    return {"before_s": horizons.BEFORE.round(2).tolist()} | {
+        table: {
+            name: [round(v, 4) if np.isfinite(v) else None for v in values.tolist()] for name, values in rows.items()
+        }
+        for table, rows in tables.items()
+    }
+
+
+def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials: Sequence[Trial]) -> dict[str, Any]:
+    """The result, once its report is written, if one is asked for."""
+    if out is None:
+        return result
+    from highfive.hil.report.evaluation_report import write_evaluation  # noqa: PLC0415 (matplotlib takes a second)
+
+    return {**result, "report": str(write_evaluation(out, result, run, trials))}
+
+
+def _fold_steps(count: TrainingCount, seed: int, fold: str) -> ProgressCallback:
+    return count.next(f"seed {seed}, without {fold}" if fold else f"seed {seed}")

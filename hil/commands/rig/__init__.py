@@ -1,0 +1,1 @@
+"""What ``highfive rig`` does: scan, configure, check, play, reach, release, emulate."""

@@ -1,0 +1,212 @@
+"""``highfive rig play``: the high fives of a recorded session once more, on the servo arm."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopped
+from highfive.hil.arm.busy import too_busy
+from highfive.hil.arm.contact_outcome import Asked
+from highfive.hil.arm.emergency_stop import uninterrupted
+from highfive.hil.arm.lifecycle import ArmOptions, ready_arm
+from highfive.hil.drivers.priority import going_first
+from highfive.hil.recording.recording import SessionRecorder, SessionRecording, read_recording
+from highfive.hil.recording.replay_goals import recorded_high_fives
+from highfive.hil.report.arm_report import arm_section, draw_arm
+from highfive.hil.report.drawing import to_png
+from highfive.hil.report.page import render, section, write_file
+from highfive.hil.runtime.console import counted, say_aside
+from highfive.hil.runtime.folders import results_folder
+from highfive.hil.session.session import RATE_HZ
+from highfive.hil.trials.summary import SessionSettings, versions
+from highfive.model.errors import HighFiveError
+
+if TYPE_CHECKING:
+    from highfive.hil.runtime.console import Bar
+
+BACK_S = 2.5
+"""About so long the arm takes back to rest after a high five, s: an estimate."""
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """What to play.
+
+    Attributes:
+        session: folder of a session, or its recording.
+        arm: which arm.
+        trials: numbers of the trials; empty for all.
+        begin: number of the first trial; None for the recording's.
+        most: so many trials at most; None for all.
+        overwrite: write into a folder that holds something.
+    """
+
+    session: Path
+    arm: ArmOptions
+    trials: tuple[int, ...] = ()
+    begin: int | None = None
+    most: int | None = None
+    overwrite: bool = False
+
+
+def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
+    """Plays a recording's high fives; writes a report and a recording of the arm, ``arm.mcap``, into ``folder``.
+
+    A stop, or Ctrl-C, ends it early.
+
+    Returns:
+        the summary of :func:`highfive.hil.arm.arm_trial.arm_summary`, with ``session`` and ``port``, and, if it ended early, why in
+        ``stopped``, what helps in ``remedy``, and the trial to go on ``from``.
+
+    Raises:
+        HighFiveError: the folder holds something; the recording is of another avatar, or without a high five; the arm
+            cannot be used.
+    """
+    with results_folder(folder, options.overwrite):
+        return _play(options, folder, bar)
+
+
+def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
+    path = options.session / "session.mcap" if options.session.is_dir() else options.session
+    recording = read_recording(path)
+    asked = recorded_high_fives(recording, path)
+    wanted = _wanted(options, asked, path)
+    if absent := [number for number in wanted if number not in asked]:
+        known = ", ".join(map(str, asked))
+        raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
+    about = _settings(recording, path, len(wanted))
+    say_aside(f"{counted(len(wanted), 'high five')}, {_duration([asked[number] for number in wanted])}")
+    with uninterrupted() as from_now_on:
+        trials, lag, end = _played([asked[number] for number in wanted], about, options.arm, folder, bar, from_now_on)
+        said = {"session": str(path), "port": options.arm.port}
+        ended = {
+            "stopped": end.why,
+            "remedy": end.remedy,
+            "from": wanted[end.whole] if end.whole < len(wanted) else None,
+        }
+        summary = {**said, **arm_summary(trials, lag), **ended, "versions": versions()}
+        _write_report(summary, trials, lag, options.arm.emulated, path, folder)
+    return summary
+
+
+@dataclass(frozen=True)
+class _End:
+    """How it ended: why early, '' if it did not; what helps; how many high fives were played to their end."""
+
+    why: str
+    remedy: str
+    whole: int
+
+
+def _wanted(options: PlayOptions, asked: Mapping[int, Asked], path: Path) -> tuple[int, ...]:
+    """Numbers of the trials that are to be played."""
+    begin = options.begin
+    wanted = tuple(number for number in options.trials or asked if begin is None or number >= begin)[: options.most]
+    if not wanted and asked:
+        raise HighFiveError(f"{path} has no high five from {begin} on; its last one is {max(asked)}")
+    return wanted
+
+
+def _duration(wanted: Sequence[Asked]) -> str:
+    """How long that takes, for people."""
+    seconds = sum(len(asked.goals) / RATE_HZ + BACK_S for asked in wanted)
+    return (
+        f"about {seconds / 60.0:.0f} minutes" if seconds > 90.0 else f"about {10.0 * math.ceil(seconds / 10.0):.0f} s"
+    )
+
+
+def _played(
+    wanted: Sequence[Asked],
+    about: SessionSettings,
+    arm: ArmOptions,
+    folder: Path,
+    bar: Bar,
+    ready: Callable[[], object],
+) -> tuple[list[ArmTrial], float, _End]:
+    """What the arm did, its lag, s, and how it ended; ``ready`` is called once it is switched on.
+
+    What was played is recorded after each high five.
+    """
+    trials: list[ArmTrial] = []
+    with ExitStack() as stack:
+        loop = stack.enter_context(ready_arm(arm, bar))
+        recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
+        ready()
+        lag, stopped, remedy, whole = loop.retarget.settings.lag, "", "", 0
+        advance = bar("high fives", len(wanted))
+        for asked in wanted:
+            try:
+                with going_first():
+                    trial = played_until_stopped(asked, loop)
+            except HighFiveError as error:
+                if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
+                    recorder.discard()
+                    raise
+                trial, stopped = None, str(error)
+            if trial is not None:
+                trials.append(trial)
+                try:
+                    recorder.record_played(trial)
+                except HighFiveError as error:  # a full disk; there is still a report to try
+                    stopped = str(error)
+            if stopped := loop.trouble or stopped:
+                remedy, whole = too_busy(trial, loop.cycles()), whole + (trial is not None and not trial.broken_off)
+                break
+            whole += 1
+            advance()
+    return trials, lag, _End(stopped, remedy, whole)
+
+
+def _settings(recording: SessionRecording, path: Path, trials: int) -> SessionSettings:
+    seed, model = recording.settings.get("seed"), recording.settings.get("model")
+    command = shlex.join(["highfive", *sys.argv[1:]])
+    return SessionSettings(
+        seed if isinstance(seed, int) else 0, str(model or ""), trials, source=str(path), command=command
+    )
+
+
+def _write_report(
+    summary: dict[str, Any], trials: list[ArmTrial], lag: float, emulated: bool, path: Path, folder: Path
+) -> None:
+    drawings = draw_arm(trials, lag)
+    page = render(
+        "High Five: a session played by the servo arm",
+        f"{counted(len(trials), 'high five')} of {escape(path.name)}, {escape(summary['port'])} arm.",
+        f'<span class="badge{"" if emulated else " loud"}">{"emulated arm" if emulated else "real arm"}</span>',
+        [
+            section("Servo arm", arm_section(summary, {drawing.name: drawing for drawing in drawings})),
+            section("Do it again", f"<pre>{escape(shlex.join(['highfive', *sys.argv[1:]]))}</pre>"),
+        ],
+    )
+    # What matters most first: the disk may be full.
+    write_file(folder / "report.json", json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False).encode())
+    write_file(folder / "report.html", page.encode())
+    for drawing in drawings:
+        write_file(folder / "figures" / f"{drawing.name}.png", to_png(drawing.figure))
+
+
+def print_played(summary: dict[str, Any], folder: Path) -> None:
+    """The figures, for people."""
+    error, late = summary["error_mm"], summary["time_error_ms"]
+    print(f"{counted(summary['trials'], 'high five')} played on {summary['port']}")
+    if error["median"] is not None:
+        print(f"  plate to palm      median {error['median']:.1f} mm, worst {error['max']:.1f} mm")
+    if late["median"] is not None:
+        print(f"  off in time        median {late['median']:.0f} ms, worst {late['max']:.0f} ms")
+    if summary["missed"]:
+        print(f"  no contact         {summary['missed']}")
+    if summary["broken_off"]:
+        print(f"  broken off         {summary['broken_off']}")
+    if summary["unreachable"]:
+        print(f"  out of reach       {', '.join(summary['unreachable'])}")
+    print(f"  cycles of the bus  {summary['cycles']}, {summary['missed_cycles']} missed")
+    print(f"Open {folder / 'report.html'}")

@@ -1,0 +1,301 @@
+"""One simulated session: partner, tracker, responder, correction, MuJoCo; then report, film and recording."""
+
+from __future__ import annotations
+
+import gc
+import shlex
+import signal
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field, replace
+from itertools import cycle, islice
+from pathlib import Path
+from typing import Any
+
+from highfive.calibration.registration import load_registration
+from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch, arm_summary
+from highfive.hil.arm.emergency_stop import uninterrupted
+from highfive.hil.arm.lifecycle import ArmOptions, at_their_time, check_arm, ready_arm
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.recording.recording import SessionRecorder
+from highfive.hil.report.arm_report import draw_arm
+from highfive.hil.report.film import Arms, Strip, make_film, picture_strips
+from highfive.hil.report.report import write_report
+from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.folders import results_folder
+from highfive.hil.session.session import RATE_HZ, Session, Tick
+from highfive.hil.sim.arm_body import arm_in_scene
+from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
+from highfive.hil.sim.rendering import NoPictures
+from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.live_partner import LivePerson, live_source
+from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
+from highfive.hil.trials.summary import SessionSettings, summarise
+from highfive.hil.trials.trial import TrialResult, run_trial, style_name
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.sources.address import is_live
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.store import load_model
+from highfive.model.hgpdm.style import style_weights
+from highfive.model.hgpdm.trained import HGPDM
+
+
+@dataclass(frozen=True)
+class SimulateOptions:
+    """What to simulate.
+
+    Attributes:
+        trials: number of trials; None is one for every emotion and cell, or one a style for a recording.
+        emotions: emotions to go through; empty is all that the model knows.
+        cells: cells of the grid to go through; empty is all.
+        style: style weights by emotion, used in every trial instead of its emotion; empty for none.
+        source: a C3D file of a real person, or the address of a live system; None simulates a person.
+        human: prefix of that person's markers.
+        marker_set: name or path of that person's marker set; None finds one.
+        model: the model's file.
+        seed: seed of the simulated people.
+        physics: drive the avatar by actuators against contact forces.
+        correct: correct the palm.
+        pictures: draw the film and the pictures.
+        arm: a servo arm that takes part, at the pace of the clock; None for none.
+        overwrite: write into a folder that holds something.
+    """
+
+    trials: int | None = None
+    emotions: tuple[str, ...] = ()
+    cells: tuple[str, ...] = ()
+    style: Mapping[str, float] | None = None
+    source: str | None = None
+    human: str | None = None
+    marker_set: str | None = None
+    model: Path = DEFAULT_MODEL
+    seed: int = 0
+    physics: bool = False
+    correct: bool = True
+    pictures: bool = True
+    arm: ArmOptions | None = None
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class _Played:
+    """The trials that were finished, what the arm did in them (by number), and whether the session ended early."""
+
+    results: list[TrialResult] = field(default_factory=list)
+    arm: dict[int, ArmTrial] = field(default_factory=dict)
+    interrupted: bool = False
+
+
+def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]:
+    """Runs the session into ``folder`` and returns the summary; Ctrl-C ends it early and writes what there is.
+
+    With an arm only the first Ctrl-C interrupts: who stops an arm presses more than once.
+
+    Raises:
+        HighFiveError: something asked for does not exist or does not fit; the folder holds something already or
+            cannot be written.
+    """
+    live = options.source is not None and is_live(options.source)
+    with ExitStack() as stack:
+        stack.enter_context(results_folder(folder, options.overwrite))
+        if options.arm is not None:
+            arm = replace(options.arm, person=str(options.source) if live else "")
+            check_arm(arm)
+            options = replace(options, arm=arm)
+            stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+        model, person = load_model(options.model), None
+        if live:
+            source = stack.enter_context(closing(live_source(str(options.source), options.human)))
+            file = None if options.arm is None else options.arm.registration
+            registered = None if file is None else load_registration(file).placement
+            person = LivePerson(source, str(options.source), _marker_set(options), registered)
+        return _simulate(options, model, folder, bar, person)
+
+
+def _simulate(
+    options: SimulateOptions, model: HGPDM, folder: Path, bar: Bar, person: LivePerson | None
+) -> dict[str, Any]:
+    partners = _partners(options, model, bar, person)
+    scene = build_scene()
+    settings = _settings(options, len(partners))
+    with ExitStack() as stack:
+        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
+        recorder = SessionRecorder(folder / "session.mcap", settings)
+        played = _run(options, model, scene, partners, person, recorder, bar, watch)
+    lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
+    arm = None if watch is None else arm_summary(list(played.arm.values()), lag)
+    results = played.results
+    summary = summarise(results, settings, interrupted=played.interrupted, arm=arm)
+    strips, film = _pictures(options, played, folder, bar)
+    write_report(folder, summary, results, settings, strips, film, draw_arm(list(played.arm.values()), lag))
+    return summary
+
+
+def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
+    return SessionSettings(
+        seed=options.seed,
+        model=options.model.name,
+        trials=trials,
+        style=None if options.style is None else dict(options.style),
+        corrected=options.correct,
+        physics=options.physics,
+        source=_shown(options.source),
+        arm="" if options.arm is None else options.arm.port,
+        command=shlex.join(["highfive", *sys.argv[1:]]),
+    )
+
+
+def _pictures(
+    options: SimulateOptions, played: _Played, folder: Path, bar: Bar
+) -> tuple[Sequence[Strip] | NoPictures, Path | NoPictures]:
+    results = played.results
+    if not options.pictures or not results:
+        none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
+        return none, none
+    try:
+        visible = build_scene(visible=True)
+        arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
+        film = folder / "highfive.mp4"
+        return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
+    except KeyboardInterrupt:
+        none = NoPictures("pictures left out: interrupted")
+        return none, none
+
+
+def _partners(options: SimulateOptions, model: HGPDM, bar: Bar, person: LivePerson | None) -> list[Partner]:
+    emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
+    for emotion in (*emotions, *(options.style or {})):
+        if emotion not in model.emotions:
+            raise HighFiveError(f"unknown emotion {emotion!r}; the model knows {', '.join(model.emotions)}")
+    if options.style is not None:
+        style_weights(options.style, model.emotions)
+    if options.trials is not None and options.trials < 1:
+        raise HighFiveError(f"{options.trials} trials; ask for at least one")
+    if options.source is None:
+        absent = [emotion for emotion in emotions if emotion not in EMOTIONS]
+        if absent:
+            raise HighFiveError(f"the simulated person does not know {absent[0]!r}; she knows {', '.join(EMOTIONS)}")
+        cells = options.cells or CELLS
+        strange = [cell for cell in cells if cell not in CELLS]
+        if strange:
+            raise HighFiveError(f"unknown cell {strange[0]!r}; the grid has {', '.join(CELLS)}")
+        count = options.trials or len(cells) * len(emotions)
+        return simulated_partners(count, emotions, cells, options.seed, lambda total: bar("people", total))
+    if options.cells:
+        raise HighFiveError("--cell goes with the simulated person; a real one raises the hand where she does")
+    if person is not None:
+        return [person.partner(emotion) for emotion in islice(cycle(emotions), options.trials or len(emotions))]
+    first = recorded_partner(Path(options.source), options.human, _marker_set(options), emotions[0])
+    return [first.in_emotion(emotion) for emotion in emotions][: options.trials]
+
+
+def _marker_set(options: SimulateOptions) -> MarkerSet | None:
+    return load_marker_set(options.marker_set) if options.marker_set else None
+
+
+def _shown(source: str | None) -> str:
+    """A source as figures show it: an address, or a file without its folders."""
+    return "" if source is None else source if is_live(source) else Path(source).name
+
+
+def _leading(style: Mapping[str, float]) -> str:
+    return max(style, key=lambda emotion: style[emotion])
+
+
+def _run(
+    options: SimulateOptions,
+    model: HGPDM,
+    scene: Scene,
+    partners: list[Partner],
+    person: LivePerson | None,
+    recorder: SessionRecorder,
+    bar: Bar,
+    watch: ArmWatch | None,
+) -> _Played:
+    playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
+    played = _Played()
+    results = played.results
+    session = _session(options, model, scene, partners[0])
+    advance = bar("high fives", len(partners))
+    with recorder:
+        try:
+            # What was built until now is not garbage: a collection in the tick need not look at it.
+            gc.collect()
+            gc.freeze()
+            for number, partner in enumerate(partners):
+                style = options.style or {partner.emotion: 1.0}
+                session.set_style(style)
+                called = style_name(style)
+                result, trouble = _trial(number, partner, called, session, playout, person, watch)
+                if result is None:  # a high five that was broken off says nothing of how well palms meet
+                    if not results:
+                        recorder.discard()  # an empty recording would only be in the way of the next attempt
+                        raise HighFiveError(f"no high five could be played: {trouble}")
+                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    return replace(played, interrupted=True)
+                result = replace(result, style=called)
+                arm = None if watch is None else watch.end(called, partner.cell, partner.contact_frame)
+                recorder.record_trial(result, arm)
+                results.append(result)
+                if arm is not None:
+                    played.arm[number] = arm
+                advance()
+                if watch is not None and watch.loop.trouble:
+                    say_aside(f"the arm was stopped: {watch.loop.trouble}")
+                    return replace(played, interrupted=True)
+        except KeyboardInterrupt:
+            return replace(played, interrupted=True)
+        finally:
+            gc.unfreeze()
+    return played
+
+
+def _trial(
+    number: int,
+    partner: Partner,
+    style: str,
+    session: Session,
+    playout: PlayOut,
+    person: LivePerson | None,
+    watch: ArmWatch | None,
+) -> tuple[TrialResult | None, str]:
+    """A trial, or None and why it was broken off."""
+    if person is None and watch is None:
+        return run_trial(number, partner, session, playout), ""
+    try:
+        if watch is not None:
+            watch.begin()
+    except HighFiveError as error:
+        return None, str(error)
+    if person is None:
+        assert watch is not None
+        frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
+        return run_trial(number, partner, session, playout, frames, watch.watch), ""
+    say_aside(f"high five {number + 1}, {style}: raise the right hand")
+    live = person.trial()
+    frames: Iterable[MarkerFrame] = live
+    if watch is not None:
+        frames = watch.frames(live)
+
+    def seen(tick: Tick) -> None:
+        live.watch(tick)
+        if watch is not None:
+            watch.watch(tick)
+
+    result = run_trial(number, partner, session, playout, frames, seen) if live.begins() else None
+    if result is None or live.trouble:
+        return None, live.trouble
+    note = f"{live.count} ticks, {live.late} late, {live.stale} without a new frame"
+    return replace(result, notes=(*result.notes, note)), ""
+
+
+def _session(options: SimulateOptions, model: HGPDM, scene: Scene, partner: Partner) -> Session:
+    style = options.style or {partner.emotion: 1.0}
+    return Session(model, style, partner.marker_set, scene, correct=options.correct)

@@ -1,0 +1,1 @@
+"""What ``highfive stream`` does: listens to a live system, shows how well it comes, and records it."""

@@ -1,0 +1,297 @@
+"""What one arm is made of: its joints in order, the servos that drive them, and what those are set to. Pure.
+
+The arm that comes with the project is ``rig.toml``; a lab's own file works the same way.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from highfive.hil.drivers.bus.control_table import baud_index, load_table, models, to_raw
+from highfive.hil.drivers.values import Array
+from highfive.model.errors import HighFiveError
+
+DEFAULT_RIG = Path(__file__).parent / "rig.toml"
+
+COUNTS = 4096
+"""Of one turn."""
+
+LAST_ID = 252
+"""Largest ID that a servo can have."""
+
+REVERSE = 1
+"""Bit of the drive mode: the servo counts the other way."""
+
+PROFILE = ("profile_acceleration", "profile_velocity")
+"""Registers of the servo's own profile, which the driver goes without: goals come 120 times a second."""
+
+SET_AT_START = ("position_p_gain", *PROFILE)
+"""Registers that a servo forgets when it starts again, and its watchdog's trip in part: each session sets them."""
+
+
+@dataclass(frozen=True)
+class RigJoint:
+    """One joint and what drives it.
+
+    Attributes:
+        name: of the joint.
+        model: of its servos, such as ``"XM540-W270"``.
+        id: of its servo.
+        shadow_id: of a second servo that follows the first one's commands, its mirror image; None where there is none.
+        shadow_offset: counts, homing offset of that second servo beside the first's: what it takes that both say the
+            same.
+        reversed: the servo turns the other way than the joint. Its drive mode turns that round inside the servo (the
+            shadow's is the opposite), so a count always grows with the angle: see :func:`angle` and :func:`count`.
+        zero: count at angle 0.
+        lower, upper: rad, how far the joint may go.
+        current_limit: A, of each of its servos.
+        position_p_gain: raw; the stiffer, the less the joint lags and sags.
+    """
+
+    name: str
+    model: str
+    id: int
+    shadow_id: int | None
+    shadow_offset: int
+    reversed: bool
+    zero: int
+    lower: float
+    upper: float
+    current_limit: float
+    position_p_gain: int
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Its servos, the commanded one first."""
+        return (self.id,) if self.shadow_id is None else (self.id, self.shadow_id)
+
+
+@dataclass(frozen=True)
+class RigSettings:
+    """What every servo is set to.
+
+    Attributes:
+        return_delay: s, that a servo waits before it replies.
+        operating_mode: as in the register of that name.
+        velocity_limit: raw, 0.229 rev/min.
+        watchdog: s without an instruction after which a servo stops by itself; 0 for never.
+        status_return_level: 2: it replies to everything.
+        homing_offset: raw, counts.
+        temperature_limit: °C.
+    """
+
+    return_delay: float
+    operating_mode: int
+    velocity_limit: int
+    watchdog: float
+    status_return_level: int
+    homing_offset: int
+    temperature_limit: float
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One arm on one bus."""
+
+    name: str
+    baud_rate: int
+    settings: RigSettings
+    joints: tuple[RigJoint, ...]
+
+    @property
+    def servos(self) -> dict[int, RigJoint]:
+        """Every servo's joint, by ID, in the order of the joints."""
+        return {servo: joint for joint in self.joints for servo in joint.ids}
+
+    @property
+    def models(self) -> dict[int, str]:
+        """Every servo's model, by ID, in the order of the joints."""
+        return {servo: joint.model for servo, joint in self.servos.items()}
+
+    @property
+    def current_limits(self) -> Array:
+        """(J,) A, of each servo of a joint."""
+        return np.array([joint.current_limit for joint in self.joints])
+
+
+def angle(joint: RigJoint, count: float) -> float:
+    """Joint angle, rad, at a servo's (or its shadow's) position count."""
+    return (count - joint.zero) * math.tau / COUNTS
+
+
+def count(joint: RigJoint, angle: float) -> int:
+    """Position count that is nearest to a joint angle, rad. It is not held against the joint's limits."""
+    return joint.zero + round(angle * COUNTS / math.tau)
+
+
+def wanted_registers(rig: Rig) -> dict[int, dict[str, int]]:
+    """What the registers of every servo shall hold: by ID, then by the register's name, raw.
+
+    Those above 64 (status return level, gain, profile, bus watchdog) a servo forgets when it starts again. The watchdog
+    counts only while torque is on.
+    """
+    return {servo: _wanted(rig, joint, servo) for servo, joint in rig.servos.items()}
+
+
+def load_rig(path: str | Path | None = None) -> Rig:
+    """Reads and checks a rig's description; without a path, that of the arm that comes with the project.
+
+    Raises:
+        HighFiveError: there is no such file, it is no TOML, or it makes no sense; one line says what.
+    """
+    path = Path(path or DEFAULT_RIG)
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise HighFiveError(f"cannot read the rig file {path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise HighFiveError(f"{path} is no TOML file: {error}") from None
+    try:
+        rig = _rig(document)
+        wanted_registers(rig)
+    except HighFiveError as error:
+        raise HighFiveError(f"{path}: {error}") from None
+    return rig
+
+
+def _wanted(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
+    table, settings = load_table(joint.model), rig.settings
+    shadow = servo == joint.shadow_id
+    return {
+        "id": servo,
+        "baud_rate": baud_index(rig.baud_rate),
+        "return_delay_time": to_raw(table["return_delay_time"], settings.return_delay),
+        "drive_mode": REVERSE if joint.reversed != shadow else 0,
+        "operating_mode": settings.operating_mode,
+        "shadow_id": joint.id if shadow else 255,
+        "homing_offset": settings.homing_offset + (joint.shadow_offset if shadow else 0),
+        "temperature_limit": to_raw(table["temperature_limit"], settings.temperature_limit),
+        "current_limit": to_raw(table["current_limit"], joint.current_limit),
+        "velocity_limit": settings.velocity_limit,
+        "max_position_limit": min(count(joint, joint.upper), COUNTS - 1),
+        "min_position_limit": count(joint, joint.lower),
+        "position_p_gain": joint.position_p_gain,
+        **dict.fromkeys(PROFILE, 0),
+        "status_return_level": settings.status_return_level,
+        "bus_watchdog": to_raw(table["bus_watchdog"], settings.watchdog),
+    }
+
+
+def _rig(document: Mapping[str, Any]) -> Rig:
+    _keys(document, "the file", {"name", "baud_rate", "settings", "joints"})
+    entries = document["joints"]
+    if not isinstance(entries, list) or not entries:
+        raise HighFiveError("joints: expected one table [[joints]] a joint")
+    joints = tuple(_joint(entry, n) for n, entry in enumerate(entries, 1))
+    _once("joint", [joint.name for joint in joints])
+    _once("ID", [str(servo) for joint in joints for servo in joint.ids])
+    rig = Rig(
+        _typed(document, "", "name", str),
+        _typed(document, "", "baud_rate", int),
+        _settings(document["settings"]),
+        joints,
+    )
+    for joint in joints:
+        if rig.settings.operating_mode not in load_table(joint.model).operating_modes:
+            raise HighFiveError(f"settings: a {joint.model} has no operating mode {rig.settings.operating_mode}")
+    return rig
+
+
+def _once(what: str, values: list[str]) -> None:
+    if twice := next((value for value in values if values.count(value) > 1), None):
+        raise HighFiveError(f"{what} {twice} is there twice; each may be there once")
+
+
+def _settings(entry: Mapping[str, Any]) -> RigSettings:
+    names = {
+        "return_delay_s": (float, 0.0, 508e-6),
+        "operating_mode": (int, 0, 16),
+        "velocity_limit": (int, 1, 1023),
+        "watchdog_s": (float, 0.0, 2.54),
+        "status_return_level": (int, 0, 2),
+        "homing_offset": (int, -1_044_479, 1_044_479),
+        "temperature_limit_C": (float, 1.0, 100.0),
+    }
+    _keys(entry, "settings", set(names))
+    values = [_number(entry, "settings", name, *rule) for name, rule in names.items()]
+    return RigSettings(*values)
+
+
+def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
+    where = f"joint {n}"
+    _keys(
+        entry,
+        where,
+        {"name", "model", "id", "reversed", "zero", "limits_deg", "current_limit_A", "position_p_gain"},
+        optional={"shadow_id", "shadow_offset"},
+    )
+    name = _typed(entry, where, "name", str)
+    where = f"joint {name!r}"
+    model = _typed(entry, where, "model", str)
+    if model not in models():
+        raise HighFiveError(f"{where}: no control table for {model!r}; there are {', '.join(models())}")
+    zero = _number(entry, where, "zero", int, 0, COUNTS - 1)
+    lower, upper = _limits(entry, where, zero)
+    table = load_table(model)
+    if "current_limit" not in table:
+        raise HighFiveError(f"{where}: a {model} does not limit its current; take an XM430-W350 or an XM540-W270")
+    highest = table.motor.stall_current
+    return RigJoint(
+        name=name,
+        model=model,
+        id=_number(entry, where, "id", int, 0, LAST_ID),
+        shadow_id=_number(entry, where, "shadow_id", int, 0, LAST_ID) if "shadow_id" in entry else None,
+        shadow_offset=_number({"shadow_offset": 0, **entry}, where, "shadow_offset", int, -COUNTS, COUNTS),
+        reversed=_typed(entry, where, "reversed", bool),
+        zero=zero,
+        lower=lower,
+        upper=upper,
+        current_limit=_number(entry, where, "current_limit_A", float, 0.0, highest),
+        position_p_gain=_number(entry, where, "position_p_gain", int, 1, 16_383),
+    )
+
+
+def _limits(entry: Mapping[str, Any], where: str, zero: int) -> tuple[float, float]:
+    limits = entry["limits_deg"]
+    if not isinstance(limits, list) or len(limits) != 2:
+        raise HighFiveError(f"{where}: limits_deg is {limits!r}; expected two numbers, such as [-90.0, 90.0]")
+    pair = {"lower": limits[0], "upper": limits[1]}
+    low, high = -zero * 360.0 / COUNTS, (COUNTS - zero) * 360.0 / COUNTS  # the servo's one turn
+    lower = _number(pair, f"{where}, limits_deg", "lower", float, low, high)
+    return math.radians(lower), math.radians(_number(pair, f"{where}, limits_deg", "upper", float, lower, high))
+
+
+def _keys(entry: Any, where: str, wanted: set[str], optional: set[str] | None = None) -> None:
+    if not isinstance(entry, Mapping):
+        raise HighFiveError(f"{where}: got {entry!r}, expected a table with {', '.join(sorted(wanted))}")
+    if missing := wanted - set(entry):
+        raise HighFiveError(f"{where}: {', '.join(sorted(missing))} missing")
+    if unknown := set(entry) - wanted - (optional or set()):
+        raise HighFiveError(f"{where}: {', '.join(sorted(unknown))} means nothing here; remove it")
+
+
+def _typed(entry: Mapping[str, Any], where: str, name: str, kind: type) -> Any:
+    value = entry[name]
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise HighFiveError(f"{where + ': ' if where else ''}{name} is {value!r}, expected {_KINDS[kind]}")
+    return value
+
+
+def _number(entry: Mapping[str, Any], where: str, name: str, kind: type, low: float, high: float) -> Any:
+    value = entry[name]
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    value = _typed({name: value}, where, name, kind)
+    if not low <= value <= high:
+        raise HighFiveError(f"{where}: {name} is {value}, expected {low:g} to {high:g}")
+    return value
+
+
+_KINDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}

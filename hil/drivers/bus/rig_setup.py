@@ -1,0 +1,143 @@
+"""Whether the servos on a bus are those of a rig, and set as it wants them; and how to set them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from highfive.hil.drivers.bus.control_table import load_table
+from highfive.hil.drivers.bus.rig import COUNTS, SET_AT_START, Rig, wanted_registers
+from highfive.hil.drivers.bus.servo_bus import DamagedAnswer, NoAnswer, ServoBus
+from highfive.model.errors import HighFiveError
+
+# The watchdog only counts, and can only be armed, while torque is on; the others are forgotten at every start.
+_SET_LATER = ("bus_watchdog", *SET_AT_START)
+_BY_WHICH_IT_IS_FOUND = ("id", "baud_rate")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A register that does not hold what the rig wants.
+
+    Attributes:
+        servo: ID.
+        joint: name.
+        register: name.
+        found, wanted: raw.
+    """
+
+    servo: int
+    joint: str
+    register: str
+    found: int
+    wanted: int
+
+    def __str__(self) -> str:
+        """As in ``servo 4 (elbow): return_delay_time is 250, not 0``."""
+        return f"servo {self.servo} ({self.joint}): {self.register} is {self.found}, not {self.wanted}"
+
+
+def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
+    """What stands in the way of using the servos at all, a line each: silent ones, double IDs, other models; one line
+    where nobody answers.
+
+    Raises:
+        PortError: the port is gone.
+    """
+    troubles, silent = [], 0
+    for servo, joint in rig.servos.items():
+        where = f"servo {servo} ({joint.name})"
+        try:
+            found = bus.ping(servo)
+        except DamagedAnswer:
+            troubles.append(f"{where}: only damaged answers; two servos may have this ID, or the cable is bad")
+        except NoAnswer:
+            silent += 1
+            troubles.append(
+                f"{where}: no answer; is it plugged in, has it power, and is it set to {rig.baud_rate:,} baud?"
+            )
+        else:
+            if found.model != joint.model:
+                other = found.model or f"a model with number {found.number}"
+                troubles.append(f"{where}: it is {other}, expected {joint.model}")
+            elif found.firmware < (least := load_table(joint.model).firmware):
+                troubles.append(
+                    f"{where}: firmware {found.firmware} is older than {least}; update it with the maker's tool"
+                )
+    if silent == len(rig.servos):
+        return [f"no servo answers; is it a bus of servos, has it power, and is it set to {rig.baud_rate:,} baud?"]
+    return troubles
+
+
+def read_back(bus: ServoBus, rig: Rig, between: Callable[[], None]) -> dict[int, dict[str, int]]:
+    """What the registers that a rig cares for hold, and whether torque is on: by ID, then by name, raw.
+
+    Args:
+        bus: with the servos.
+        rig: the arm.
+        between: called before each register, for this takes longer than the servos' watchdogs wait.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    held: dict[int, dict[str, int]] = {}
+    for servo, wanted in wanted_registers(rig).items():
+        held[servo] = {}
+        for name in (*wanted, "torque_enable"):
+            between()
+            held[servo][name] = bus.read(servo, name)
+    return held
+
+
+def shadow_gaps(bus: ServoBus, rig: Rig, most: float) -> list[str]:
+    """A line for every joint whose two servos stand more than ``most`` rad apart: switched on, they would push against
+    each other.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    lines = []
+    for joint in rig.joints:
+        if joint.shadow_id is None:
+            continue
+        before, second, after = (bus.read(servo, "present_position") for servo in (*joint.ids, joint.id))
+        gap = round((before + after) / 2) - second  # a limp arm may still be falling
+        if abs(gap) * math.tau / COUNTS > most:
+            lines.append(
+                f"{joint.name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart, at most "
+                f"{int(most * COUNTS / math.tau)}: has a horn slipped? if not, write shadow_offset = "
+                f"{joint.shadow_offset + gap} into the rig's file, and highfive rig configure"
+            )
+    return lines
+
+
+def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
+    """The registers of all servos that do not hold what the rig wants; read back one by one.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    wanted = wanted_registers(rig)
+    found = []
+    for servo, joint in rig.servos.items():
+        for name, value in wanted[servo].items():
+            if name not in (*_SET_LATER, *_BY_WHICH_IT_IS_FOUND) and (holds := bus.read(servo, name)) != value:
+                found.append(Difference(servo, joint.name, name, holds, value))
+    return found
+
+
+def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
+    """Writes what was found different, and reads everything back.
+
+    Raises:
+        HighFiveError: torque is on (the servos then refuse), or a servo does not keep what was written.
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    for servo in rig.servos:
+        if bus.read(servo, "torque_enable"):
+            raise HighFiveError(f"servo {servo}: torque is on, and its settings are locked; highfive rig release first")
+    for one in sorted(wanted, key=lambda one: one.register != "status_return_level"):  # without it nothing is confirmed
+        bus.write(one.servo, one.register, one.wanted)
+    if kept := differences(bus, rig):
+        raise HighFiveError(f"{kept[0]}, although that was written")

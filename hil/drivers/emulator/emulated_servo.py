@@ -1,0 +1,480 @@
+"""One emulated servo: its registers and who may write what, its watchdog, its protection. No bytes, no clock.
+
+Time is passed in, in ns of one clock. Rules are the manual's; where it is silent, what is taken is said in
+``docs/rig.md``.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+
+from highfive.hil.drivers.bus.control_table import BAUD_RATES, Register, Table, bounds, decode, encode
+from highfive.hil.drivers.bus.packet import LAST_ID, Error
+from highfive.hil.drivers.emulator.servo_motion import (
+    CURRENT,
+    CURRENT_POSITION,
+    EXTENDED,
+    FULL_DUTY,
+    POSITION,
+    PWM,
+    VELOCITY,
+    Motion,
+)
+
+REVERSE, SLAVE, TORQUE_BY_GOAL = 0x01, 0x02, 0x08
+"""Bits of the drive mode."""
+
+VOLTAGE_ERROR, OVERHEATING, ENCODER_ERROR, SHOCK, OVERLOAD = 0x01, 0x04, 0x08, 0x10, 0x20
+"""Bits of hardware error status and shutdown."""
+
+TRIPPED = -1
+"""What the bus watchdog reads when it has stopped the servo."""
+
+WATCHDOG_NS = 20_000_000
+"""Of one count of the bus watchdog."""
+
+BOOT_NS = 200_000_000
+"""So long a servo hears nothing after it was started, ns (an assumption)."""
+
+LOWEST_SHARE = 0.5
+"""A servo is off when it has less than this share of its motor's voltage (an assumption)."""
+
+OVERLOAD_SHARE, OVERLOAD_S = 0.8, 2.0
+"""It is overloaded when it draws this share of its stall current for so long, s (an assumption)."""
+
+GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
+_GAINS = ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
+_MEASURED = (
+    "realtime_tick", "moving", "moving_status", "present_pwm", "present_current", "present_load", "present_velocity",
+    "present_position", "velocity_trajectory", "position_trajectory", "present_input_voltage", "present_temperature",
+)  # fmt: skip
+_TO_POSITION = {POSITION, EXTENDED, CURRENT_POSITION}
+_MOST_KEPT = 100  # ways of reading, and of writing, that are remembered
+_TURN = 4096
+_IN_POSITION, _FOLLOWING = 20, 100  # counts: closer than that it is there; further than that it does not follow
+_CODES = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
+
+
+class EmulatedServo:
+    """A servo with its horn on a joint.
+
+    Attributes:
+        values: what every register holds, by name, raw, but for those that are measured.
+        watchdog_trips: how often its watchdog has stopped it.
+        voltage: V, that it has now.
+        hot: °C that its temperature is held at; None for what its motor makes of it.
+        slip: rad that it says more of its joint than is so.
+    """
+
+    def __init__(
+        self, table: Table, registers: Mapping[str, int] | None = None, *, sign: int = 1, zero: int = _TURN // 2
+    ) -> None:
+        """A servo with the factory's values and, in place of them, ``registers`` (raw, by name).
+
+        Args:
+            table: of its model.
+            registers: those that are not as from the factory; EEPROM ones stay so through a reboot.
+            sign: −1 where its horn turns the other way than the joint.
+            zero: count at joint angle 0, once its drive mode makes up for ``sign``.
+        """
+        self.table = table
+        self._sign, self._zero = sign, zero
+        self.values: dict[str, int] = {r.name: r.initial or 0 for r in table}
+        self._memory = bytearray(table.end)
+        self._at = {r.address: r for r in table}
+        self._defined = bytearray(table.end)
+        for register in table:
+            self._defined[register.address : register.end] = b"\1" * register.size
+        measured = [table[name] for name in _MEASURED if name in table]
+        self._measured_from, self._measured_at = measured[0].address, -1
+        self._packing = struct.Struct("<" + "".join(_CODES[r.size, r.signed] for r in measured))
+        self._pulse, self._speed = table["present_position"].scale, table["present_velocity"].scale
+        ampere = table["present_current"].scale if "present_current" in table else None
+        self._load = ampere or table.motor.stall_current * table["present_load"].scale  # A, of one count
+        self._seen: dict[tuple[int, int], tuple[int, ...] | None] = {}
+        self._written: dict[tuple[int, int], tuple[tuple[Register, tuple[int, ...]], ...] | Error] = {}
+        self.watchdog_trips = 0
+        self.voltage = table.motor.voltage
+        self.hot: float | None = None
+        self.slip = 0.0
+        self._heard_ns = self._silent_until = 0
+        self._now = 0
+        self._joint = self._joint_velocity = 0.0
+        self._start(dict(registers or {}))
+
+    # What the bus asks it.
+
+    @property
+    def id(self) -> int:
+        """Its ID."""
+        return self.values["id"]
+
+    @property
+    def shadow_id(self) -> int | None:
+        """ID of whose commands it follows as well; None for nobody's."""
+        shadow = self.values["shadow_id"]
+        return shadow if shadow <= LAST_ID and shadow != self.id else None
+
+    @property
+    def baud_rate(self) -> int:
+        """Baud that it listens at."""
+        return BAUD_RATES[self.values["baud_rate"]]
+
+    @property
+    def return_delay_ns(self) -> int:
+        """How long it waits before it replies."""
+        return self.values["return_delay_time"] * 2_000
+
+    @property
+    def alert(self) -> bool:
+        """Its hardware error status is not 0."""
+        return bool(self.values["hardware_error_status"])
+
+    def listening(self, now_ns: int) -> bool:
+        """Whether it hears anything: it has power and has finished starting."""
+        return self._powered(self.voltage) and now_ns >= self._silent_until
+
+    def heard(self, now_ns: int) -> None:
+        """An instruction named it: its watchdog counts from here."""
+        self._heard_ns = max(self._heard_ns, now_ns)
+
+    def read(self, address: int, length: int) -> tuple[Error, bytes]:
+        """``length`` bytes from ``address``; none with an error."""
+        key = (address, length)
+        if key not in self._seen:
+            self._seen = self._seen if len(self._seen) < _MOST_KEPT else {}
+            self._seen[key] = self._places(address, length)
+        places = self._seen[key]
+        if places is None:
+            return Error.ACCESS, b""
+        self._measure()
+        return Error.NONE, bytes([self._memory[place] for place in places])
+
+    def write(self, address: int, data: bytes, now_ns: int, *, shadow: bool = False) -> Error:
+        """Writes ``data`` from ``address`` on, all of it or nothing; ``shadow``: it was meant for whom it follows."""
+        wanted, error = self._check(address, data, shadow)
+        if error:
+            return error
+        for register, raw in wanted:
+            self._put(register.name, raw)
+        self._react({register.name for register, _ in wanted}, now_ns)
+        return Error.NONE
+
+    def reg_write(self, address: int, data: bytes, *, shadow: bool = False) -> Error:
+        """Keeps a write until :meth:`action`; what it would refuse then, it refuses now."""
+        if error := self._check(address, data, shadow)[1]:
+            return error
+        self._registered = (address, data)
+        self._put("registered_instruction", 1)
+        return Error.NONE
+
+    def action(self, now_ns: int) -> Error:
+        """Carries out what was kept."""
+        if self._registered is None:
+            return Error.INSTRUCTION
+        (address, data), self._registered = self._registered, None
+        self._put("registered_instruction", 0)
+        return self.write(address, data, now_ns)
+
+    def reboot(self, now_ns: int) -> None:
+        """Starts again: RAM as from the factory, EEPROM as it is; it hears nothing for a while."""
+        self._start({name: raw for name, raw in self.values.items() if self.table[name].eeprom})
+        self._now = self._heard_ns = now_ns
+        self._silent_until = now_ns + BOOT_NS
+
+    def factory_reset(self, option: int, now_ns: int) -> Error:
+        """Back to the factory's values but for, by option, nothing (0xFF), its ID (1), its ID and its baud rate (2)."""
+        kept = {0xFF: (), 0x01: ("id",), 0x02: ("id", "baud_rate")}.get(option)
+        if kept is None:
+            return Error.DATA_RANGE
+        self._start({name: self.values[name] for name in kept})
+        self._now = self._heard_ns = now_ns
+        self._silent_until = now_ns + BOOT_NS
+        return Error.NONE
+
+    def clear(self) -> Error:
+        """Forgets the turns that it has counted; only while it stands."""
+        self._measure()
+        if self.values["moving"]:
+            return Error.RESULT_FAIL
+        self._forget_turns()
+        return Error.NONE
+
+    # What happens to it in time.
+
+    def place(self, position: float) -> None:
+        """Its joint is at ``position``, rad, when it is switched on."""
+        self._joint = position
+        self._forget_turns()
+        self._stay(self._now)
+
+    def power(self, voltage: float, now_ns: int) -> None:
+        """It has ``voltage`` V from now on; when that is enough again after it was not, it starts."""
+        was, self.voltage = self.voltage, voltage
+        if self._powered(voltage) and not self._powered(was):
+            self.reboot(now_ns)
+        elif not self._powered(voltage):
+            self._put("torque_enable", 0)
+
+    def _powered(self, voltage: float) -> bool:
+        return voltage >= LOWEST_SHARE * self.table.motor.voltage
+
+    def fail(self, bits: int) -> None:
+        """Sets bits of its hardware error status; those that its shutdown register names switch its torque off."""
+        self._put("hardware_error_status", self.values["hardware_error_status"] | bits)
+        if bits & self.values["shutdown"]:
+            self._put("torque_enable", 0)
+
+    def step(self, position: float, velocity: float, now_ns: int, seconds: float) -> float:
+        """One step of its controllers: N·m on the joint for the next ``seconds``.
+
+        Args:
+            position, velocity: of the joint, rad and rad/s.
+            now_ns: the time at which the step begins.
+            seconds: how long it is.
+        """
+        self._now, self._joint, self._joint_velocity, self._measured_at = now_ns, position, velocity, -1
+        direction = self._direction()
+        motion = self.motion
+        motion.position, motion.velocity = self._angle(position), direction * velocity
+        self._watch(now_ns)
+        torque = motion.torque(self.values, now_ns * 1e-9, seconds, self.voltage)
+        self._protect(seconds)
+        return direction * torque
+
+    def _watch(self, now_ns: int) -> None:
+        """The bus watchdog: the servo stops when no instruction has come for too long, and forgets its profile."""
+        values = self.values
+        count = values["bus_watchdog"]
+        if count > 0 and values["torque_enable"] and now_ns - self._heard_ns > count * WATCHDOG_NS:
+            self.watchdog_trips += 1
+            self._put("bus_watchdog", TRIPPED)
+            driving = {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: "goal_pwm"}.get(
+                values["operating_mode"]
+            )
+            if driving:
+                self._put(driving, 0)
+            self._put("profile_velocity", 0)
+            self._put("profile_acceleration", 0)
+            self._stay(now_ns)
+
+    def _protect(self, seconds: float) -> None:
+        """Voltage, temperature and load against their limits."""
+        values, motion = self.values, self.motion
+        bits = 0
+        if not values["min_voltage_limit"] <= round(self.voltage * 10) <= values["max_voltage_limit"]:
+            bits |= VOLTAGE_ERROR
+        if self.hot is not None:
+            motion.temperature = self.hot
+        if motion.temperature > values["temperature_limit"]:
+            bits |= OVERHEATING
+        heavy = abs(motion.current) > OVERLOAD_SHARE * self.table.motor.stall_current
+        self._loaded_s = self._loaded_s + seconds if heavy else 0.0
+        if self._loaded_s > OVERLOAD_S:
+            bits |= OVERLOAD
+        if bits & ~values["hardware_error_status"]:
+            self.fail(bits)
+
+    # Registers.
+
+    def _start(self, kept: dict[str, int]) -> None:
+        self.motion = Motion(self.table)
+        self._loaded_s = 0.0
+        self._turns = 0
+        self._registered: tuple[int, bytes] | None = None
+        for register in self.table:
+            self._put(register.name, kept.get(register.name, register.initial or 0))
+        self._put("torque_enable", kept.get("torque_enable", self.values["startup_configuration"] & 1))
+        self._reset_goals()
+        self._forget_places()
+        self._forget_turns()
+        self._stay(self._now)
+
+    def _reset_goals(self) -> None:
+        self._put("goal_pwm", self.values["pwm_limit"])
+        if "goal_current" in self.values:
+            self._put("goal_current", self.values["current_limit"])
+
+    def _put(self, name: str, raw: int) -> None:
+        register = self.table.registers[name]
+        self.values[name] = raw
+        self._measured_at = -1
+        self._memory[register.address : register.end] = encode(register, raw)
+
+    def _forget_places(self) -> None:
+        """The indirect addresses have changed."""
+        self._seen.clear()
+        self._written.clear()
+
+    def _places(self, address: int, length: int) -> tuple[int, ...] | None:
+        """Where the bytes from ``address`` on really lie: what an indirect address points at. None for nowhere."""
+        if length < 1 or 0 in self._defined[address : address + length] or address + length > len(self._defined):
+            return None
+        return tuple(self._place(one) for one in range(address, address + length))
+
+    def _place(self, address: int) -> int:
+        for block in self.table.indirect:
+            if block.data <= address < block.data + block.count:
+                pointer = block.address + 2 * (address - block.data)
+                place = int.from_bytes(self._memory[pointer : pointer + 2], "little")
+                return place if self._defined[place] else address
+        return address
+
+    def _check(self, address: int, data: bytes, shadow: bool) -> tuple[list[tuple[Register, int]], Error]:
+        """The registers that a write would set, and to what; or why it may not."""
+        key = (address, len(data))
+        if key not in self._written:
+            self._written = self._written if len(self._written) < _MOST_KEPT else {}
+            self._written[key] = self._plan(*key)
+        plan = self._written[key]
+        if isinstance(plan, Error):
+            return [], plan
+        wanted = [(register, decode(register, bytes([data[n] for n in places]))) for register, places in plan]
+        for register, raw in wanted:
+            if error := self._refusal(register, raw, shadow):
+                return [], error
+        return wanted, Error.NONE
+
+    def _plan(self, address: int, length: int) -> tuple[tuple[Register, tuple[int, ...]], ...] | Error:
+        """Which registers a write would set, each with which of its bytes; or why it may not."""
+        places = self._places(address, length)
+        if places is None:
+            return Error.ACCESS
+        left = {place: n for n, place in enumerate(places)}
+        plan = []
+        for place in places:
+            if place not in left:
+                continue
+            register = self._at.get(place)
+            if register is None or any(one not in left for one in range(register.address, register.end)):
+                return Error.DATA_LENGTH
+            plan.append((register, tuple(left.pop(one) for one in range(register.address, register.end))))
+        return tuple(plan)
+
+    def _refusal(self, register: Register, raw: int, shadow: bool) -> Error:
+        """Why a register may not be set to a value; no error where it may."""
+        values, name = self.values, register.name
+        if not register.writable or (register.eeprom and (shadow or values["torque_enable"])):
+            return Error.ACCESS
+        if name == "torque_enable" and raw and self._shut_down():
+            return Error.RESULT_FAIL
+        low, high = bounds(register)
+        stopped = values["bus_watchdog"] == TRIPPED and (name in GOALS or (name == "bus_watchdog" and raw))
+        no_mode = name == "operating_mode" and raw not in self.table.operating_modes
+        if stopped or no_mode or not low <= raw <= high:
+            return Error.DATA_RANGE
+        if register.limited_by:
+            low, high = -values[register.limited_by], values[register.limited_by]
+        elif name == "goal_position" and values["operating_mode"] == POSITION:
+            low, high = values["min_position_limit"], values["max_position_limit"]
+        return Error.NONE if low <= raw <= high else Error.DATA_LIMIT
+
+    def _react(self, names: set[str], now_ns: int) -> None:
+        """What follows from registers having been written."""
+        values = self.values
+        if any(name.startswith("indirect_address") for name in names):
+            self._forget_places()
+        if "operating_mode" in names:
+            self._change_mode()
+        if names & {"operating_mode", "drive_mode", "homing_offset"}:
+            self._stay(now_ns)
+        if "torque_enable" in names:
+            self._switch_torque(now_ns)
+        if "bus_watchdog" in names:
+            self._heard_ns = now_ns
+        goals = names & set(GOALS)
+        if goals and values["drive_mode"] & TORQUE_BY_GOAL and not values["torque_enable"] and not self._shut_down():
+            kept = {name: values[name] for name in goals}
+            self._put("torque_enable", 1)
+            self._switch_torque(now_ns)
+            for name, raw in kept.items():
+                self._put(name, raw)
+        moves = "goal_velocity" if values["operating_mode"] == VELOCITY else "goal_position"
+        if moves in names and values["torque_enable"]:
+            self.motion.go(values, now_ns * 1e-9)
+
+    def _shut_down(self) -> bool:
+        return bool(self.values["hardware_error_status"] & self.values["shutdown"])
+
+    def _change_mode(self) -> None:
+        """A new operating mode brings gains, profile and goals back to where they start."""
+        for name in _GAINS:
+            self._put(name, self.table[name].initial or 0)
+        self._put("profile_velocity", 0)
+        self._put("profile_acceleration", 0)
+        self._put("goal_velocity", 0)
+        self._reset_goals()
+        if self.values["operating_mode"] == POSITION:
+            self._forget_turns()
+
+    def _switch_torque(self, now_ns: int) -> None:
+        """Torque was switched on or off: it stays where it is."""
+        if self.values["torque_enable"] and self.values["operating_mode"] == POSITION:
+            self._forget_turns()
+        self._heard_ns = now_ns
+        self._stay(now_ns)
+
+    def _stay(self, now_ns: int) -> None:
+        """Its goal is where it is."""
+        self.motion.position = self._angle(self._joint)
+        self.motion.velocity = self._direction() * self._joint_velocity
+        self.motion.hold(now_ns * 1e-9)
+        self._put("goal_position", round(self.motion.position / self._pulse))
+
+    # Angles.
+
+    def _direction(self) -> int:
+        return -self._sign if self.values["drive_mode"] & REVERSE else self._sign
+
+    def _count(self, position: float) -> float:
+        """Count of its encoder, offset included, at a joint's position."""
+        turned = (position + self.slip) / self._pulse + self._zero - _TURN // 2
+        return _TURN // 2 + self._direction() * turned + self._turns * _TURN + self._offset()
+
+    def _offset(self) -> int:
+        """The homing offset; in position mode one of more than a quarter turn is none."""
+        offset = self.values["homing_offset"]
+        return 0 if self.values["operating_mode"] == POSITION and abs(offset) > _TURN // 4 else offset
+
+    def _angle(self, position: float) -> float:
+        return self._count(position) * self._pulse
+
+    def _forget_turns(self) -> None:
+        """Its count is within one turn, but for the homing offset."""
+        self._turns, self._measured_at = 0, -1
+        self._turns = -int((self._count(self._joint) - self._offset()) // _TURN)
+
+    def _measure(self) -> None:
+        """Brings what it measures up to date in its memory."""
+        if self._measured_at == self._now:
+            return
+        self._measured_at = self._now
+        values, motion, pulse = self.values, self.motion, self._pulse
+        wanted, wanted_velocity = motion.wanted(self._now * 1e-9)
+        ongoing = bool(values["torque_enable"]) and motion.ongoing(self._now * 1e-9)
+        velocity, count = round(motion.velocity / self._speed), round(self._count(self._joint))
+        course = round(wanted / pulse)
+        status = motion.profile.kind << 4 | ongoing << 1
+        if values["operating_mode"] in _TO_POSITION:
+            status |= (abs(values["goal_position"] - count) <= _IN_POSITION) | (abs(course - count) > _FOLLOWING) << 3
+        values["moving"] = int(ongoing or abs(velocity) > values["moving_threshold"])
+        self._packing.pack_into(
+            self._memory,
+            self._measured_from,
+            self._now // 1_000_000 % 32_768,
+            values["moving"],
+            status,
+            _word(motion.duty * FULL_DUTY),
+            _word(motion.current / self._load),
+            velocity,
+            count,
+            round(wanted_velocity / self._speed),
+            course,
+            round(self.voltage * 10),
+            min(255, max(0, round(motion.temperature))),
+        )
+
+
+def _word(value: float) -> int:
+    return min(32_767, max(-32_768, round(value)))

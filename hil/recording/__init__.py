@@ -1,0 +1,1 @@
+"""The recording of a session (MCAP): its schemas, writing, reading back. May import ``hil.trials`` and ``hil.arm``."""

@@ -1,0 +1,74 @@
+"""Scores and confusions as tables in the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from highfive.hil.evaluation.score_table import METHODS, methods_of, rows_of
+
+if TYPE_CHECKING:  # what trains takes seconds to import
+    pass
+from highfive.hil.runtime.console import STDOUT
+
+PLAIN_WIDTH = 160  # columns where standard output is no terminal: a file has room
+
+
+def print_scores(result: dict[str, Any]) -> None:
+    """The scores of :func:`highfive.hil.commands.evaluate.evaluate` as a table: median of the seeds, smallest and largest in brackets."""
+    title = str(result.get("windows") or result.get("data"))
+    if result.get("leave_out"):
+        title += f", each {result['leave_out']} left out in turn"
+    console = STDOUT if STDOUT.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
+    table = _score_table(result, title)
+    if Console(width=1000).measure(table).maximum > console.width:
+        table = _score_table(result, title, ranges=False)
+        table.caption = "medians of the seeds; their ranges: --out, --json or a wider window"
+    console.print(table)
+
+
+def _score_table(result: dict[str, Any], title: str, ranges: bool = True) -> Table:
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", caption_justify="left", padding=(0, 1, 0, 0))
+    table.show_edge = table.pad_edge = False
+    several = result["seeds"] > 1
+    table.add_column(f"median of seeds{' (range)' if ranges else ''}" if several else "one seed", no_wrap=True)
+    for method in methods_of(result):
+        table.add_column(METHODS[method], justify="right", no_wrap=True)
+    rows = rows_of(result, ranges)
+    for number, row in enumerate(rows):
+        if len(rows) > 1 and row.group != "error" and row.group != rows[number - 1].group:
+            table.add_row(f"[dim]{row.group}[/]")
+        table.add_row(row.label, *(f"[bold]{text}[/]" if i in row.best else text for i, text in enumerate(row.cells)))
+    return table
+
+
+def print_observations(result: dict[str, Any]) -> None:
+    """What :func:`highfive.hil.commands.classify_style.observe` found, as tables: accuracies, confusions, speeds of the morph."""
+    stages = ("captured", "generated", "corrected")
+    rows = {f"by {cue}": values for cue, values in result["by_cue"].items()}
+    rows |= {f"person: {emotion}": values for emotion, values in result["by_person"].items()}
+    recognised = Table("emotion recognised", *stages, box=SIMPLE_HEAD)
+    for name, values in rows.items():
+        recognised.add_row(name, *(f"{100.0 * values[k]:.1f} %" if k in values else "" for k in stages))
+    STDOUT.print(recognised)
+    for stage in stages:
+        shown = result["confusion"][stage]
+        seen = list(next(iter(shown.values())))
+        table = Table(f"{stage}, shown as", *(f"seen as {name}" for name in seen), box=SIMPLE_HEAD)
+        for name, counts in shown.items():
+            table.add_row(name, *(str(counts[other]) for other in seen))
+        STDOUT.print(table)
+    morph = result["morph"]
+    table = Table(
+        f"peak palm speed, share of {morph['to']}", *(f"{stage}, m/s" for stage in stages[1:]), box=SIMPLE_HEAD
+    )
+    for step, weight in enumerate(morph["weights"]):
+        name = {0.0: f"{weight}, {morph['from']}", 1.0: f"{weight}, {morph['to']}"}.get(weight, str(weight))
+        table.add_row(name, *(f"{morph[stage]['peak_speed'][step]:.2f}" for stage in stages[1:]))
+    for key in ("people_faster_at_each_step", "people_faster_in_the_end"):
+        counts = (f"{morph[stage][key]} of {morph['people']}" for stage in stages[1:])
+        table.add_row(key.replace("_", " "), *counts)
+    STDOUT.print(table)

@@ -1,0 +1,1 @@
+"""Console, threads, shutdown, result folders. May import nothing of ours but ``model.errors`` and ``model.files``."""

@@ -1,0 +1,89 @@
+"""What the command line shows: progress on standard error, one line for an error, JSON for machines."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:  # what trains takes seconds to import
+    pass
+
+STDERR = Console(stderr=True, highlight=False)
+STDOUT = Console(highlight=False)
+FINISHED_SHOWN = 4
+"""Finished bars that stay in view when another one opens."""
+
+
+class Advance(Protocol):
+    """One step of a bar is done."""
+
+    def __call__(self, note: str = "", done: int | None = None) -> None:
+        """``note`` is shown beside the bar; ``done`` says how many steps are done, by default one more."""
+
+
+Bar = Callable[[str, int], Advance]
+"""Opens a progress bar with a label and a total."""
+
+
+@contextmanager
+def progress_bars() -> Iterator[Bar]:
+    """Bars on standard error: open one with a label and a total, call what comes back for each step done."""
+    columns = [
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(), TextColumn("[dim]left"), TimeRemainingColumn(),
+    ]  # fmt: skip
+    progress = Progress(*columns, console=STDERR)
+
+    def bar(label: str, total: int) -> Advance:
+        progress.start()  # not before: an error that comes first is one line, with none above it
+        done = [task.id for task in progress.tasks if task.finished and task.visible]
+        for task_id in done[: max(0, len(done) - FINISHED_SHOWN)]:
+            progress.update(task_id, visible=False)
+        task = progress.add_task(label, total=total, note="")
+
+        def advance(note: str = "", done: int | None = None) -> None:
+            if done is None:
+                progress.update(task, advance=1, note=note)
+            else:
+                progress.update(task, completed=done, note=note)
+
+        return advance
+
+    try:
+        yield bar
+    finally:
+        if progress.tasks:
+            progress.stop()
+
+
+def say(line: str) -> None:
+    """A line of output, at once."""
+    print(line, flush=True)
+
+
+def say_aside(line: str) -> None:
+    """A line on standard error, where standard output is for machines."""
+    STDERR.print(line, soft_wrap=True, markup=False)
+
+
+def counted(count: int, thing: str) -> str:
+    """``1 trial``, ``2 trials``."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """One JSON object on standard output."""
+    print(json.dumps(value, allow_nan=False, ensure_ascii=False))
+
+
+def print_result(result: dict[str, Any], as_json: bool, for_people: Callable[[dict[str, Any]], None]) -> None:
+    """A command's result: one JSON object for machines, or as ``for_people`` shows it."""
+    if as_json:
+        print_json(result)
+    else:
+        for_people(result)

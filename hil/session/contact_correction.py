@@ -1,0 +1,187 @@
+"""Effector optimisation: the smallest change of trunk and arm that brings the palm where it should be.
+
+A box-constrained Gauss–Newton solve of
+
+    min over q   s² (w_p² |p(q) - p*|² + w_n² |n(q) - n*|²) + (s² + k) c(q)
+                 + w_q² (|S (q - q_generated)|² + (1 - s) m |S (q - q_generated - last change)|²)
+
+with q inside the joint limits, where s is the share of the correction, 0 while no palm is to be met, c keeps hand and
+forearm off the own body (:mod:`highfive.hil.session.own_body`), and the last term keeps the motion smooth. MuJoCo gives the site's
+Jacobian and the box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic programming", sec. III),
+damped as by Levenberg and Marquardt where a step makes things worse. Clipping a free step to the limits instead is no
+bound: it stalled 30 mm off where the box QP is within 1.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled bindings ship no type stubs.)
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from highfive.hil.session.own_body import OwnBody
+from highfive.hil.sim.avatar import Pose
+from highfive.hil.sim.scene import CORRECTED_JOINTS, Scene
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.geometry.rotations import Array
+
+POSITION_WEIGHT = 1.0  # a metre
+NORMAL_WEIGHT = 0.1  # a radian
+POSTURE_WEIGHT = 0.006  # a radian, times the joint's share below
+_JOINT_SHARE = {"thoracic_12": 4.0, "thoracic_8": 4.0, "right_clavicle": 2.5}
+CONVERGED = 1e-9  # m²: 0.03 mm
+_OWN_BODY = 0.004
+"""k: how strongly hand and forearm are kept off the own body while no palm is to be met."""
+SOLVED = 1e-16  # m²: nothing is asked
+_STEADY = 12.0
+"""Of the posture's weight at share 0: what the change may not change from tick to tick. Where the palm leaves a choice,
+an arm that the model leads through the own body takes some ticks, not one, from one side to the other."""
+_TRUST = 0.5  # rad a step
+OUT_OF_REACH_M = 0.004
+"""A palm that stays further than this from its target is out of reach."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A corrected pose.
+
+    Attributes:
+        pose: inside the joint limits.
+        palm: the palm of ``pose`` (its velocity is not filled in).
+        miss: m, distance of the palm from its target.
+        out_of_reach: the target lies beyond what trunk and arm can do off the own body; ``pose`` is the nearest.
+    """
+
+    pose: Pose
+    palm: PalmPose
+    miss: float
+    out_of_reach: bool
+
+
+class ContactCorrection:
+    """The solver; it starts each tick from the last tick's change."""
+
+    def __init__(self, scene: Scene, iterations: int = 6) -> None:
+        """Makes a state of its own in ``scene``; ``iterations`` bounds the cost of a tick."""
+        self._scene, self._model, self._iterations = scene, scene.model, iterations
+        self._data = mujoco.MjData(scene.model)
+        self._own_body = OwnBody(scene, self._data)
+        self._dofs = scene.arm_dofs
+        self._shoulder = scene.model.body("right_shoulder").id
+        self._qpos = scene.hinge_qpos[scene.arm_joints].ravel()
+        limits = scene.skeleton.hinge_limits[scene.arm_joints].reshape(-1, 2)
+        self._low, self._high = limits[:, 0], limits[:, 1]
+        share = np.repeat([_JOINT_SHARE.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
+        self.posture_cost = (POSTURE_WEIGHT * share) ** 2
+        self._pull = self.posture_cost
+        count = len(self._dofs)
+        self._translation, self._rotation = np.zeros((3, scene.model.nv)), np.zeros((3, scene.model.nv))
+        # Views: they show the palm of whatever was computed last.
+        self._place = self._data.site_xpos[scene.palm_site]
+        self._axes = self._data.site_xmat[scene.palm_site].reshape(3, 3)
+        self._work = np.zeros((count, count + 7))
+        self._index = np.zeros(count, dtype=np.int32)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last tick."""
+        self._change: Array | None = None
+
+    def palm_of(self, pose: Pose) -> PalmPose:
+        """The palm of a pose."""
+        self._set(pose)
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._palm_now()
+
+    @property
+    def shoulder(self) -> Array:
+        """The right shoulder (3,), m, of the pose that was looked at last."""
+        return self._data.xpos[self._shoulder].copy()
+
+    def solve(self, pose: Pose, position: Array, normal: Array, share: float = 1.0) -> Correction:
+        """The pose next to ``pose``, off the own body, whose palm is at ``position`` (3,) m and faces ``normal`` (3,).
+
+        ``share``, 0 to 1, says how much the palm's place counts; at 0 the pose is only kept off the own body.
+        """
+        generated = self._set(pose)
+        before, steady = self._change, (1.0 - share) * _STEADY
+        if before is None:
+            before, steady = np.zeros_like(generated), 0.0
+        # Both terms of the posture are one about a point between what is generated and that with the last change.
+        self._pull = self.posture_cost * (1.0 + steady)
+        centre = generated + steady / (1.0 + steady) * before
+        angles = np.clip(generated + before, self._low, self._high)
+        cost, gradient, hessian = self._linearise(angles, centre, position, normal, share)
+        damping = 1e-7
+        for _ in range(self._iterations):
+            if cost < SOLVED:
+                break
+            candidate = self._step(angles, gradient, hessian, damping)
+            trial = self._linearise(candidate, centre, position, normal, share)
+            gain = cost - trial[0]
+            if gain > 0.0:
+                angles, (cost, gradient, hessian) = candidate, trial
+                damping = max(0.1 * damping, 1e-7)
+            else:
+                damping = max(10.0 * damping, 1e-4)
+            if abs(gain) < CONVERGED:
+                break
+        self._change = angles - generated
+        self._data.qpos[self._qpos] = angles
+        mujoco.mj_kinematics(self._model, self._data)
+        palm = self._palm_now()
+        miss = float(np.linalg.norm(palm.position - position))
+        return Correction(self._scene.get_pose(self._data), palm, miss, miss > OUT_OF_REACH_M)
+
+    def _set(self, pose: Pose) -> Array:
+        """Puts a pose into the solver's data; returns the arm's angles (18,)."""
+        self._scene.set_pose(self._data, pose)
+        return pose.hinges[self._scene.arm_joints].ravel()
+
+    def _palm_now(self) -> PalmPose:
+        axes = self._axes
+        return PalmPose(self._place.copy(), axes[:, 2].copy(), axes[:, 0].copy(), np.zeros(3))
+
+    def _linearise(
+        self, angles: Array, centre: Array, position: Array, normal: Array, share: float
+    ) -> tuple[float, Array, Array]:
+        """Cost, and half its gradient (18,) and its Gauss–Newton second derivatives (18, 18)."""
+        self._data.qpos[self._qpos] = angles
+        mujoco.mj_kinematics(self._model, self._data)
+        moved = angles - centre
+        pulled = self._pull * moved
+        cost, gradient, hessian = float(pulled @ moved), pulled, np.diag(self._pull)
+        if share > 0.0:
+            residual, jacobian = self._palm_terms(position, normal, share)
+            cost += float(residual @ residual)
+            gradient = gradient + jacobian.T @ residual
+            hessian += jacobian.T @ jacobian
+        return cost + self._own_body.keep_off(share * share + _OWN_BODY, gradient, hessian), gradient, hessian
+
+    def _palm_terms(self, position: Array, normal: Array, share: float) -> tuple[Array, Array]:
+        """Residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
+        model, data = self._model, self._data
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jacSite(model, data, self._translation, self._rotation, self._scene.palm_site)
+        facing = self._axes[:, 2]
+        residual, jacobian = np.empty(6), np.empty((6, len(self._dofs)))
+        placed, turned = share * POSITION_WEIGHT, share * NORMAL_WEIGHT
+        residual[:3] = placed * (self._place - position)
+        residual[3:] = turned * (facing - normal)
+        np.multiply(self._translation[:, self._dofs], placed, out=jacobian[:3])
+        x, y, z = turned * facing
+        turning = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # dn = omega x n
+        np.matmul(turning, self._rotation[:, self._dofs], out=jacobian[3:])
+        return residual, jacobian
+
+    def _step(self, angles: Array, gradient: Array, hessian: Array, damping: float) -> Array:
+        damped = hessian.copy()
+        damped.flat[:: len(angles) + 1] += damping
+        step = np.zeros_like(angles)
+        # The model is linear for some 30° at the most.
+        low, high = np.maximum(self._low - angles, -_TRUST), np.minimum(self._high - angles, _TRUST)
+        mujoco.mju_boxQP(step, self._work, self._index, damped, gradient, low, high)
+        return angles + step

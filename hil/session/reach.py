@@ -1,0 +1,348 @@
+"""When the palms will meet, and where the avatar's palm should be until then and after.
+
+The model says how long it is until contact and moves the hand there, a few centimetres off. The reach fades the miss in
+as contact comes near: the palm is led to ``generated + weight * miss``, with
+
+    miss = r + r' * remaining / 2,    r = person's palm - generated palm,
+
+which is ``r`` itself at contact. The second term leaves the closing movement to the model: without it the palm
+would run to the person's as soon as the weight is 1. A half, because a hand that comes in braking covers half of what
+its speed says. Where the model forecasts the place of contact, that and the braking hand are weighed by what each is
+worth: the forecast counts while contact is far, the hand when it is near.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float
+
+from highfive.hil.sim.profiles import minimum_jerk
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
+
+
+class Phase(Enum):
+    """What the reach is doing."""
+
+    IDLE = "idle"
+    APPROACH = "approach"
+    TOUCH = "touch"
+    RELEASE = "release"
+
+
+@dataclass(frozen=True)
+class ReachSettings:
+    """Times in s, lengths in m, speeds in m/s."""
+
+    fade_in: float = 0.6
+    """The correction starts this long before contact, later if contact is seen later."""
+    shortest_fade_in: float = 0.25
+    longest: float = 1.0
+    """An approach that has taken so long, of a hand that hangs again, has missed it."""
+    touch: float = 0.06
+    """How long the palms stay together."""
+    fade_out: float = 0.5
+    landing: float = 0.06
+    """Over this last stretch the closing speed runs out, as flesh would take it up."""
+    sure: float = 0.35
+    """A clock with a larger standard deviation than this, s, is not read."""
+    near: float = 0.08
+    """Palms this close meet, where the clock cannot be read."""
+    horizon: float = 0.35
+    """Closer than this, where the clock cannot be read, the time to the nearest approach at constant speed counts."""
+    soon: float = 3.0
+    """A palm that would take longer than this to be here at its present speed, s, is not on its way."""
+    slowest: float = 0.1
+    fastest: float = 2.0
+    """Bounds of the rate at which the remaining time runs out, against the clock."""
+    catching_up: float = 0.08
+    """A difference between both clocks is made up for in about this time."""
+    smoothing: float = 0.03
+    """Time constant of the relative velocity and of the rate."""
+    steady: float = 26.0
+    """Bandwidth of the miss, rad/s, ..."""
+    homing: float = 0.2
+    """... which opens over this last stretch, so that the palms meet."""
+    easing: float = 0.05
+    """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""
+    bend: float = 0.12
+    """A larger miss than this is not believed in full before the palms are about to meet."""
+    raised: float = 1.05
+    """An unfamiliar hand above this height, m, is held out to be met; no hand below is, ..."""
+    rising: float = 0.1
+    """... unless it comes up at this speed, m/s, ..."""
+    arm: float = 1.15
+    """... and an unfamiliar one only if it comes this near the avatar's shoulder, m."""
+    braking: float = 3.0
+    """A hand brakes otherwise than assumed by about this much, m/s² in each direction: 36 held-out simulated trials."""
+    late: float = 0.3
+    """A clock that says contact was up to this long ago means now; beyond, it is past."""
+
+    def wanted_rate(self, remaining: float, expected: float) -> float:
+        """The rate at which ``remaining`` s should run out where ``expected`` s are left, infinite if nobody knows."""
+        if not math.isfinite(expected):
+            return 1.0
+        return min(max(1.0 + (remaining - expected) / self.catching_up, self.slowest), self.fastest)
+
+    def next_rate(self, rate: float, wanted: float, dt: float) -> float:
+        """The rate ``dt`` s later."""
+        return rate + (1.0 - math.exp(-dt / self.smoothing)) * (wanted - rate)
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """When and where contact is expected, as the model says.
+
+    Attributes:
+        time: s until contact, negative after it.
+        deviation: s, its standard deviation.
+        familiar: the person's hand does what hands did in training; otherwise the model's word counts for nothing.
+        point, covariance: (3,) m and (3, 3) m², where in the world, if the model says.
+    """
+
+    time: float
+    deviation: float
+    familiar: bool
+    point: Float[np.ndarray, "3"] | None = None
+    covariance: Float[np.ndarray, "3 3"] | None = None
+
+
+@dataclass(frozen=True)
+class ReachTarget:
+    """Where the avatar's palm should be now.
+
+    Attributes:
+        phase: what the reach is doing.
+        weight: share of the correction, 0 to 1.
+        remaining: s until contact as the reach counts it; 0 in touch, infinite when idle.
+        position: (3,) m, in the world.
+        normal: (3,) unit vector out of the palm.
+        rate: s a second, at which ``remaining`` runs out.
+    """
+
+    phase: Phase
+    weight: float
+    remaining: float
+    position: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+    rate: float = 1.0
+
+
+class Reach:
+    """The course of one high five after another, tick by tick."""
+
+    def __init__(self, settings: ReachSettings | None = None) -> None:
+        """Starts idle."""
+        self.settings = settings or ReachSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to idle."""
+        self._phase = Phase.IDLE
+        self._since = 0.0
+        self._length = self._remaining = self._rate = 0.0
+        self._weight_at_release = 0.0
+        self._gap: Array | None = None
+        self._generated_before: Array | None = None
+        self._gap_velocity = np.zeros(3)
+        self._miss = np.zeros(3)
+        self._miss_velocity = np.zeros(3)
+        self._turn = np.zeros(3)
+        self._touched = self._lost = False
+        self._familiar = True
+        self._expects = np.inf
+        self._ahead = 0.0
+        self._slow = np.zeros((2, 3))
+        self._ease = np.zeros((2, 3))
+
+    def step(
+        self, generated: PalmPose, person: PalmPose | None, expectation: Expectation, shoulder: Array, dt: float
+    ) -> ReachTarget:
+        """The target of this tick.
+
+        Args:
+            generated: the palm of the uncorrected pose.
+            person: the person's palm; None when nobody knows where it is.
+            expectation: what the model says of time and place.
+            shoulder: (3,) m, the avatar's right shoulder: what can be reached is near it.
+            dt: s since the last tick.
+        """
+        self._since += dt
+        if person is not None:
+            self._observe(generated, person, dt)
+        self._familiar = expectation.familiar
+        expected = self._expected(expectation) if expectation.familiar else _led(person, shoulder, self.settings)
+        self._expects = expected
+        self._advance(person, expected, dt)
+        if self._phase in (Phase.APPROACH, Phase.TOUCH):
+            if person is None:
+                self._lost = True
+            else:
+                self._aim(generated, person, expectation, dt)
+        elif self._phase is Phase.RELEASE:
+            self._miss = self._miss + self._miss_velocity * dt
+            self._miss_velocity = self._miss_velocity * np.exp(-dt / self.settings.landing)
+        weight = self._weight()
+        if weight == 0.0:
+            remaining = self._remaining if self._phase is Phase.APPROACH else np.inf
+            return ReachTarget(self._phase, 0.0, remaining, generated.position, generated.normal, self._rate)
+        turned = rotations.rotate(rotations.from_rotation_vector(weight * self._turn), generated.normal)
+        remaining = np.inf if self._phase is Phase.RELEASE else self._remaining
+        place = generated.position + weight * self._miss
+        return ReachTarget(self._phase, weight, remaining, place, turned, self._rate)
+
+    def _observe(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
+        if self._generated_before is not None:
+            # The tracker knows the person's velocity better than differences of positions do.
+            velocity = person.velocity - (generated.position - self._generated_before) / dt
+            share = 1.0 - np.exp(-dt / self.settings.smoothing)
+            self._gap_velocity = self._gap_velocity + share * (velocity - self._gap_velocity)
+        self._generated_before = generated.position
+        self._gap = person.position - generated.position
+
+    def _expected(self, expectation: Expectation) -> float:
+        """Time to contact, s: the model's, or where it does not know, that of the nearest approach of near palms."""
+        gap, settings = self._gap, self.settings
+        if gap is None:
+            return np.inf
+        if expectation.deviation < settings.sure:
+            return max(expectation.time, 0.0) if expectation.time > -settings.late else np.inf
+        distance, speed = float(np.linalg.norm(gap)), float(np.linalg.norm(self._gap_velocity))
+        if distance < settings.near:
+            return 0.0
+        closing = -float(gap @ self._gap_velocity) / max(speed, 1e-6) ** 2
+        return closing if distance < settings.horizon and closing > 0.0 and speed > 0.1 else np.inf
+
+    def _coming(self, person: PalmPose | None) -> bool:
+        """The person's palm is raised or rising, and near or on its way: it will be here soon at its present speed."""
+        gap = self._gap
+        if gap is None or person is None:
+            return False
+        if self._hangs(person):
+            return False
+        distance = float(np.linalg.norm(gap))
+        speed = -float(gap @ person.velocity) / max(distance, 1e-9)
+        return not self._familiar or distance < self.settings.horizon or distance < self.settings.soon * speed
+
+    def _hangs(self, person: PalmPose | None) -> bool:
+        s = self.settings
+        return person is not None and bool(person.position[2] < s.raised and person.velocity[2] < s.rising)
+
+    def _advance(self, person: PalmPose | None, expected: float, dt: float) -> None:
+        s = self.settings
+        if self._phase is Phase.IDLE:
+            if self._coming(person) and not self._touched and expected < s.fade_in:
+                self._enter(Phase.APPROACH)
+                self._lost, self._ease = False, np.zeros((2, 3))
+                self._ahead = expected
+                self._length = self._remaining = float(np.clip(expected, s.shortest_fade_in, s.fade_in))
+                self._rate = 1.0
+            elif self._far():
+                self._touched = False  # hands are apart again: ready for the next one
+        elif self._phase is Phase.APPROACH:
+            known = np.isfinite(expected)
+            if not known and self._since > s.longest and self._hangs(person) and self._far():  # it was missed
+                self._touched = True
+                self._release()
+                return
+            wanted = s.wanted_rate(self._remaining, expected)
+            if not known and self._familiar and not self._near():
+                wanted = s.slowest  # the model will know more when the hands are closer
+            elif not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
+                wanted = -1.0 if self._weight() < 0.5 else s.fastest
+            self._rate = s.next_rate(self._rate, wanted, dt)
+            self._remaining -= self._rate * dt
+            if self._remaining > self._length:
+                self._enter(Phase.IDLE)
+            if self._remaining <= 1e-9:
+                self._remaining, self._touched = 0.0, True
+                self._enter(Phase.TOUCH)
+        elif self._phase is Phase.TOUCH and self._since >= s.touch - 1e-9:
+            self._release()
+        elif self._phase is Phase.RELEASE and self._since >= s.fade_out:
+            self._enter(Phase.IDLE)
+
+    def _near(self) -> bool:
+        return self._gap is not None and float(np.linalg.norm(self._gap)) < 2.0 * self.settings.near
+
+    def _far(self) -> bool:
+        return self._gap is not None and float(np.linalg.norm(self._gap)) > 0.6
+
+    def _enter(self, phase: Phase) -> None:
+        self._phase, self._since = phase, 0.0
+
+    def _release(self) -> None:
+        self._weight_at_release = self._weight()
+        self._enter(Phase.RELEASE)
+
+    def _weight(self) -> float:
+        if self._phase is Phase.APPROACH:
+            return float(minimum_jerk(1.0 - self._remaining / self._length))
+        if self._phase is Phase.RELEASE:
+            return self._weight_at_release * float(1.0 - minimum_jerk(self._since / self.settings.fade_out))
+        return float(self._phase is Phase.TOUCH)
+
+    def _aim(self, generated: PalmPose, person: PalmPose, expectation: Expectation, dt: float) -> None:
+        """The miss (m) and the turn (rotation vector, rad) that would bring palm to palm at contact."""
+        gap = person.position - generated.position
+        share = 1.0 - math.exp(-dt / self.settings.smoothing)
+        self._ahead += share * (min(self._remaining, self._expects) - self._ahead)
+        self._ahead = min(self._ahead, self._remaining)
+        ahead = self._landing(self._ahead)
+        raw = self._bent(gap + 0.5 * self._gap_velocity * ahead + self._forecast(person, expectation, ahead))
+        miss = self._smooth(raw, dt)
+        turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
+        if self._lost:  # a hand that comes back is not where it was left: the difference runs out
+            self._ease, self._lost = np.array([self._miss - miss, self._turn - turn]), False
+        self._ease *= np.exp(-dt / self.settings.easing)
+        miss, turn = miss + self._ease[0], turn + self._ease[1]
+        self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
+        self._miss, self._turn = miss, turn
+
+    def _forecast(self, person: PalmPose, expectation: Expectation, ahead: float) -> Array:
+        """What the model's forecast adds to where a braking hand would be at contact: (3,) m."""
+        if expectation.point is None or expectation.covariance is None or not expectation.familiar:
+            return np.zeros(3)
+        doubt = (0.5 * self.settings.braking * ahead**2) ** 2 * np.eye(3)
+        beyond = expectation.point - (person.position + 0.5 * ahead * person.velocity)
+        return doubt @ np.linalg.solve(doubt + expectation.covariance, beyond)
+
+    def _smooth(self, miss: Array, dt: float) -> Array:
+        """The miss behind a critically damped low pass, and as it is in the last moment."""
+        pull = self.settings.steady
+        if self._since <= dt:
+            self._slow = np.array([miss, np.zeros(3)])
+        place, speed = self._slow
+        speed = speed + (pull * pull * (miss - place) - 2.0 * pull * speed) * dt
+        self._slow = np.array([place + speed * dt, speed])
+        homing = minimum_jerk(1.0 - self._remaining / self.settings.homing)
+        return homing * miss + (1.0 - homing) * self._slow[0]
+
+    def _bent(self, miss: Array) -> Array:
+        """The miss, shortened where it is so long that it must be the extrapolation's; in full as the palms meet."""
+        length, free = float(np.linalg.norm(miss)), self.settings.bend + 0.6 * self._weight() ** 2
+        if length <= free or not self._familiar:
+            return miss
+        return miss / length * (free + self.settings.bend * np.tanh((length - free) / self.settings.bend))
+
+    def _landing(self, remaining: float) -> float:
+        """The remaining time, bent so that it comes to 0 without a corner: x² (2 - x) over the last stretch."""
+        x = remaining / self.settings.landing
+        return remaining if x >= 1.0 else self.settings.landing * x * x * (2.0 - x)
+
+
+def _led(person: PalmPose | None, shoulder: Array, settings: ReachSettings) -> float:
+    """Time, s, until an unfamiliar raised hand will be nearest the avatar's shoulder, if it can be met there."""
+    if person is None or person.position[2] < settings.raised:
+        return np.inf
+    offset, speed = person.position - shoulder, float(np.linalg.norm(person.velocity))
+    until = -float(offset @ person.velocity) / max(speed, 0.15) ** 2
+    if until < 0.0 and speed > 0.3:  # on its way out
+        return np.inf
+    until = max(until, 0.0)
+    return until if float(np.linalg.norm(offset + until * person.velocity)) < settings.arm else np.inf

@@ -1,0 +1,169 @@
+"""One tick of a session: markers in, corrected pose out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from highfive.hil.runtime.threads import use_one_blas_thread
+from highfive.hil.session.contact_correction import ContactCorrection
+from highfive.hil.session.reach import Expectation, Reach, ReachTarget
+from highfive.hil.session.style_timing import Tempo
+from highfive.hil.sim.avatar import Pose, avatar_skeleton, between
+from highfive.hil.sim.scene import Scene
+from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
+from highfive.mocap_bridge.tracking.palm_filter import PalmFilter
+from highfive.mocap_bridge.tracking.reacquisition import HandReturn
+from highfive.mocap_bridge.tracking.tracker import Tracker
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.contact_layer import BEGIN, END
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.responder import HAND_VARIANCE, Responder, Response
+
+RATE_HZ = 120.0
+
+UNFAMILIAR = 0.18
+"""Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
+
+0.14 to 0.17 with people like those it was trained on, 0.19 and more with a taller person who walks by.
+"""
+
+QUICKEST = 30.0
+"""No hinge of the generated pose turns faster than this, rad/s; an angry elbow reaches some 20."""
+
+CALMING = 0.12
+"""Time constant with which the avatar goes from the model's pose to a calm one and back, s."""
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What one frame led to.
+
+    Attributes:
+        markers: every marker of the set, seen or not.
+        person: the live person.
+        response: what the model answers.
+        generated: its pose, inside the joint limits, before correction.
+        generated_palm: the palm of ``generated``.
+        target: where the palm should be.
+        pose: the pose that is played.
+        palm: its palm.
+        miss: m, distance of ``palm`` from ``target``.
+        out_of_reach: the target cannot be reached.
+    """
+
+    markers: TrackedMarkers
+    person: HumanArm
+    response: Response
+    generated: Pose
+    generated_palm: PalmPose
+    target: ReachTarget
+    pose: Pose
+    palm: PalmPose
+    miss: float
+    out_of_reach: bool
+
+
+HAND_COVARIANCE = HAND_VARIANCE.reshape(2, 3, 1) * np.eye(3)
+"""(2, 3, 3) m², of the hand points where every marker is seen; what the tracker does not know comes on top."""
+
+
+class Session:
+    """The chain from a marker frame to the pose that is played, at 120 Hz."""
+
+    def __init__(
+        self, model: HGPDM, style: Mapping[str, float], marker_set: MarkerSet, scene: Scene, *, correct: bool = True
+    ) -> None:
+        """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
+
+        Raises:
+            HighFiveError: the model was trained for another skeleton, or the style does not fit it.
+        """
+        expected = avatar_skeleton().hash
+        if model.skeleton_hash != expected:
+            raise HighFiveError(
+                f"the model is for skeleton {model.skeleton_hash or '(none given)'}, the avatar is {expected}; "
+                "train a model on this avatar"
+            )
+        use_one_blas_thread()
+        self._tracker = Tracker(marker_set, RATE_HZ)
+        self._arm = HumanArmEstimator(marker_set)
+        self._return = HandReturn()
+        self._palm = PalmFilter()
+        self._responder = Responder(model, style, RATE_HZ)
+        self._tempo = Tempo(model)
+        self._reach = Reach()
+        self._correction = ContactCorrection(scene)
+        self._correct = correct
+        self.reset()
+
+    def set_style(self, style: Mapping[str, float]) -> None:
+        """Changes the style weights, at any time."""
+        self._responder.set_style(style)
+
+    def reset(self) -> None:
+        """A new trial: nobody is there yet."""
+        self._tracker.reset()
+        self._return.reset()
+        self._palm.reset()
+        self._trust = [0.0, 0.0]
+        self._responder.reset()
+        self._last = self._tempo.waiting(self._responder.style)
+        self._reach.reset()
+        self._correction.reset()
+
+    def step(self, frame: MarkerFrame) -> Tick:
+        """One tick."""
+        markers = self._tracker.update(frame)
+        person = self._steady(self._arm(markers))
+        doubt = HAND_COVARIANCE + person.hand_covariance
+        response = self._responder.step(person.hand_points if person.valid else None, doubt)
+        familiar = float(np.trace(response.latent_covariance)) < UNFAMILIAR**2
+        generated = self._pose(response, familiar)
+        palm = self._correction.palm_of(generated)
+        seen = person.palm if person.valid else None
+        expectation = _expectation(response, familiar)
+        target = self._reach.step(palm, seen, expectation, self._correction.shoulder, 1.0 / RATE_HZ)
+        if not self._correct:
+            return Tick(markers, person, response, generated, palm, target, generated, palm, 0.0, False)
+        corrected = self._correction.solve(generated, target.position, target.normal, target.weight)
+        return Tick(
+            markers, person, response, generated, palm, target,
+            corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,
+        )  # fmt: skip
+
+    def _steady(self, person: HumanArm) -> HumanArm:
+        """The person with a hand that does not jump and a palm that does not shake."""
+        if not person.valid:
+            self._return.reset()
+            self._palm.reset()
+            return person
+        person = self._return(person, 1.0 / RATE_HZ)
+        return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
+
+    def _pose(self, response: Response, familiar: bool) -> Pose:
+        """The model's pose at the style's tempo; where the person is a stranger to it, the pose in which it waits."""
+        style = self._responder.style
+        waiting = self._tempo.waiting(style)
+        pose = self._tempo.answering(response, style, waiting)
+        # Far from what it has learned the model may leap; no arm does.
+        step = np.clip(pose.hinges - self._last.hinges, -QUICKEST / RATE_HZ, QUICKEST / RATE_HZ)
+        self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
+        share = 1.0 - math.exp(-1.0 / (RATE_HZ * CALMING))
+        # Two smoothings in a row: the pose sets off and arrives without a jerk.
+        self._trust[0] += share * (float(familiar) - self._trust[0])
+        self._trust[1] += share * (self._trust[0] - self._trust[1])
+        return between(waiting, pose, self._trust[1])
+
+
+def _expectation(response: Response, familiar: bool) -> Expectation:
+    """The forecast while a hand approaches by the avatar layer's clock; the contact layer knows nothing else."""
+    contact = response.contact if END < response.time_to_contact < BEGIN else None
+    if contact is None:
+        return Expectation(response.time_to_contact, response.time_to_contact_std, familiar)
+    return Expectation(contact.time, contact.deviation, familiar, contact.point, contact.covariance[:3, :3])

@@ -1,0 +1,157 @@
+"""Who raises a hand: a simulated person, or one in a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from highfive.calibration.placement import place_person
+from highfive.hil.datasets.training_data import track_hand
+from highfive.hil.runtime.threads import parallel_map
+from highfive.hil.sim.avatar import right_palm
+from highfive.hil.sim.people.actors import CELLS, simulate_pair
+from highfive.hil.sim.people.capture import PERSON_SET, Defects, markers_of, record
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.files.recording import Recording, resample
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.markers.recognise import find_marker_set
+from highfive.mocap_bridge.sources.source import RATE_HZ
+from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.skeleton import Skeleton
+
+_SESSION_DRAWS = 1_000_000
+"""Added to the repetition of a session's trials, so that none is one that a capture with the same seed holds."""
+
+
+@dataclass(frozen=True)
+class Partner:
+    """A person's part in one trial, in the world of the avatar.
+
+    Attributes:
+        title: what the trial is, for people.
+        emotion, cell: as asked for; '' where not known.
+        simulated: the person is simulated.
+        recording: the person's markers at 120 Hz, without prefix.
+        marker_set: the set that they belong to.
+        contact_frame: frame at which the palms met originally; -1 where not known.
+        palm: (T, 3) m, the person's true palm where it is known, else None.
+        other_palm: (T, 3) m, the palm of who met that hand originally (actor or real partner), else None.
+        notes: how the person was placed in the world.
+        draws: how many pairs were drawn until two could meet; 0 of a real person.
+    """
+
+    title: str
+    emotion: str
+    cell: str
+    simulated: bool
+    recording: Recording
+    marker_set: MarkerSet
+    contact_frame: int
+    palm: Array | None
+    other_palm: Array | None
+    notes: tuple[str, ...] = ()
+    draws: int = 0
+
+    def in_emotion(self, emotion: str) -> Partner:
+        """The same person, to be answered in another emotion."""
+        return replace(self, emotion=emotion)
+
+
+def simulated_partners(
+    count: int,
+    emotions: Sequence[str],
+    cells: Sequence[str],
+    seed: int,
+    progress: Callable[[int], Callable[[], None]] = lambda total: lambda: None,
+) -> list[Partner]:
+    """``count`` simulated people, cell by cell in a shuffled order, each cell in every emotion."""
+    order = np.random.default_rng([seed, len(cells)]).permutation(len(cells))
+    draws = []
+    for number in range(count):
+        repetition, place_in_round = divmod(number, len(cells) * len(emotions))
+        cell = cells[order[place_in_round // len(emotions)]]
+        draws.append((emotions[place_in_round % len(emotions)], cell, repetition, seed))
+    return list(parallel_map(_simulated, draws, progress))
+
+
+def _simulated(chosen: tuple[str, str, int, int]) -> Partner:
+    emotion, cell, repetition, seed = chosen
+    draw = [seed, list(EMOTIONS).index(emotion), CELLS.index(cell), _SESSION_DRAWS + repetition]
+    return simulated_partner(emotion, cell, repetition, np.random.default_rng(draw))
+
+
+def simulated_partner(
+    emotion: str,
+    cell: str,
+    repetition: int,
+    rng: np.random.Generator,
+    defects: Defects | None = None,
+    body: Skeleton | None = None,
+    slips: Array | None = None,
+) -> Partner:
+    """One simulated person who raises a hand.
+
+    Args:
+        emotion, cell, repetition: which high five.
+        rng: where its differences and the defects come from.
+        defects: of the capture; None for the usual ones.
+        body: the person's; None draws one.
+        slips: (M, 3) m, how far each marker sits from where the set has it, in the frame of the joint that carries it;
+            None for not at all.
+    """
+    trial = simulate_pair(emotion, cell, repetition, rng, body)
+    marker_set = load_marker_set(PERSON_SET)
+    worn = marker_set if slips is None else replace(marker_set, local_positions=marker_set.local_positions + slips)
+    defects = Defects() if defects is None else defects
+    recording = record([("", markers_of(trial.person, worn), marker_set)], defects, rng)
+    palms = [
+        right_palm(a.skeleton, *a.skeleton.forward_kinematics(a.root_in_world, a.quaternions))[0]
+        for a in (trial.person, trial.avatar)
+    ]
+    return Partner(
+        title=f"simulated person, {emotion}, cell {cell}",
+        emotion=emotion,
+        cell=cell,
+        simulated=True,
+        recording=recording,
+        marker_set=marker_set,
+        contact_frame=trial.contact_frame,
+        palm=palms[0],
+        other_palm=palms[1],
+        draws=trial.draws,
+    )
+
+
+def recorded_partner(path: Path, human: str | None, marker_set: MarkerSet | None, emotion: str) -> Partner:
+    """The person called ``human`` in a C3D file, placed in the avatar's world; whoever else is in it is compared with.
+
+    Raises:
+        HighFiveError: the file is not usable, or the person or her markers are not in it.
+    """
+    whole = resample(read_c3d(path), RATE_HZ)
+    person = whole.person(human)
+    marker_set = marker_set or find_marker_set(person.names)
+    others = [prefix for prefix in whole.prefixes if prefix and prefix != (human or "").removesuffix(":")]
+    other = _other(whole, others, marker_set)
+    placement = place_person(person, marker_set, other)
+    person, other = placement.apply_to(person), None if other is None else placement.apply_to(other)
+    palm = None if other is None else track_hand(other, marker_set, (1.0, 0.0, 0.0))[1]
+    own = track_hand(person, marker_set)[1]
+    contact = -1 if palm is None else int(np.argmin(np.linalg.norm(own - palm, axis=-1)))
+    name = human or "the person"
+    title = f"{path.name}, {name}"
+    return Partner(title, emotion, "", False, person, marker_set, contact, None, palm, placement.notes)
+
+
+def _other(whole: Recording, prefixes: Sequence[str], marker_set: MarkerSet) -> Recording | None:
+    """The first other person in the file with the markers of a right arm."""
+    for prefix in prefixes:
+        person = whole.person(prefix)
+        if np.all(marker_set.match(person.names)[marker_set.indices(marker_set.arm.markers)] >= 0):
+            return person
+    return None

@@ -1,0 +1,159 @@
+"""The least-squares problem of one part of the skeleton: hinge angles from markers, with limits and a prior.
+
+Levenberg–Marquardt with the analytic Jacobian on many frames at once. Levenberg 1944, Marquardt 1963; limits by
+projection with an active set (Bertsekas 1982, SIAM J. Control Optim. 20(2)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highfive.mocap_bridge.body.kinematic_part import Kinematics, Part, forward, jacobian
+from highfive.model.geometry.rotations import Array
+
+MARKER_SIGMA = 0.003
+"""Standard deviation of a marker about the model, m: noise, skin movement and misfit of the segments."""
+
+ANGLE_SIGMA = 1.0
+"""Standard deviation of a hinge about the rest pose, rad: decides only where the markers say nothing."""
+
+NEIGHBOUR_SIGMA = 0.3
+"""Standard deviation of a hinge about what the frames before and after say, rad."""
+
+_OUTLIER = 0.05  # m; residuals beyond it count linearly (Huber): a swapped label must not bend the body
+_CHUNK = 256  # frames solved at once; bounds the memory of the Jacobian
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is known of one part in T frames.
+
+    Markers (T, N, 3), seen (T, N), the base's position (T, 3) and rotation (T, 3, 3), and the prior: hinges (T, H) with
+    one standard deviation, rad.
+    """
+
+    measured: Array
+    seen: NDArray[np.bool_]
+    base: Array
+    rotation: Array
+    prior: Array
+    prior_sigma: float
+
+    def take(self, frames: NDArray[np.intp]) -> Problem:
+        """The same for some of the frames."""
+        return Problem(
+            self.measured[frames],
+            self.seen[frames],
+            self.base[frames],
+            self.rotation[frames],
+            self.prior[frames],
+            self.prior_sigma,
+        )
+
+    def near(self, parameters: Array) -> Problem:
+        """The same with a prior at other hinge angles, tighter than the one about the rest pose."""
+        return replace(self, prior=parameters[:, : self.prior.shape[1]], prior_sigma=NEIGHBOUR_SIGMA)
+
+
+def minimise(part: Part, problem: Problem, start: Array, iterations: int) -> Array:
+    """Parameters (T, P) that explain the markers best, from ``start``, chunk by chunk."""
+    out = np.empty_like(start)
+    for first in range(0, len(start), _CHUNK):
+        c = np.arange(first, min(first + _CHUNK, len(start)))
+        out[c] = _levenberg_marquardt(part, problem.take(c), start[c], iterations)
+    return out
+
+
+def _levenberg_marquardt(part: Part, problem: Problem, start: Array, iterations: int) -> Array:
+    size, hinges = part.parameters, 3 * len(part.joints)
+    low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    low[:hinges], high[:hinges] = part.limits.T
+    x = np.clip(start, low, high)
+    damping = np.full(len(x), 1e-3)
+    cost = cost_of(part, problem, x)
+    active = np.arange(len(x))  # frames that still move
+    for _ in range(iterations):
+        moving = problem.take(active)
+        gradient, hessian = _normal_equations(part, moving, x[active])
+        diagonal = np.einsum("tpp->tp", hessian)
+        diagonal += damping[active, None] * diagonal + 1e-9
+        trial = x[active] + _box_step(hessian, gradient, low - x[active], high - x[active])
+        trial_cost = cost_of(part, moving, trial)
+        better = trial_cost < cost[active]
+        done = (better & (cost[active] - trial_cost < 1e-5 * cost[active])) | (damping[active] > 1e6)
+        x[active[better]], cost[active[better]] = trial[better], trial_cost[better]
+        damping[active] *= np.where(better, 0.2, 5.0)
+        active = active[~done]
+        if not len(active):
+            break
+    return x
+
+
+def _box_step(hessian: Array, gradient: Array, low: Array, high: Array) -> Array:
+    """Step (T, P) to the minimum of a quadratic, inside limits (T, P), nearly: what would leave them is held at them.
+
+    Two rounds of holding; a third changes nothing that the next iteration does not.
+    """
+    # Where a parameter is at its limit and the slope leads outward it is held from the start.
+    held = ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
+    step = np.zeros_like(gradient)
+    for _ in range(3):
+        bent = gradient + (hessian @ np.where(held, step, 0.0)[..., None])[..., 0]
+        system = hessian * ~(held[:, :, None] | held[:, None, :])
+        np.einsum("tpp->tp", system)[held] = 1.0
+        free_step = -np.linalg.solve(system, np.where(held, 0.0, bent)[..., None])[..., 0]
+        step = np.where(held, step, free_step)
+        outside = (step < low) | (step > high)
+        if not outside.any():
+            break
+        step = np.clip(step, low, high)
+        held |= outside
+    return step
+
+
+def kinematics_of(part: Part, problem: Problem, x: Array) -> Kinematics:
+    """Where the part is with parameters (T, P)."""
+    if part.free:
+        return forward(part, x[:, :-3], x[:, -3:], problem.rotation)
+    return forward(part, x, problem.base, problem.rotation)
+
+
+def _prior_residual(part: Part, problem: Problem, x: Array) -> Array:
+    """Hinges' distance (T, H) from the prior, in its standard deviations; the turn of a free base has no prior."""
+    hinges = 3 * len(part.joints)
+    residual = (x[:, :hinges] - problem.prior) / problem.prior_sigma
+    if part.free:
+        residual[:, :3] = 0.0
+    return residual
+
+
+def cost_of(part: Part, problem: Problem, x: Array) -> Array:
+    """Huber cost (T,)."""
+    distance = np.linalg.norm(problem.measured - kinematics_of(part, problem, x).markers, axis=-1)
+    huber = np.where(distance < _OUTLIER, distance**2, 2 * _OUTLIER * distance - _OUTLIER**2)
+    return (huber * problem.seen).sum(axis=1) / MARKER_SIGMA**2 + (_prior_residual(part, problem, x) ** 2).sum(axis=1)
+
+
+def _normal_equations(part: Part, problem: Problem, x: Array) -> tuple[Array, Array]:
+    """Half the gradient (T, P) and the Gauss–Newton matrix (T, P, P) of the cost."""
+    kinematics = kinematics_of(part, problem, x)
+    error = kinematics.markers - problem.measured
+    distance = np.linalg.norm(error, axis=-1)
+    weight = np.sqrt(problem.seen * np.minimum(1.0, _OUTLIER / np.maximum(distance, 1e-9))) / MARKER_SIGMA
+    slopes = (jacobian(part, kinematics) * weight[:, None, :, None]).reshape(len(x), -1, part.parameters)
+    weighted = (error * weight[..., None]).transpose(0, 2, 1).reshape(len(x), -1, 1)
+    transposed = slopes.transpose(0, 2, 1)
+    hessian, gradient = transposed @ slopes, (transposed @ weighted)[..., 0]
+    hinges = 3 * len(part.joints)
+    gradient[:, :hinges] += _prior_residual(part, problem, x) / problem.prior_sigma
+    index = np.arange(3 if part.free else 0, hinges)
+    hessian[:, index, index] += problem.prior_sigma**-2
+    return gradient, hessian
+
+
+def better(part: Part, problem: Problem, first: Array, second: Array) -> Array:
+    """Frame by frame the parameters (T, P) of lower cost."""
+    return np.where((cost_of(part, problem, second) < cost_of(part, problem, first))[:, None], second, first)

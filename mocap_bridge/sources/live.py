@@ -1,0 +1,255 @@
+"""A live system kept in touch with: a thread receives, connects again, and keeps the newest frame only.
+
+What is the same for every protocol is here; what differs, one connection and what comes through it, is a :class:`Link`.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_person
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.source import Connection, SourceHealth
+from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.mocap_bridge.wire.plausible import FARTHEST_M
+from highfive.model.errors import HighFiveError
+
+STALLED_S = 0.25
+"""Without a frame for so long a source counts as stalled, s."""
+
+SILENT_S = 1.0
+"""Without a frame for so long a connection is taken for dead, and made anew, s."""
+
+BACK_OFF_S = (0.1, 2.0)
+"""First and longest pause before the next attempt to connect, s; it doubles in between."""
+
+LONGEST_GAP = 100_000
+"""A frame number that is further ahead says that the system started to count anew, not that so many were lost."""
+
+REORDERED = 10
+"""A frame number that is so little behind the newest says that the network changed the order."""
+
+SPAN = (0.01, 50.0)
+"""Between these, m, lies the span of a person's markers, whatever the room; outside the unit is wrong."""
+
+
+def spans(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Largest extent along an axis, m, of each frame's (…, M, 3) valid markers; NaN where fewer than three are."""
+    low = np.where(valid[..., None], points, np.inf).min(axis=-2)
+    high = np.where(valid[..., None], points, -np.inf).max(axis=-2)
+    return np.where(valid.sum(axis=-1) > 2, (high - low).max(axis=-1), np.nan)
+
+
+def of_another_unit(span: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Spans, m, that no person's markers have: the numbers were of another unit."""
+    return (span < SPAN[0]) | (span > SPAN[1])
+
+
+class Link(Protocol):
+    """One connection to a system."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second as the system says; 0 where it does not say."""
+        ...
+
+    def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
+        """Whole frames that have come, oldest first; waits up to ``timeout_s`` for something to come.
+
+        Names keep the system's prefix of the person (``'Subject:RFIN'``). Positions are in metres, z up; a marker that
+        is not seen is not valid, nor one whose coordinates cannot be meant (:mod:`highfive.mocap_bridge.wire.plausible`).
+
+        Raises:
+            LinkError: the connection is lost, or what came is not of the protocol.
+        """
+        ...
+
+    def close(self) -> None:
+        """Lets go of the connection."""
+        ...
+
+
+class LiveSource:
+    """A source (see :class:`highfive.mocap_bridge.sources.source.Source`) that follows a live system until it is closed."""
+
+    def __init__(
+        self,
+        title: str,
+        connect: Callable[[], Link],
+        person: str | None = None,
+        rate_hz: float = 120.0,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ):
+        """Starts to connect, in a thread of its own.
+
+        Args:
+            title: the system's address, for messages.
+            connect: makes a connection, or raises :class:`LinkError`, within a second or two.
+            person: prefix of the person's markers; None takes the only one there is.
+            rate_hz: frames a second where the system does not say.
+            clock: this process's monotonic clock, ns.
+        """
+        self._title, self._connect, self._person, self._clock = title, connect, person, clock
+        self._rate_hz = rate_hz
+        self._changed = threading.Condition()
+        self._newest: MarkerFrame | None = None
+        self._number: int | None = None  # of the newest frame that came, whether it could be used or not
+        self._received = self._lost = self._refused = self._impossible = 0
+        self._came = 0, 0  # frames, and when the newest of them arrived, ns: read together
+        self._hopeless = False
+        self._linked = False
+        self._trouble = "connecting"
+        self._closing = threading.Event()
+        self._names: tuple[str, ...] | None = None  # as they come, with their prefixes
+        self._own_names: tuple[str, ...] = ()
+        self._columns = np.zeros(0, dtype=np.intp)
+        self._thread = threading.Thread(target=self._run, name=f"source {title}", daemon=True)
+        self._thread.start()
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second, as the system says once it is connected."""
+        return self._rate_hz
+
+    def newest(self, now_ns: int) -> MarkerFrame | None:
+        """The newest frame; None before the first. Never waits."""
+        return self._newest
+
+    def wait(self, seen: MarkerFrame | None, timeout_s: float) -> MarkerFrame | None:
+        """The newest frame as soon as it is another than ``seen``; None if that takes longer than ``timeout_s``."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not seen or self._closing.is_set(), timeout_s)
+            return self._newest if self._newest is not seen else None
+
+    def first(self, timeout_s: float = 5.0) -> MarkerFrame:
+        """The newest frame, waiting for the first one if there is none yet.
+
+        Raises:
+            HighFiveError: none came in time, or there is nothing to wait for; the message says what stood in the way.
+        """
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._newest is not None or self._hopeless or self._closing.is_set(), timeout_s
+            )
+            frame = self._newest
+        if frame is None and self._hopeless:
+            raise HighFiveError(self._trouble)
+        if frame is None:
+            raise HighFiveError(
+                f"{self._title}: no frame came within {timeout_s:g} s ({self._trouble or 'nothing was sent'})"
+            )
+        return frame
+
+    def health(self, now_ns: int) -> SourceHealth:
+        """State of the connection."""
+        newest = self._newest
+        age_ns = -1 if newest is None else max(0, now_ns - newest.arrival_time_ns)
+        if self._closing.is_set():
+            state = Connection.ENDED
+        elif newest is None or not self._linked:
+            state = Connection.CONNECTING
+        else:
+            state = Connection.LIVE if age_ns <= STALLED_S * 1e9 else Connection.STALLED
+        received, arrived_ns = self._came
+        return SourceHealth(
+            state,
+            age_ns,
+            received,
+            self._lost,
+            self._trouble,
+            self._refused,
+            arrived_ns,
+            self._impossible,
+            self._hopeless and newest is None,
+        )
+
+    def close(self) -> None:
+        """Ends the thread and the connection."""
+        self._closing.set()
+        with self._changed:
+            self._changed.notify_all()
+        if self._thread is not threading.current_thread():
+            self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        pause = BACK_OFF_S[0]
+        while not self._closing.is_set():
+            before = self._received
+            try:
+                self._follow()
+            except Exception as error:  # a source whose thread has died would be silent for ever
+                self._trouble, self._hopeless = str(error) or type(error).__name__, False
+            self._linked = False
+            pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
+            self._closing.wait(pause)
+
+    def _follow(self) -> None:
+        """Takes frames from one connection until it is lost."""
+        link = self._connect()
+        try:
+            self._linked, last = True, self._clock()
+            while not self._closing.is_set():
+                frames = link.receive(0.1)
+                now = self._clock()
+                if frames:
+                    last = now
+                    self._rate_hz = link.rate_hz or self._rate_hz
+                    self._take(frames, now)
+                elif now - last > SILENT_S * 1e9:
+                    raise LinkError(f"connected, but nothing has come for {SILENT_S:g} s")
+        finally:
+            link.close()
+
+    def _take(self, frames: Sequence[MarkerFrame], now: int) -> None:
+        """Counts what came and keeps the newest."""
+        newest, received = None, self._received
+        for frame in frames:
+            step = 1 if self._number is None else frame.number - self._number
+            if -REORDERED <= step <= 0:  # late: it was counted as lost; or the same once more
+                self._lost -= 1 if step and self._lost else 0
+                continue
+            self._received += 1
+            self._lost += step - 1 if 1 < step <= LONGEST_GAP else 0
+            self._impossible += frame.impossible
+            self._number, newest = frame.number, frame
+        if newest is None:
+            return
+        self._came = self._received, now
+        try:
+            newest = replace(self._of_person(newest), arrival_time_ns=now)
+        except HighFiveError as error:
+            with self._changed:
+                self._trouble, self._refused = str(error), self._refused + self._received - received
+                self._hopeless = isinstance(error, SeveralPersons)
+                self._changed.notify_all()
+            return
+        with self._changed:
+            self._newest, self._trouble, self._hopeless = newest, "", False
+            self._changed.notify_all()
+
+    def _of_person(self, frame: MarkerFrame) -> MarkerFrame:
+        """The person's part of a frame, if it is of the right unit."""
+        if frame.names is not self._names and frame.names != self._names:
+            columns = columns_of_person(frame.names, self._person, self._title)
+            self._own_names = tuple(frame.names[m].rpartition(":")[2] for m in columns)
+            self._columns = np.array(columns, dtype=np.intp)
+        self._names = frame.names
+        points, valid = frame.positions[self._columns], frame.valid[self._columns]
+        if frame.impossible > frame.valid.sum():
+            raise HighFiveError(
+                f"most markers are further than {FARTHEST_M:g} m away: "
+                f"{self._title} sends another unit than its protocol says; set it right there"
+            )
+        if of_another_unit(span := spans(points, valid)):
+            raise HighFiveError(
+                f"the markers span {span:.3g} m, a person spans about 2 m: "
+                f"{self._title} sends another unit than its protocol says; set it right there"
+            )
+        return replace(frame, names=self._own_names, positions=points, valid=valid)

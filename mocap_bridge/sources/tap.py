@@ -1,0 +1,40 @@
+"""A look at every frame of a connection as it comes, beside whoever takes the newest only."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.live import Link
+
+Tap = Callable[[Sequence[MarkerFrame], float], None]
+"""Is told of frames, of all persons and stamped with their arrival, and of the rate, Hz (0: the system does not say).
+
+It is called in the thread that receives, and must neither wait nor raise.
+"""
+
+
+class _TappedLink:
+    def __init__(self, link: Link, tap: Tap):
+        self._link, self._tap = link, tap
+
+    @property
+    def rate_hz(self) -> float:
+        return self._link.rate_hz
+
+    def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
+        frames = self._link.receive(timeout_s)
+        if frames:
+            now = time.monotonic_ns()
+            self._tap([replace(frame, arrival_time_ns=now) for frame in frames], self._link.rate_hz)
+        return frames
+
+    def close(self) -> None:
+        self._link.close()
+
+
+def tapped(connect: Callable[[], Link], tap: Tap) -> Callable[[], Link]:
+    """Connects as ``connect`` does, and tells ``tap`` of every frame."""
+    return lambda: _TappedLink(connect(), tap)

@@ -1,0 +1,73 @@
+"""A hidden hand that is seen again is not where it was thought to be: it goes there quickly, but not in one frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from highfive.mocap_bridge.frames import HumanArm
+from highfive.model.geometry.rotations import Array
+
+BANDWIDTH = 45.0
+"""How fast the difference runs out, rad/s: of the 3 cm that 0.3 s of guessing cost, 1 mm is left after 0.1 s.
+
+Slower is smoother, but a hand that comes back just before contact is then met where it was guessed to be.
+"""
+
+AVERAGING = 0.25  # share of the newest tick in the speed of a hand: a guessed one trembles
+
+
+class HandReturn:
+    """Carries a hand from where it was guessed to where it is seen, along a critically damped curve."""
+
+    def __init__(self) -> None:
+        """Starts without a hand."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the hand; the next one is taken as it is."""
+        self._age_ns = 0
+        self._raw, self._said, self._step = (np.zeros((3, 3)) for _ in range(3))
+        self._difference, self._rate = np.zeros((3, 3)), np.zeros((3, 3))
+        self._known, self._new = False, False
+
+    def __call__(self, arm: HumanArm, dt: float) -> HumanArm:
+        """The arm with wrist, knuckles and palm on that curve.
+
+        Args:
+            arm: as estimated.
+            dt: s since the last call.
+        """
+        raw = _points(arm)
+        if self._known and arm.age_ns < self._age_ns:  # on as it went, until it shows how fast it goes now
+            self._difference, self._new = self._said + self._step - raw, True
+        elif self._difference.any():
+            if self._new:
+                self._rate, self._new = (self._step - (raw - self._raw)) / dt, False
+            # x'' = -w² x - 2 w x', which is x = (x0 + (x0' + w x0) t) exp(-w t).
+            fall, start = math.exp(-BANDWIDTH * dt), self._rate + BANDWIDTH * self._difference
+            self._difference = (self._difference + start * dt) * fall
+            self._rate = (self._rate - BANDWIDTH * start * dt) * fall
+            if np.abs(self._difference).max() < 1e-5:
+                self._difference, self._rate = np.zeros((3, 3)), np.zeros((3, 3))
+        said = raw + self._difference
+        if self._known:  # each point on its own: a hand turns, and its wrist is not as fast as its palm
+            self._step = self._step + AVERAGING * (said - self._said - self._step)
+        self._raw, self._said, self._age_ns, self._known = raw, said, arm.age_ns, True
+        if not self._difference.any():
+            return arm
+        wrist, knuckles, palm = said
+        return replace(
+            arm,
+            wrist=wrist,
+            knuckles=knuckles,
+            hand_points=np.array([wrist, knuckles]),
+            palm=replace(arm.palm, position=palm, velocity=arm.palm.velocity + self._rate[2]),
+        )
+
+
+def _points(arm: HumanArm) -> Array:
+    """Wrist, knuckles and palm (3, 3), m."""
+    return np.array([arm.wrist, arm.knuckles, arm.palm.position])

@@ -1,0 +1,184 @@
+"""Sparse Gaussian process layers: the DTC likelihood, its variational bound, and the posterior used online.
+
+Sources: Seeger et al. 2003 and Lawrence 2007 (DTC for GP-LVMs); Titsias 2009 (the trace term).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
+
+from highfive.model.gp import kernels, likelihood
+from highfive.model.gp.kernels import MotionKernel, StyleFactor
+from highfive.model.gp.likelihood import Covariance, Points
+
+
+class Layer(NamedTuple):
+    """The learned parameters of one sparse GP with many output channels that share kernel and noise.
+
+    Attributes:
+        kernel: covariance over the inputs.
+        inducing: (M, q) inducing inputs.
+        raw_noise: () unconstrained; see :func:`noise_variance`.
+        style: the style factor, or None for a layer without styles.
+    """
+
+    kernel: MotionKernel
+    inducing: jax.Array
+    raw_noise: jax.Array
+    style: StyleFactor | None = None
+
+
+class Targets(NamedTuple):
+    """The channels of a layer, as the likelihood sees them: only through Y Yᵀ.
+
+    Attributes:
+        thin: (N, R) a factor with thin · thinᵀ = Y Yᵀ up to ``discarded``.
+        channels: number D of channels of Y (R ≤ D).
+        discarded: summed squares of what the factor leaves out; it counts as noise.
+    """
+
+    thin: jax.Array
+    channels: int
+    discarded: float
+
+
+class Posterior(NamedTuple):
+    """A trained layer, ready for prediction at one input: everything that does not depend on the input is precomputed.
+
+    Attributes:
+        kernel: covariance over the inputs.
+        inducing: (M, q).
+        style: (M, K) inducing style weights times B, or None.
+        style_covariance: (K, K) B, or None.
+        weights: (M, D): the mean is k(x, inducing) · weights + offset.
+        offset: (D,).
+        reduction: (M, M): the variance of the function is k(x, x) − k reduction kᵀ (before ``scale``).
+        noise: () or (D,) variance of the noise, before ``scale``.
+        scale: (D,) standard deviation of a channel that has unit variance in the layer's own units.
+    """
+
+    kernel: MotionKernel
+    inducing: jax.Array
+    style: jax.Array | None
+    style_covariance: jax.Array | None
+    weights: jax.Array
+    offset: jax.Array
+    reduction: jax.Array
+    noise: jax.Array
+    scale: jax.Array
+
+
+def noise_variance(raw: jax.Array, bounds: tuple[float, float]) -> jax.Array:
+    """Variance of a noise whose standard deviation stays within ``bounds``, for any real ``raw``."""
+    low, high = jnp.log(bounds[0]), jnp.log(bounds[1])
+    return jnp.exp(2.0 * (low + (high - low) * jax.nn.sigmoid(raw)))
+
+
+def raw_noise(deviation: float, bounds: tuple[float, float]) -> jax.Array:
+    """Inverse of :func:`noise_variance`: the raw value of a standard deviation, kept off the very bounds."""
+    fraction = (jnp.log(deviation) - jnp.log(bounds[0])) / (jnp.log(bounds[1]) - jnp.log(bounds[0]))
+    fraction = jnp.clip(fraction, 0.02, 0.98)
+    return jnp.log(fraction / (1.0 - fraction))
+
+
+def inducing_covariance(layer: Layer) -> jax.Array:
+    """K_uu (M, M), jitter included."""
+    k_uu = kernels.cross(layer.kernel, layer.inducing, layer.inducing)
+    if layer.style is not None:
+        k_uu = k_uu * (layer.style.inducing @ kernels.style_covariance(layer.style) @ layer.style.inducing.T)
+    return kernels.add_jitter(k_uu)
+
+
+def cross_covariance(layer: Layer, inputs: jax.Array, styles: jax.Array | None) -> tuple[jax.Array, jax.Array]:
+    """K_uf (M, N) and the diagonal of K_ff (N,) at inputs (N, q) and style weights (N, K)."""
+    k_uf, k_ff = kernels.cross(layer.kernel, layer.inducing, inputs), kernels.diagonal(layer.kernel, inputs)
+    if layer.style is not None:
+        assert styles is not None
+        between = kernels.style_covariance(layer.style)
+        k_uf = k_uf * (layer.style.inducing @ between @ styles.T)
+        k_ff = k_ff * jnp.sum((styles @ between) * styles, axis=1)
+    return k_uf, k_ff
+
+
+def negative_log_likelihood(
+    layer: Layer,
+    inputs: jax.Array,
+    targets: Targets,
+    noise: jax.Array,
+    styles: jax.Array | None = None,
+    variational: bool = False,
+    weights: jax.Array | None = None,
+    shards: int = 1,
+) -> jax.Array:
+    """−log N(Y; 0, Q + noise I) summed over channels, Q = K_fu K_uu⁻¹ K_uf; plus the trace term if ``variational``.
+
+    The noise of a point is ``noise`` over its entry of ``weights`` (N,), and one of weight 0 does not count; the value
+    lacks what does not depend on the parameters, −D/2 Σ log weight. The sums over points are taken in ``shards`` equal
+    parts.
+    """
+    weights = jnp.ones(inputs.shape[0]) if weights is None else weights
+    points = Points(inputs, targets.thin, None if layer.style is None else styles, weights)
+    value: Any = likelihood.negative_log_likelihood(
+        COVARIANCE, targets.channels, variational, shards, layer, points, noise
+    )
+    return value + 0.5 * targets.discarded / noise
+
+
+COVARIANCE = Covariance(inducing_covariance, cross_covariance)
+
+
+@jax.jit
+def fit(
+    layer: Layer,
+    inputs: jax.Array,
+    values: jax.Array,
+    noise: jax.Array,
+    styles: jax.Array | None = None,
+    offset: jax.Array | None = None,
+    scale: jax.Array | None = None,
+    weights: jax.Array | None = None,
+) -> Posterior:
+    """The posterior of a layer given inputs (N, q) and values (N, D); it predicts ``offset + scale · value``.
+
+    The noise of a point is ``noise`` over its entry of ``weights`` (N,).
+    """
+    k_uu, (k_uf, _) = inducing_covariance(layer), cross_covariance(layer, inputs, styles)
+    size, channels = k_uu.shape[0], values.shape[1]
+    lower = jnp.linalg.cholesky(k_uu)
+    inverse = solve_triangular(lower, jnp.eye(size), lower=True)
+    if weights is not None:
+        k_uf, values = k_uf * jnp.sqrt(weights), values * jnp.sqrt(weights)[:, None]
+    projected = inverse @ k_uf
+    inner = jnp.linalg.cholesky(jnp.eye(size) + projected @ projected.T / noise)
+    inner_inverse = solve_triangular(inner, inverse, lower=True)
+    scale = jnp.ones(channels) if scale is None else scale
+    offset = jnp.zeros(channels) if offset is None else offset
+    mean = inner_inverse.T @ (inner_inverse @ (k_uf @ values)) / noise * scale
+    reduction = inverse.T @ inverse - inner_inverse.T @ inner_inverse
+    between = style = None
+    if layer.style is not None:
+        between = kernels.style_covariance(layer.style)
+        style = layer.style.inducing @ between
+    return Posterior(layer.kernel, layer.inducing, style, between, mean, offset, reduction, noise, scale)
+
+
+@jax.jit
+def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:
+    """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
+    k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
+    if posterior.style is not None:
+        assert styles is not None
+        k_fu = k_fu * (styles @ posterior.style.T)
+    return k_fu @ posterior.weights + posterior.offset
+
+
+@jax.jit
+def variances(posterior: Posterior, points: jax.Array) -> jax.Array:
+    """Predictive variances (N, D) of a layer without styles at inputs (N, q), noise included."""
+    k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
+    function = kernels.diagonal(posterior.kernel, points) - jnp.sum((k_fu @ posterior.reduction) * k_fu, axis=1)
+    return (jnp.maximum(function, 0.0)[:, None] + posterior.noise) * posterior.scale**2

@@ -1,0 +1,218 @@
+"""Models as .safetensors files: arrays and a JSON description, data only, checked on the way in."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from highfive.model.errors import HighFiveError
+from highfive.model.files import write_whole
+from highfive.model.geometry.rotations import Array
+from highfive.model.gp.kernels import MotionKernel
+from highfive.model.gp.sparse import Posterior
+from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ContactLayer
+from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS
+from highfive.model.hgpdm.features import FeatureMap
+from highfive.model.hgpdm.presets import Preset
+from highfive.model.hgpdm.trained import HGPDM
+
+VERSION = 4
+KIND = "high-five hgpdm"
+LAYERS = ("dynamics", "interaction", "human", "avatar")
+ARRAYS = ("start_mean", "start_covariance")
+PICTURED = ("interaction_latents", "avatar_latents", "human_latents", "learning_curve")  # float32: for pictures only
+INDICES = ("trial", "emotion")
+
+
+def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
+    """Writes a model in one piece: after a failure the old file, or none, is there.
+
+    Raises:
+        HighFiveError: it cannot be written, or there is such a file and it may not be replaced.
+    """
+    arrays = {name: np.asarray(getattr(model, name)) for name in (*ARRAYS, *PICTURED, *INDICES)}
+    arrays |= {"features.matrix": model.feature_map.matrix, "features.offset": model.feature_map.offset}
+    for name in LAYERS:
+        arrays |= _layer_arrays(name, getattr(model, name))
+    for number, stage in enumerate(model.back):
+        arrays |= _layer_arrays(f"back.{number}", stage)
+    if model.contact is not None:
+        arrays |= _layer_arrays("contact", model.contact.posterior) | {"contact.scales": model.contact.scales}
+    description = {
+        "kind": KIND,
+        "version": VERSION,
+        "preset": asdict(model.preset),
+        "emotions": model.emotions,
+        "skeleton_hash": model.skeleton_hash,
+        "data_hash": model.data_hash,
+        "settings": model.settings,
+        "joints": model.joints,
+        "lag": model.lag,
+        "stages": len(model.back),
+    }
+    content = save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, {"model": json.dumps(description)})
+    try:
+        write_whole(Path(path), content, replace=replace)
+    except OSError as error:
+        raise HighFiveError(f"cannot write the model to {path}: {error.strerror or error}") from None
+
+
+def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
+    """Reads a model.
+
+    Args:
+        path: a file written by :func:`save_model`.
+        skeleton_hash: hash that the model's skeleton must have; None accepts any.
+
+    Raises:
+        HighFiveError: no such file, not a model, truncated, of another version or another skeleton.
+    """
+    if not Path(path).is_file():
+        raise HighFiveError(f"no model file {path}; `highfive train` makes one")
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            metadata = file.metadata() or {}
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+    except (SafetensorError, OSError) as error:
+        raise HighFiveError(f"{path} is not a model file, or it is cut short ({error})") from None
+    try:
+        description = json.loads(metadata.get("model", "{}"))
+    except json.JSONDecodeError:
+        description = {}
+    if not isinstance(description, dict) or description.get("kind") != KIND:
+        raise HighFiveError(f"{path} is a safetensors file but not a High Five model")
+    if description.get("version") != VERSION:
+        raise HighFiveError(
+            f"{path} has format version {description.get('version')}, this is {VERSION}; train it again"
+        )
+    found = description.get("skeleton_hash")
+    if skeleton_hash is not None and found != skeleton_hash:
+        raise HighFiveError(
+            f"{path} was trained for skeleton {found or 'unknown'}, expected {skeleton_hash}; train it again"
+        )
+    try:
+        model = _build(description, arrays)
+        _check_shapes(model)
+    except (KeyError, TypeError, ValueError) as error:
+        raise HighFiveError(f"{path} is a damaged model: {type(error).__name__} {error}") from None
+    return model
+
+
+def save_layer(layer: Posterior, path: Path | str) -> None:
+    """Writes one trained layer in one piece."""
+    arrays = {key: np.ascontiguousarray(value) for key, value in _layer_arrays("layer", layer).items()}
+    try:
+        write_whole(Path(path), save(arrays))
+    except OSError as error:
+        raise HighFiveError(f"cannot write {path}: {error.strerror}") from None
+
+
+def load_layer(path: Path | str) -> Posterior:
+    """Reads what :func:`save_layer` wrote.
+
+    Raises:
+        HighFiveError: the file is missing or damaged.
+    """
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            return _layer("layer", {name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
+    except (SafetensorError, OSError, KeyError) as error:
+        raise HighFiveError(f"{path} is not a trained layer ({error}); delete it to train it again") from None
+
+
+def _layer_arrays(name: str, layer: Posterior) -> dict[str, Array]:
+    values = {f"{name}.{key}": value for key, value in layer._asdict().items() if key != "kernel"}
+    values |= {f"{name}.kernel.{key}": value for key, value in layer.kernel._asdict().items()}
+    return {key: np.asarray(value) for key, value in values.items() if value is not None}
+
+
+def _layer(name: str, arrays: dict[str, Array]) -> Posterior:
+    kernel = MotionKernel(*(jnp.asarray(arrays[f"{name}.kernel.{field}"]) for field in MotionKernel._fields))
+    optional = ("style", "style_covariance")
+    rest = {}
+    for field in Posterior._fields:
+        key = f"{name}.{field}"
+        if field != "kernel":
+            rest[field] = None if field in optional and key not in arrays else jnp.asarray(arrays[key])
+    return Posterior(kernel, **rest)
+
+
+def _build(description: dict, arrays: dict[str, Array]) -> HGPDM:
+    for name, values in arrays.items():
+        if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
+            raise ValueError(f"{name} holds NaN or infinity")
+    preset = dict(description["preset"])
+    for field in fields(Preset):
+        if isinstance(preset[field.name], list):
+            preset[field.name] = tuple(preset[field.name])
+    return HGPDM(
+        preset=Preset(**preset),
+        emotions=tuple(description["emotions"]),
+        skeleton_hash=str(description["skeleton_hash"]),
+        data_hash=str(description["data_hash"]),
+        settings=dict(description["settings"]),
+        joints=int(description["joints"]),
+        lag=float(description["lag"]),
+        feature_map=FeatureMap(arrays["features.matrix"], arrays["features.offset"]),
+        back=tuple(_layer(f"back.{number}", arrays) for number in range(int(description["stages"]))),
+        dynamics=_layer("dynamics", arrays),
+        interaction=_layer("interaction", arrays),
+        human=_layer("human", arrays),
+        avatar=_layer("avatar", arrays),
+        contact=ContactLayer(_layer("contact", arrays), arrays["contact.scales"])
+        if "contact.scales" in arrays
+        else None,
+        start_mean=arrays["start_mean"],
+        start_covariance=arrays["start_covariance"],
+        interaction_latents=arrays["interaction_latents"].astype(np.float32),
+        avatar_latents=arrays["avatar_latents"].astype(np.float32),
+        human_latents=arrays["human_latents"].astype(np.float32),
+        trial=arrays["trial"].astype(np.int32),
+        emotion=arrays["emotion"].astype(np.int32),
+        learning_curve=arrays.get("learning_curve", np.zeros(0)).astype(np.float32),
+    )
+
+
+def _check_shapes(model: HGPDM) -> None:
+    """Raises ValueError unless the layers fit together."""
+    preset, history = model.preset, HAND_DIMS * (len(model.preset.history) + 1)
+    dims, below = preset.interaction_dims, preset.avatar_dims + preset.human_dims
+    wanted = {
+        "dynamics": (2 * dims, dims),
+        "interaction": (dims, below),
+        "human": (preset.human_dims, HAND_DIMS),
+        "avatar": (preset.avatar_dims, model.joints + AUXILIARY),
+    }
+    for name, (inputs, outputs) in wanted.items():
+        _check_layer(name, getattr(model, name), inputs, outputs)
+    inputs = len(model.feature_map.offset)
+    if model.feature_map.matrix.shape != (inputs, history):
+        raise ValueError(f"features of shape {model.feature_map.matrix.shape}, expected {(inputs, history)}")
+    if model.contact is not None:
+        _check_layer("contact", model.contact.posterior, inputs, CHANNELS)
+        if model.contact.scales.shape != (len(KNOTS), 2):
+            raise ValueError(f"a calibration of shape {model.contact.scales.shape}, expected {(len(KNOTS), 2)}")
+    for number, stage in enumerate(model.back):
+        _check_layer(f"back.{number}", stage, inputs, stage.weights.shape[1])
+        inputs = stage.weights.shape[1]
+    projected = dims + preset.avatar_dims if preset.back_constrained else dims
+    if inputs != projected or model.start_mean.shape != (dims,) or model.start_covariance.shape != (dims, dims):
+        raise ValueError(f"interaction latents projected to {inputs} dimensions, expected {projected}")
+    style = model.avatar.style_covariance
+    if style is None or style.shape != (len(model.emotions),) * 2:
+        raise ValueError(f"the avatar layer does not have {len(model.emotions)} styles")
+
+
+def _check_layer(name: str, layer: Posterior, inputs: int, outputs: int) -> None:
+    count = layer.inducing.shape[0]
+    if layer.noise.shape not in ((), (1,), (outputs,)):
+        raise ValueError(f"layer {name} has noise of shape {layer.noise.shape}")
+    shapes = (layer.inducing.shape, layer.weights.shape, layer.reduction.shape, layer.offset.shape, layer.scale.shape)
+    if shapes != ((count, inputs), (count, outputs), (count, count), (outputs,), (outputs,)):
+        raise ValueError(f"layer {name} has shapes {shapes}, expected {inputs} inputs and {outputs} outputs")

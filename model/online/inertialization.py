@@ -1,0 +1,66 @@
+"""A pose that stays smooth where what it follows jumps: the difference runs out along a quintic (Bollo 2018)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from highfive.model.geometry.rotations import Array
+
+GENTLE = 80.0  # rad/s² or m/s²: what the difference may add to the acceleration
+SETTLING = 3  # ticks for which values that jumped are not yet to be trusted
+SHORTEST, LONGEST = 0.08, 0.25  # s in which a difference runs out
+PEAK = 10.0 / math.sqrt(3.0)  # largest acceleration of the quintic that takes away 1 in 1 from rest, to rest
+
+
+class Inertia:
+    """Follows values from tick to tick; what it says has no step in position or speed when they jump."""
+
+    def __init__(self, seconds: float) -> None:
+        """Begins with the first values, ``seconds`` a tick."""
+        self._seconds = seconds
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets what was."""
+        self._said: Array | None = None
+        self._velocity = self._offset = self._drift = np.zeros(0)
+        self._wanted, self._age, self._length = np.zeros(0), 0, 0.0
+
+    def step(self, values: Array, jumps: bool) -> Array:
+        """What to say for ``values`` (C,), which are not where they would be from the tick before if it ``jumps``."""
+        if self._said is None:
+            said, self._velocity = values, np.zeros_like(values)
+            self._said, self._wanted = said, values
+            return said
+        if jumps:
+            self._age = -SETTLING
+        if self._age < 0:  # on as before, until it shows how fast the values go now
+            said = self._said + self._velocity * self._seconds
+            self._offset, self._age = said - values, self._age + 1 or 1
+            self._length = 0.0
+        elif self._age == 1 and self._length == 0.0:
+            self._drift = self._velocity - (values - self._wanted) / self._seconds
+            needed = math.sqrt(PEAK * float(np.abs(self._offset).max()) / GENTLE)
+            self._length = min(max(needed, SHORTEST), LONGEST)
+            said = values + self._left()
+        elif self._age:
+            said = values + self._left()
+        else:
+            said = values
+        self._velocity = (said - self._said) / self._seconds
+        self._said, self._wanted = said, values
+        return said
+
+    def _left(self) -> Array:
+        """The difference that is left, (C,): from offset and drift, at no acceleration, to nothing."""
+        t, x, v = self._length, self._offset, self._drift
+        s = self._age * self._seconds / t
+        self._age += 1
+        if s >= 1.0:
+            self._age = 0
+            return np.zeros_like(x)
+        fall = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        glide = s - s**3 * (6.0 - 8.0 * s + 3.0 * s**2)
+        return x * fall + v * t * glide

@@ -1,0 +1,230 @@
+"""The online response: one hand measurement in, one avatar pose out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, Channels
+from highfive.model.hgpdm.style import style_weights
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.belief import Filter
+from highfive.model.online.contact_forecast import ContactForecast
+from highfive.model.online.inertialization import Inertia
+from highfive.model.online.tick import Belief, Generated
+
+HAND_SHAPE = (2, 3)
+FURTHEST = 1e6
+"""m, and m²: what is larger is no hand, and its square spoils a belief by rounding."""
+HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
+CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
+MAXIMUM_FORECAST = 5.0  # s
+
+
+@dataclass(frozen=True)
+class Response:
+    """What the model answers at one time.
+
+    The predictive standard deviations ``joints_std``, ``root_std``, ``palm_std``, ``contact_point_std`` and
+    ``hand_std`` have the shape and the unit of what they belong to.
+
+    Attributes:
+        joints: (D,) rad, rotation vectors relative to the rest pose.
+        root: (3,) m, pelvis in the world.
+        palm: (3,) m, the avatar's palm as generated directly (beside what the joints give).
+        contact_point: (3,) m, where the palms will meet, or met last, as the avatar layer has it beside the pose.
+        time_to_contact, time_to_contact_std: s, negative after contact, from the same layer; within about ±0.9 s.
+        hand: (2, 3) m, the person's hand as the human layer generates it.
+        latent, latent_covariance: (q,) and (q, q) of the interaction latent I.
+        ahead: s, how far after the last tick this holds; 0 for the answer of a tick.
+        generated: the channels and the hand, with their deviations.
+        foresee: makes :attr:`contact`.
+    """
+
+    joints: Array
+    root: Array
+    palm: Array
+    contact_point: Array
+    time_to_contact: float
+    time_to_contact_std: float
+    hand: Array
+    latent: Array
+    latent_covariance: Array
+    ahead: float
+    generated: Generated = field(repr=False, compare=False)
+    foresee: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
+
+    @cached_property
+    def contact(self) -> ContactForecast | None:
+        """Where and when the palms will meet, as the contact layer forecasts it: better, and with a covariance.
+
+        None in a response ahead, or where the model has no such layer. Worked out when it is first asked for.
+        """
+        return self.foresee()
+
+    @property
+    def joints_std(self) -> Array:
+        """(D,) rad."""
+        return self.generated.avatar_deviations[: len(self.joints)]
+
+    @property
+    def root_std(self) -> Array:
+        """(3,) m."""
+        return self.generated.avatar_deviations[Channels(len(self.joints)).root]
+
+    @property
+    def palm_std(self) -> Array:
+        """(3,) m."""
+        return self.generated.avatar_deviations[Channels(len(self.joints)).palm]
+
+    @property
+    def contact_point_std(self) -> Array:
+        """(3,) m."""
+        return self.generated.avatar_deviations[Channels(len(self.joints)).contact]
+
+    @property
+    def hand_std(self) -> Array:
+        """(2, 3) m."""
+        return self.generated.human_deviations.reshape(2, 3)
+
+
+class Responder:
+    """Answers a person's hand with an avatar's pose, tick by tick.
+
+    The state is a Gaussian belief over the interaction latents (see :mod:`highfive.model.online.belief`).
+    """
+
+    def __init__(
+        self, model: HGPDM, style_weights: str | Mapping[str, float] | ArrayLike, rate_hz: float = 120.0
+    ) -> None:
+        """Works out what does not change from tick to tick, and compiles: nothing has to wait later.
+
+        Args:
+            model: the trained model.
+            style_weights: an emotion's name, a mapping of names to weights, or (K,) weights that sum to one.
+            rate_hz: ticks a second.
+        """
+        if not (math.isfinite(rate_hz) and rate_hz > 0.0):
+            raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks a second")
+        self._model, self._where = model, model.channels
+        self._style = _checked(style_weights, model)
+        self._filter, self._inertia = Filter(model, rate_hz), Inertia(1.0 / rate_hz)
+        self.reset()
+
+    @property
+    def model(self) -> HGPDM:
+        """The model that answers."""
+        return self._model
+
+    @property
+    def style(self) -> Array:
+        """The style weights (K,) of the last answer, on their way to those that were set."""
+        return self._belief.style[1]
+
+    def reset(self) -> None:
+        """Forgets the person: the next hand seen begins a new interaction."""
+        self._belief = self._filter.initial(self._style)
+        self._inertia.reset()
+
+    def set_style(self, weights: str | Mapping[str, float] | ArrayLike) -> None:
+        """Changes the style; the answer moves there smoothly within a few tenths of a second."""
+        self._style = _checked(weights, self._model)
+
+    def step(self, hand_points: ArrayLike | None, covariance: ArrayLike | None = None) -> Response:
+        """One tick.
+
+        Args:
+            hand_points: (2, 3) m, the person's wrist and knuckle centre in the world, or None where the hand is hidden.
+            covariance: (2, 3, 3) m², of the two points; by default 2 mm in each direction.
+
+        A belief that rounding has spoilt, by points that no hand can have, is given up: the hand begins anew.
+
+        Raises:
+            HighFiveError: points or covariance have another shape, are not finite or beyond :data:`FURTHEST`, or a
+                variance is negative. The state is as before.
+        """
+        hand = None if hand_points is None else _finite("hand points", hand_points, HAND_SHAPE)
+        variance = HAND_VARIANCE
+        if covariance is not None:
+            variance = np.diagonal(_finite("hand covariance", covariance, (*HAND_SHAPE, 3)), axis1=-2, axis2=-1)
+            if variance.min() < 0.0:
+                raise HighFiveError(f"a variance of {variance.min():g} m² of the hand points; expected 0 or more")
+            variance = variance.reshape(-1)
+        hand = None if hand is None else hand.reshape(HAND_DIMS)
+        changed = self._belief.started and (hand is None) == (self._belief.away == 0)
+        belief, generated = self._filter.step(self._belief, hand, variance, self._style)
+        if not _usable(belief, generated):
+            self.reset()
+            changed = False
+            belief, generated = self._filter.step(self._belief, None, HAND_VARIANCE, self._style)
+        self._belief = belief
+        # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
+        generated = generated._replace(avatar=self._inertia.step(generated.avatar, changed))
+        foresee = partial(self._filter.foresee, self._belief)
+        return self._response(self._belief.latent, self._belief.covariance, generated, foresee, 0.0)
+
+    def forecast(self, horizon_s: float) -> list[Response]:
+        """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
+        if not 0.0 < horizon_s <= MAXIMUM_FORECAST:
+            raise HighFiveError(f"a forecast of {horizon_s} s; expected more than 0 and at most {MAXIMUM_FORECAST:g} s")
+        lag, latent, covariance, responses = self._model.lag, self._belief.latent, self._belief.covariance, []
+        for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
+            latent, covariance = self._filter.predict(latent, covariance, lag)
+            style, residual = self._belief.style[1], self._belief.residual
+            generated = self._filter.generate(latent, covariance, style, residual, number * lag)
+            responses.append(self._response(latent, covariance, generated, lambda: None, number * lag))
+        return responses
+
+    def _response(
+        self,
+        latent: Array,
+        covariance: Array,
+        generated: Generated,
+        foresee: Callable[[], ContactForecast | None],
+        ahead: float,
+    ) -> Response:
+        where, dims, mean = self._where, self._model.preset.interaction_dims, generated.avatar
+        clock = min(max(float(mean[where.clock]), -CLOCK_LIMIT), CLOCK_LIMIT)
+        deviation = float(generated.avatar_deviations[where.clock])
+        return Response(
+            joints=mean[: where.joints],
+            root=mean[where.root],
+            palm=mean[where.palm],
+            contact_point=mean[where.contact],
+            time_to_contact=CLOCK_SCALE * math.atanh(clock),
+            time_to_contact_std=CLOCK_SCALE * deviation / (1.0 - clock**2),
+            hand=generated.human.reshape(2, 3),
+            latent=latent[:dims],
+            latent_covariance=covariance[:dims, :dims],
+            ahead=ahead,
+            generated=generated,
+            foresee=foresee,
+        )
+
+
+def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape:
+        raise HighFiveError(f"{what} of shape {array.shape}; expected {shape}: wrist, then knuckles")
+    if not math.isfinite(array.sum()):
+        raise HighFiveError(f"the {what} hold NaN or infinity; pass None while the hand is hidden")
+    if (largest := float(np.abs(array).max())) > FURTHEST:
+        raise HighFiveError(f"the {what} hold {largest:g}; expected metres of a room")
+    return array
+
+
+def _usable(belief: Belief, generated: Generated) -> bool:
+    """Sums tell: one number that is none spoils them."""
+    parts = (belief.latent, belief.covariance, belief.hands, belief.residual, generated.avatar, generated.human)
+    return math.isfinite(sum(float(part.sum()) for part in parts))
+
+
+def _checked(weights: str | Mapping[str, float] | ArrayLike, model: HGPDM) -> Array:
+    return style_weights(weights, model.emotions)

@@ -1,0 +1,84 @@
+"""Lets a style keep its own tempo with whoever raises a hand.
+
+In recordings an angry actor answers an angry person: how fast the avatar moves is learned as a function of how the
+person moves, and the style weights change its posture alone. On the way from one style to another the hand even slows,
+since two ways of reaching are not equally far at the same time. So the course of the reach is sharpened by style. With
+φ the progress of the generated palm from where it rests to where the palms will meet,
+
+    pose = rest + S(φ) / φ · (generated - rest),    S(φ) = φ + a (φ³ (10 - 15 φ + 6 φ²) - φ):
+
+it holds back, is faster in the middle, and is where the model wants it at rest and at contact. a is 0 in slow styles.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+
+from highfive.model.geometry.rotations import Array
+from highfive.model.gp import sparse
+from highfive.model.hgpdm.trained import HGPDM
+
+SHARPENING = 2.0
+"""a is this times the logarithm of a style's peak speed over the median style's: twice as much as makes up for it in a
+reach of minimum jerk, because on the way between styles the mixing of poses takes some away."""
+
+NEAREST = 0.2
+"""m; a meeting point nearer to the resting palm than this is no reach."""
+
+
+class Emphasis:
+    """How a model's styles differ in speed, and the poses in which they wait."""
+
+    def __init__(self, model: HGPDM) -> None:
+        """Looks at the poses that the model gives at its training points."""
+        styles = np.eye(len(model.emotions))
+        self._where = model.channels
+        self._rest = np.concatenate([model.generate(model.start_mean[None], style) for style in styles])
+        speed = peak_speeds(model)
+        self._tempo = np.maximum(speed / np.median(speed), 1.0)
+
+    def rest(self, style: Array) -> Array:
+        """Channels (C,) in which an avatar of style weights (K,) waits: the model is linear in the weights."""
+        return style @ self._rest
+
+    def sharpness(self, style: Array) -> float:
+        """How much the course is sharpened, a: 0 for the slower half of the styles; beyond 1 it would turn back."""
+        return min(SHARPENING * math.log(float(style @ self._tempo)), 1.0)
+
+    def share(self, palm: Array, contact_point: Array, style: Array) -> float:
+        """S(φ) / φ, the share of the way from rest to the generated pose.
+
+        Args:
+            palm: (3,) m, as the model gives it beside the joints.
+            contact_point: (3,) m, likewise.
+            style: (K,) the weights that both were generated with.
+        """
+        rest = self.rest(style)[self._where.palm]
+        way, gone = contact_point - rest, palm - rest
+        progress = float(gone.dot(way)) / max(float(way.dot(way)), NEAREST**2)
+        sharpness = self.sharpness(style)
+        return 1.0 - sharpness + sharpness * _hold(progress)
+
+
+def _hold(progress: float) -> float:
+    """The minimum-jerk curve (Flash & Hogan 1985) of progress, over progress; 0 before and 1 / φ beyond the reach."""
+    if progress >= 1.0:
+        return 1.0 / progress
+    x = max(progress, 0.0)
+    return x * x * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
+def peak_speeds(model: HGPDM) -> Array:
+    """Peak speed of the palm (K,), m/s, in each emotion: medians over the training trials as the model gives them."""
+    styles = np.eye(len(model.emotions))[model.emotion]
+    latents = jnp.asarray(model.avatar_latents, dtype=float)
+    palm = np.asarray(sparse.means(model.avatar, latents, jnp.asarray(styles)))[:, model.channels.palm]
+    speed = np.linalg.norm(np.diff(palm, axis=0), axis=1) / model.lag
+    speed[np.diff(model.trial) != 0] = 0.0
+    trials, first = np.unique(model.trial, return_index=True)
+    peaks = np.array([speed[model.trial[1:] == trial].max() for trial in trials])
+    shown = model.emotion[first]
+    return np.array([np.median(peaks[shown == k]) for k in range(len(model.emotions))])

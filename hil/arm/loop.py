@@ -55,7 +55,9 @@ class ArmTick:
 
 
 class Driver(Protocol):
-    """What takes commands and says what the arm does: :class:`highfive.hil.drivers.bus.arm_process.ArmProcess`, or the twin."""
+    """What takes commands and says what the arm does: :class:`highfive.hil.drivers.bus.arm_process.ArmProcess`, or
+    the twin.
+    """
 
     @property
     def mode(self) -> Mode:

@@ -5,8 +5,8 @@ accelerations at N knots that reach up to the expected contact and a little beyo
 as much as the forecast is sure of them, the avatar's style less: the plate follows a copy of the avatar's palm path,
 scaled about the place of contact, so that its speed profile and its direction of approach are the avatar's. Limits,
 distances and the largest speed relative to the person's hand are costs in the plan, and what the first step of the plan
-still breaks is cut off (:func:`highfive.hil.arm_model.arm_motion.moved_on`). The arm follows its commands late: the plan runs ahead of
-time by that lag.
+still breaks is cut off (:func:`highfive.hil.arm_model.arm_motion.moved_on`). The arm follows its commands late: the
+plan runs ahead of time by that lag.
 
 State in, state out: the same inputs give the same outputs.
 """

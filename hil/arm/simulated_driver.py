@@ -21,7 +21,9 @@ WARM, SUPPLY = 35.0, 12.0
 
 
 class TwinArm:
-    """An arm that is driven as :class:`highfive.hil.drivers.bus.arm_process.ArmProcess` is; time goes on by :meth:`pause`."""
+    """An arm that is driven as :class:`highfive.hil.drivers.bus.arm_process.ArmProcess` is; time goes on by
+    :meth:`pause`.
+    """
 
     trouble = ""
 

@@ -1,7 +1,8 @@
 """The arm's machine code: kinematics, dynamics, distances, and the plan of the next moments.
 
-It stands in one file because compiled code is stored by source file (:mod:`highfive.model.compiled`). World frame, SI units;
-J = 6 joints. What is written for people is in :mod:`highfive.hil.arm_model.servo_arm` and :mod:`highfive.hil.arm.planner`.
+It stands in one file because compiled code is stored by source file (:mod:`highfive.model.compiled`). World frame, SI
+units; J = 6 joints. What is written for people is in :mod:`highfive.hil.arm_model.servo_arm` and
+:mod:`highfive.hil.arm.planner`.
 """
 
 from __future__ import annotations
@@ -948,7 +949,8 @@ def _keeps(arm: Arm, joint: int, place: float, speed: float, push: float, second
 
 
 @compiled
-def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array, torques: Array) -> int:  # noqa: PLR0912 (a kernel)
+def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array, torques: Array) -> int:
+    # noqa: PLR0912 (a kernel)
     """Shortens accelerations (J,) until every limit holds after the step; returns the bits of those that did it.
 
     Writes the torques (J,) that the step takes into ``torques``.

@@ -44,7 +44,8 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
     Returns:
         ``cycle_hz`` of a client that does nothing but write and read bytes, and its ``cycle_ms`` (``p50``, ``p99``,
         ``max``) and ``failed`` cycles; ``sdk_hz`` of the maker's SDK and its ``sdk_failed``; ``limit_hz``, which the
-        line allows; ``servos``, ``baud_rate``, ``seconds``; and what :func:`highfive.hil.bench.arm_faults.driver_figures` gives.
+        line allows; ``servos``, ``baud_rate``, ``seconds``; and what
+        :func:`highfive.hil.bench.arm_faults.driver_figures` gives.
 
     Raises:
         HighFiveError: the emulator does not start, or nothing comes back.

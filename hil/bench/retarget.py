@@ -1,6 +1,7 @@
 """How near the arm's plate comes to the person's palm, and when, in simulated sessions.
 
-Sessions are run once; what they ask of the arm in every tick can then be played to any arm (:mod:`highfive.hil.arm.arm_trial`).
+Sessions are run once; what they ask of the arm in every tick can then be played to any arm
+(:mod:`highfive.hil.arm.arm_trial`).
 """
 
 from __future__ import annotations

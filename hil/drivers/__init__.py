@@ -1,1 +1,3 @@
-"""Servo buses: ``bus`` talks to servos, ``emulator`` stands in for them. May import serial and dynamixel_sdk; no MuJoCo."""
+"""Servo buses: ``bus`` talks to servos, ``emulator`` stands in for them. May import serial and dynamixel_sdk; no
+MuJoCo.
+"""

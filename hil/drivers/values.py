@@ -1,6 +1,7 @@
 """What passes between the servo arm, its driver and whatever stands in for it: one number a joint, in SI units.
 
-Joints stand in the order of the rig's description (:mod:`highfive.hil.drivers.bus.rig`). A joint driven by two servos is one number.
+Joints stand in the order of the rig's description (:mod:`highfive.hil.drivers.bus.rig`). A joint driven by two servos
+is one number.
 """
 
 from __future__ import annotations

@@ -113,7 +113,9 @@ def methods_of(result: dict[str, Any]) -> list[str]:
 
 
 def rows_of(result: dict[str, Any], ranges: bool = True) -> list[Row]:
-    """The rows of an evaluation's result, see :func:`highfive.hil.commands.evaluate.evaluate`; with the ranges over its seeds or not."""
+    """The rows of an evaluation's result, see :func:`highfive.hil.commands.evaluate.evaluate`; with the ranges over
+    its seeds or not.
+    """
     names = dict.fromkeys(name for values in result["scores"].values() for name in values)
     order = {name: place for place, name in enumerate(METRICS)}
     return [

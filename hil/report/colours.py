@@ -34,7 +34,8 @@ def colour_of(emotion: str) -> str:
 def blend_of(start: str, end: str, weight: float) -> str:
     """Hex colour between those of two emotions, ``weight`` (0 to 1) of the second."""
     pairs = zip(to_rgb(colour_of(start)), to_rgb(colour_of(end)), strict=True)
-    return to_hex([(1.0 - weight) * first + weight * second for first, second in pairs])
+    red, green, blue = ((1.0 - weight) * first + weight * second for first, second in pairs)
+    return to_hex((red, green, blue))
 
 
 def mark_of(emotion: str) -> str:

@@ -10,8 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from highfive.hil.arm.reachability import DEPTH, HEIGHTS, STANDOFFS, BaseReach, cell_point
 from highfive.hil.arm_model import arm_motion
-from highfive.hil.commands.rig.reach import DEPTH, HEIGHTS, STANDOFFS, BaseReach, cell_point
 from highfive.hil.report.page import write_file
 from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z
 from highfive.model.geometry.rotations import Array

@@ -18,7 +18,9 @@ PLAIN_WIDTH = 160  # columns where standard output is no terminal: a file has ro
 
 
 def print_scores(result: dict[str, Any]) -> None:
-    """The scores of :func:`highfive.hil.commands.evaluate.evaluate` as a table: median of the seeds, smallest and largest in brackets."""
+    """The scores of :func:`highfive.hil.commands.evaluate.evaluate` as a table: median of the seeds, smallest and
+    largest in brackets.
+    """
     title = str(result.get("windows") or result.get("data"))
     if result.get("leave_out"):
         title += f", each {result['leave_out']} left out in turn"
@@ -46,7 +48,9 @@ def _score_table(result: dict[str, Any], title: str, ranges: bool = True) -> Tab
 
 
 def print_observations(result: dict[str, Any]) -> None:
-    """What :func:`highfive.hil.commands.classify_style.observe` found, as tables: accuracies, confusions, speeds of the morph."""
+    """What :func:`highfive.hil.commands.classify_style.observe` found, as tables: accuracies, confusions, speeds of
+    the morph.
+    """
     stages = ("captured", "generated", "corrected")
     rows = {f"by {cue}": values for cue, values in result["by_cue"].items()}
     rows |= {f"person: {emotion}": values for emotion, values in result["by_person"].items()}

@@ -1,8 +1,8 @@
 """How far goals go beyond where the joints shall be, because a loaded servo stands off its goal.
 
 Gravity compensation by position: the goal leads the reference by compliance times torque. The offset has rules of its
-own, and what the reference itself leaves of the joints' limits; :mod:`highfive.hil.safety.envelope` holds the sum of both to the
-rules for the person.
+own, and what the reference itself leaves of the joints' limits; :mod:`highfive.hil.safety.envelope` holds the sum of
+both to the rules for the person.
 """
 
 from __future__ import annotations

@@ -72,7 +72,8 @@ def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Arr
     """Velocities (J,), rad/s, that bring the joints to where they are wanted and along with it.
 
     Joints that are where they were wanted go on exactly as they are wanted. Where one is behind, all make up for it in
-    step, none faster than :attr:`highfive.hil.safety.limits.Motion.catch_up`, and so that each can brake when it is there.
+    step, none faster than :attr:`highfive.hil.safety.limits.Motion.catch_up`, and so that each can brake when it is
+    there.
     """
     before = told.wanted if told.wanted is not None else wanted
     paces, behind, rate, furthest = [], [], 1.0 / max(dt, NO_TIME), 0.0

@@ -1,1 +1,3 @@
-"""From all markers of a person to the joint angles of the skeleton, by least squares. May import ``markers`` and ``files``."""
+"""From all markers of a person to the joint angles of the skeleton, by least squares. May import ``markers`` and
+``files``.
+"""

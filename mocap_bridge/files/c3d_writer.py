@@ -1,7 +1,8 @@
 """A C3D file written frame by frame: memory does not grow with its length.
 
 Format: the C3D file format user guide, www.c3d.org (Motion Lab Systems): Intel byte order, floating point, millimetres.
-The whole-recording writer of :mod:`highfive.mocap_bridge.files.c3d` (ezc3d's) is the simpler one where everything is in memory.
+The whole-recording writer of :mod:`highfive.mocap_bridge.files.c3d` (ezc3d's) is the simpler one where everything is
+in memory.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Writes a marker set as the TOML file that :func:`highfive.mocap_bridge.markers.marker_set_file.load_marker_set` reads."""
+"""Writes a marker set as the TOML file that :func:`highfive.mocap_bridge.markers.marker_set_file.load_marker_set`
+reads.
+"""
 
 from __future__ import annotations
 

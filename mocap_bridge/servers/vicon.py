@@ -35,7 +35,8 @@ _MOST_REQUESTS = 1000  # frames that a client may ask for ahead
 
 
 class ViconServer:
-    """Sends frames to any number of clients that ask for all or for one at a time (see :mod:`highfive.mocap_bridge.servers.serving`).
+    """Sends frames to any number of clients that ask for all or for one at a time (see
+    :mod:`highfive.mocap_bridge.servers.serving`).
 
     :meth:`send` writes to the sockets itself and never waits: whoever has not taken the last frame yet misses this one.
     A thread takes connections and requests, and goes on where a socket was full.
@@ -83,7 +84,9 @@ class ViconServer:
         return self._sent_ns
 
     def send(self, frame: MarkerFrame) -> None:
-        """Sends a frame to every client that asked for frames; see :meth:`highfive.mocap_bridge.servers.serving.Server.send`."""
+        """Sends a frame to every client that asked for frames; see
+        :meth:`highfive.mocap_bridge.servers.serving.Server.send`.
+        """
         with self._lock:
             self._frame = self._packet(frame)
             self._encoded.clear()

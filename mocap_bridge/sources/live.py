@@ -64,7 +64,8 @@ class Link(Protocol):
         """Whole frames that have come, oldest first; waits up to ``timeout_s`` for something to come.
 
         Names keep the system's prefix of the person (``'Subject:RFIN'``). Positions are in metres, z up; a marker that
-        is not seen is not valid, nor one whose coordinates cannot be meant (:mod:`highfive.mocap_bridge.wire.plausible`).
+        is not seen is not valid, nor one whose coordinates cannot be meant
+        (:mod:`highfive.mocap_bridge.wire.plausible`).
 
         Raises:
             LinkError: the connection is lost, or what came is not of the protocol.
@@ -77,7 +78,9 @@ class Link(Protocol):
 
 
 class LiveSource:
-    """A source (see :class:`highfive.mocap_bridge.sources.source.Source`) that follows a live system until it is closed."""
+    """A source (see :class:`highfive.mocap_bridge.sources.source.Source`) that follows a live system until it is
+    closed.
+    """
 
     def __init__(
         self,

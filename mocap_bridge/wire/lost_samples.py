@@ -1,8 +1,8 @@
 """Which samples of an evenly sampled stream are missing, told from the times at which the others were stamped.
 
-Lateness passes, a loss stays: it moves the time line of the stream (:mod:`highfive.mocap_bridge.wire.sample_period`), which no late
-sample moves, by whole periods. The line needs later samples, so that a loss is known :data:`PATIENCE_S` later. Where a
-sender was held up for longer and then catches up, what had been taken for lost is taken back.
+Lateness passes, a loss stays: it moves the time line of the stream (:mod:`highfive.mocap_bridge.wire.sample_period`),
+which no late sample moves, by whole periods. The line needs later samples, so that a loss is known :data:`PATIENCE_S`
+later. Where a sender was held up for longer and then catches up, what had been taken for lost is taken back.
 """
 
 from __future__ import annotations

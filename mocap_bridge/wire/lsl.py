@@ -174,8 +174,8 @@ class FrameCounter:
     """Frame numbers from time stamps, so that lost samples leave a gap.
 
     A number is given at once, but a sample may only have been stamped late: what was lost shows some half a second
-    afterwards (:mod:`highfive.mocap_bridge.wire.lost_samples`). One counter serves all connections to a stream: what is lost while it
-    is gone shows when it is back.
+    afterwards (:mod:`highfive.mocap_bridge.wire.lost_samples`). One counter serves all connections to a stream: what
+    is lost while it is gone shows when it is back.
     """
 
     def __init__(self, rate_hz: float = 0.0):

@@ -91,8 +91,8 @@ class Skeleton:
     def to_hinges(self, quaternions: Array) -> Array:
         """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4).
 
-        The same as :func:`highfive.model.geometry.rotations.to_hinges` joint by joint, in one pass, but each angle in the turn nearest
-        the middle of its limits: near ±pi rounding would decide.
+        The same as :func:`highfive.model.geometry.rotations.to_hinges` joint by joint, in one pass, but each angle in
+        the turn nearest the middle of its limits: near ±pi rounding would decide.
         """
         joints, axes, sign, middle = self._hinges
         w = sign * quaternions[..., 0]

@@ -46,7 +46,8 @@ def tick_weights(history: tuple[float, ...], rate_hz: float, ago: float = 0.0, s
 
 
 def packed(posterior: Posterior, styles: int = 1) -> Array:
-    """A layer for :func:`highfive.model.online.tick.predicted`, with all that does not depend on the input worked out, in one vector.
+    """A layer for :func:`highfive.model.online.tick.predicted`, with all that does not depend on the input worked
+    out, in one vector.
 
     One argument a layer: compiled code counts the references to every array that it is given, which at eleven arrays a
     layer took longer than some layers do. The first number is the vector's length. A layer without styles has

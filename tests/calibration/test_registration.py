@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import ROOT
 
 from highfive.calibration.registration import FEWEST_POSES, LONGEST_AGE, load_registration
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
-EXAMPLE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]
+EXAMPLE = (ROOT / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]
 ARM, DATE = "0123456789ab", datetime(2026, 11, 23, 9, 30, tzinfo=UTC)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from paths import ROOT
 
 from highfive.model.compiled import compiled_entry
 
@@ -28,7 +29,7 @@ def test_infinity_and_not_a_number_keep_their_meaning():
 
 
 PROGRAM = """
-from model.compiled import compiled_entry, when_compiling
+from highfive.model.compiled import compiled_entry, when_compiling
 
 @compiled_entry
 def doubled(x):
@@ -43,7 +44,7 @@ def test_what_is_only_loaded_is_not_told_as_compiled(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     environment = os.environ | {
-        "PYTHONPATH": str(Path(__file__).parents[2]),
+        "PYTHONPATH": str(ROOT),
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
     }
     said = [

@@ -27,7 +27,8 @@ def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str]
     Every line that comes in on standard input replaces what goes wrong, with times that count from then.
 
     Returns:
-        ``port``, ``rig``, ``servos`` (model by ID) and what :class:`~highfive.hil.drivers.emulator.emulator.EmulatorSummary` holds.
+        ``port``, ``rig``, ``servos`` (model by ID) and what
+        :class:`~highfive.hil.drivers.emulator.emulator.EmulatorSummary` holds.
 
     Raises:
         HighFiveError: rig, faults or link make no sense, or there are no pseudo-terminals.

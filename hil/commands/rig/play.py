@@ -64,8 +64,8 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     A stop, or Ctrl-C, ends it early.
 
     Returns:
-        the summary of :func:`highfive.hil.arm.arm_trial.arm_summary`, with ``session`` and ``port``, and, if it ended early, why in
-        ``stopped``, what helps in ``remedy``, and the trial to go on ``from``.
+        the summary of :func:`highfive.hil.arm.arm_trial.arm_summary`, with ``session`` and ``port``, and, if it ended
+        early, why in ``stopped``, what helps in ``remedy``, and the trial to go on ``from``.
 
     Raises:
         HighFiveError: the folder holds something; the recording is of another avatar, or without a high five; the arm

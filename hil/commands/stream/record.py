@@ -46,7 +46,9 @@ def _free(path: Path) -> Path:
 
 
 class Recorder:
-    """Takes every frame (see :data:`highfive.mocap_bridge.sources.tap.Tap`); a full disk ends the recording, not the stream."""
+    """Takes every frame (see :data:`highfive.mocap_bridge.sources.tap.Tap`); a full disk ends the recording, not the
+    stream.
+    """
 
     def __init__(self, path: Path, overwrite: bool = False):
         """Begins the raw file; a C3D file that may be replaced stays until the recording is finished.

@@ -52,8 +52,8 @@ def latency_ms(path: str) -> int | None:
 
 
 def too_slow(path: str) -> str:
-    """How to make a port's adapter quick, where opening the port (:mod:`highfive.hil.drivers.bus.servo_port`) did not; '' where that
-    is not needed."""
+    """How to make a port's adapter quick, where opening the port (:mod:`highfive.hil.drivers.bus.servo_port`) did
+    not; '' where that is not needed."""
     return Port(path, "", latency_ms(path)).advice
 
 

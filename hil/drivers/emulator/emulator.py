@@ -35,8 +35,8 @@ _CHUNK = 4096
 
 @dataclass(frozen=True)
 class EmulatorSummary:
-    """What an emulator has done: as in :class:`~highfive.hil.drivers.emulator.emulated_bus.BusCounts`, and ``overruns``, replies that the
-    host did not fetch, and ``late_us``, how late bytes went out at worst."""
+    """What an emulator has done: as in :class:`~highfive.hil.drivers.emulator.emulated_bus.BusCounts`, and
+    ``overruns``, replies that the host did not fetch, and ``late_us``, how late bytes went out at worst."""
 
     seconds: float
     instructions: dict[str, int]
@@ -85,7 +85,8 @@ class Emulator:
         """From now on only these go wrong, and their times count from now; an empty text ends all. From any thread.
 
         Raises:
-            HighFiveError: they are spelt otherwise than :func:`~highfive.hil.drivers.emulator.bus_faults.parse_fault` wants.
+            HighFiveError: they are spelt otherwise than :func:`~highfive.hil.drivers.emulator.bus_faults.parse_fault`
+            wants.
         """
         parsed = parse_faults([faults] if isinstance(faults, str) else faults)
         with self._lock:

@@ -1,7 +1,7 @@
 """An emulator in a process of its own, so that whoever talks to it leaves it its time.
 
-The child is ``python -m hil.drivers.emulator_process``. It is told what to do by one JSON object on its first line of
-standard input, says the port in one on its first line of output, takes faults from the lines that follow, and says its
+The child is ``python -m highfive.hil.drivers.emulator.emulator_process``. It is told what to do by one JSON object on
+its first line of standard input, says the port in one on its first line of output, takes faults from the lines that follow, and says its
 summary when its input ends: so it does not outlive its parent.
 """
 
@@ -101,7 +101,8 @@ class EmulatorProcess:
 
     Attributes:
         port: what a host opens.
-        summary: as :class:`~highfive.hil.drivers.emulator.emulator.EmulatorSummary` has it, by name; empty until the context has ended.
+        summary: as :class:`~highfive.hil.drivers.emulator.emulator.EmulatorSummary` has it, by name; empty until the
+        context has ended.
     """
 
     def __init__(self, options: EmulatorOptions | None = None) -> None:

@@ -5,12 +5,12 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from paths import ROOT
 
 from highfive.hil.safety import limits as module
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import TABLE, State
 
-ROOT = Path(__file__).resolve().parents[3]
 TEXT = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
 LIMITS = module.load_limits()
 

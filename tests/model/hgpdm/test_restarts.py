@@ -12,6 +12,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from paths import HELPERS
 
 from highfive.model.errors import HighFiveError
 from highfive.model.gp.optimise import State, minimise
@@ -115,8 +116,8 @@ CHILD = """
     import numpy as np
     sys.path.insert(0, {tests!r})
     from made_up import SMALL, made_up_trial
-    from model.store import save_model
-    from model.training import train
+    from highfive.model.hgpdm.store import save_model
+    from highfive.model.hgpdm.training import train
     rng = np.random.default_rng(1)
     trials = [made_up_trial(goal, emotion, 60.0, rng) for goal in (0.3, 0.5, 0.7) for emotion in ("neutral", "angry")]
     preset = replace(SMALL, iterations=50, adam_steps=50, points=200)
@@ -129,7 +130,7 @@ CHILD = """
 @pytest.mark.slow
 def test_killed_by_the_system_it_goes_on_to_the_same_model(tmp_path: Path):
     """SIGKILL in the middle of the second seed of a real training; the files of the models are the same."""
-    code = textwrap.dedent(CHILD.format(tests=str(Path(__file__).parent)))
+    code = textwrap.dedent(CHILD.format(tests=str(HELPERS)))
 
     def child(out: str) -> list[str]:
         return [sys.executable, "-c", code, str(tmp_path / f"{out}.npz"), str(tmp_path / out)]

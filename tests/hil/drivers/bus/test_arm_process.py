@@ -144,7 +144,7 @@ def test_what_the_watchdogs_have_stopped_is_freed_where_it_stands(
 
 @pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="the system has no such schedules")
 def test_it_goes_before_programs_that_compute_where_that_is_allowed(arm: ArmProcess) -> None:
-    asked = "import sys; from hil.drivers.priority import go_first; sys.exit(not go_first())"
+    asked = "import sys; from highfive.hil.drivers.priority import go_first; sys.exit(not go_first())"
     allowed = subprocess.run([sys.executable, "-c", asked], check=False).returncode == 0
     schedule = os.sched_getscheduler(arm.pid) & ~os.SCHED_RESET_ON_FORK
     assert schedule == (os.SCHED_FIFO if allowed else os.SCHED_OTHER)
@@ -348,9 +348,9 @@ def test_what_cannot_begin_says_why(tmp_path: Path, rig: Rig) -> None:
 HOST = """
 import sys, time
 import numpy as np
-from hil.drivers.arm_process import ArmProcess
-from hil.drivers.rig import load_rig
-from hil.drivers.values import JointCommand
+from highfive.hil.drivers.bus.arm_process import ArmProcess
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.values import JointCommand
 if __name__ == "__main__":
     arm = ArmProcess(sys.argv[1], load_rig(), allowance_ms=60.0)
     arm.wait_ready(30.0)
@@ -372,9 +372,9 @@ def started(script: Path, argument: str, **more: Any) -> subprocess.Popen[str]:
 ORDERLY = """
 import signal, sys, time
 import numpy as np
-from hil.drivers.arm_process import ArmProcess, Mode
-from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess
-from hil.drivers.rig import load_rig
+from highfive.hil.drivers.bus.arm_process import ArmProcess, Mode
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.hil.drivers.bus.rig import load_rig
 if __name__ == "__main__":
     told = []
     for number in (signal.SIGTERM, signal.SIGHUP):

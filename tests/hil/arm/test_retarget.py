@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from highfive.hil.arm.contact_goal import until_touch
 from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
+from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm_model import arm_motion
 from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve
-from highfive.hil.commands.rig.reach import cell_point, facing
 from highfive.hil.safety.people import speed_near_face
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
 from highfive.hil.sim.people.actors import CELLS

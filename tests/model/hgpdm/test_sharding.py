@@ -5,12 +5,10 @@ import os
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
+from paths import HELPERS, ROOT
 
 
 def begin(preset: str, devices: int, processes: int = 1, number: int = 0, port: int = 0) -> subprocess.Popen[str]:
@@ -20,7 +18,7 @@ def begin(preset: str, devices: int, processes: int = 1, number: int = 0, port: 
         "OMP_NUM_THREADS": "1",
         "PYTHONPATH": str(ROOT),
     }
-    program = Path(__file__).with_name("objective_over_devices.py")
+    program = HELPERS / "objective_over_devices.py"
     command = [sys.executable, str(program), preset, str(processes), str(number)]
     return subprocess.Popen(
         [*command, f"127.0.0.1:{port}"], env=environment, cwd=ROOT, stdout=subprocess.PIPE, text=True

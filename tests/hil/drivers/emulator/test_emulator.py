@@ -159,7 +159,7 @@ def test_it_ends_quietly_with_whoever_started_it(tmp_path: Path) -> None:
     link = tmp_path / "arm"
     program = (
         "import os, time\n"
-        "from hil.drivers.emulator_process import EmulatorOptions, EmulatorProcess\n"
+        "from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess\n"
         f"emulator = EmulatorProcess(EmulatorOptions(link={str(link)!r})).__enter__()\n"
         "os._exit(1)\n"
     )

@@ -5,20 +5,20 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import HELPERS
 
 from highfive.hil.arm.arm_trial import arm_summary, arm_trial
 from highfive.hil.arm.contact_outcome import Asked
 from highfive.hil.arm.lifecycle import full_errors, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget
+from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm, solve
 from highfive.hil.bench.contact import played, twin_loop
-from highfive.hil.commands.rig.reach import cell_point, facing
 from highfive.hil.drivers.bus.arm_process import Mode
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
@@ -134,12 +134,12 @@ def test_a_joint_is_where_the_envelope_wants_it_although_it_gives_way(loop: ArmL
 def test_nothing_is_compiled_any_more_once_the_arm_is_ready() -> None:
     """With torque on nobody waits: the servos' watchdogs and the rule for late commands take a pause for a fault."""
     lines = (
-        "from hil import arm_motion",
+        "from highfive.hil import arm_motion",
         "from test_arm_loop import played, still_hand, twin_loop",
         "count = lambda: {n: len(f.signatures) for n, f in vars(arm_motion).items() if hasattr(f, 'signatures')}",
         "loop = twin_loop(); before = count(); played(still_hand('B2'), loop); assert before == count(), count()",
     )
-    where = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    where = os.pathsep.join([str(HELPERS), os.environ.get("PYTHONPATH", "")])
     subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True, env=os.environ | {"PYTHONPATH": where})
 
 

@@ -50,7 +50,7 @@ def test_a_file_with_pickled_objects_is_not_read(tmp_path: Path):
 FULL = """
 import resource, sys, numpy as np
 from pathlib import Path
-from model.checkpoint import Checkpoint
+from highfive.model.hgpdm.checkpoint import Checkpoint
 checkpoint = Checkpoint(Path(sys.argv[1]), {"seed": 1})
 checkpoint.save({"a": np.arange(3.0)})
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))

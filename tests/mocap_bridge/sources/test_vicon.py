@@ -210,9 +210,9 @@ def test_a_server_that_is_silent_for_a_while_is_stalled_and_then_live(server):
 def test_a_server_that_is_killed_is_seen_within_a_second_and_a_half():
     code = (
         "import numpy as np\n"
-        "from mocap_bridge.recording import make_recording\n"
-        "from mocap_bridge.servers.vicon import ViconServer\n"
-        "from mocap_bridge.serving import serve\n"
+        "from highfive.mocap_bridge.files.recording import make_recording\n"
+        "from highfive.mocap_bridge.servers.vicon import ViconServer\n"
+        "from highfive.mocap_bridge.servers.serving import serve\n"
         "server = ViconServer(port=0)\n"
         "print(server.port, flush=True)\n"
         "points = np.random.default_rng(0).normal(size=(100, 3, 3))\n"

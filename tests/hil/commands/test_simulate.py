@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from paths import ROOT
 
 from highfive.hil.cli import main as cli
 from highfive.hil.commands.simulate import SimulateOptions, simulate
@@ -154,7 +155,7 @@ def start(*words: object, **environment: str) -> subprocess.Popen[str]:
     """``highfive`` as a process of its own, in a group of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "highfive.hil.cli.main", *map(str, words)],
-        cwd=Path(__file__).resolve().parents[2],
+        cwd=ROOT,
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -45,8 +45,8 @@ def test_a_display_and_other_systems_are_left_to_mujoco():
 @pytest.mark.parametrize("value", ["disable", "bogus"])
 def test_everything_but_pictures_runs_without_opengl(value):
     program = (
-        "from hil.sim.scene import build_scene\n"
-        "from hil.sim.rendering import NoPictures, open_renderer\n"
+        "from highfive.hil.sim.scene import build_scene\n"
+        "from highfive.hil.sim.rendering import NoPictures, open_renderer\n"
         "scene = build_scene(); scene.make_data()\n"
         "answer = open_renderer(scene, 64, 48)\n"
         "assert isinstance(answer, NoPictures), answer\n"

@@ -7,6 +7,7 @@ import imageio_ffmpeg
 import mujoco
 import numpy as np
 import pytest
+from paths import HELPERS
 from trial_results import some_results
 
 from highfive.hil.report.captions import Captions
@@ -126,8 +127,8 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from trial_results import simulated_result
-from hil.film import make_film, picture_strips
-from hil.sim.scene import build_scene
+from highfive.hil.report.film import make_film, picture_strips
+from highfive.hil.sim.scene import build_scene
 scene = build_scene()
 results = [simulated_result(scene, 0, "angry", "B2")]
 print(picture_strips(scene, results).reason)
@@ -136,7 +137,7 @@ print(make_film(scene, results, Path("never.mp4")).reason)
 
 
 def test_without_opengl_there_is_a_reason(tmp_path):
-    command = [sys.executable, "-c", WITHOUT_OPENGL, os.path.dirname(__file__)]
+    command = [sys.executable, "-c", WITHOUT_OPENGL, str(HELPERS)]
     environment = {**os.environ, "MUJOCO_GL": "disable"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, cwd=tmp_path)
     reasons = done.stdout.splitlines()

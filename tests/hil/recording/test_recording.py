@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from paths import HELPERS
 from trial_results import some_results
 
 from highfive.hil.recording.recording import CHUNK_NS, SessionRecorder, read_recording
@@ -174,9 +175,9 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from trial_results import simulated_result
-from hil.recording import SessionRecorder
-from hil.sim.scene import build_scene
-from hil.summary import SessionSettings
+from highfive.hil.recording.recording import SessionRecorder
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.summary import SessionSettings
 result = simulated_result(build_scene(), 0, "angry", "B2")
 recorder = SessionRecorder(Path(sys.argv[2]), SessionSettings(seed=0, model="m", trials=1))
 while True:
@@ -187,7 +188,7 @@ while True:
 
 def test_a_killed_process_leaves_a_readable_file(tmp_path):
     path = tmp_path / "killed.mcap"
-    arguments = [sys.executable, "-c", WRITES_FOR_EVER, str(Path(__file__).parent), str(path)]
+    arguments = [sys.executable, "-c", WRITES_FOR_EVER, str(HELPERS), str(path)]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for _ in range(3):

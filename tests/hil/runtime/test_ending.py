@@ -11,7 +11,7 @@ from highfive.hil.runtime.shutdown import Told, until_told
 # Signals come while the flag is being waited for, and while another signal's handler runs.
 STORM = """
 import os, signal, sys, threading, time
-from hil.ending import until_told
+from highfive.hil.runtime.shutdown import until_told
 for _ in range(1500):
     with until_told() as told:
         storm = threading.Thread(target=lambda: [os.kill(os.getpid(), signal.SIGTERM) for _ in range(3)])

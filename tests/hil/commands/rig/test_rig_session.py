@@ -20,6 +20,7 @@ import pytest
 from live_commands import HIGHFIVE, ended, start, wait_for
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from paths import ROOT
 from trial_results import simulated_result
 
 from highfive.hil.arm.lifecycle import PATIENCE_MS, PLANT, ArmOptions, ready_arm
@@ -38,7 +39,7 @@ from highfive.hil.trials.summary import SessionSettings
 from highfive.model.errors import HighFiveError
 
 clockwork = pytest.mark.realtime
-EXAMPLE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]
+EXAMPLE = (ROOT / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]
 """A registration, as the documentation shows it."""
 
 

@@ -218,8 +218,8 @@ def test_what_is_no_pipe_and_no_terminal_is_refused(tmp_path: Path) -> None:
 
 CHILD = """
 import signal, sys, time
-from hil.drivers.latch import Latch
-from hil.estop import listening
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.arm.emergency_stop import listening
 def earlier(number, frame):
     print("earlier", number, flush=True)
 signal.signal(signal.SIGTERM, earlier)

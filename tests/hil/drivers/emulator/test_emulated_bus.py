@@ -1,12 +1,12 @@
 """The emulated line in time: bytes at their baud, replies in order, faults as they are asked for."""
 
 import contextlib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from paths import ROOT
 
 from highfive.hil.drivers.bus import packet as wire
 from highfive.hil.drivers.bus.control_table import BAUD_RATES, load_table
@@ -223,7 +223,7 @@ def test_what_happens_to_servos() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_fault_can_be_spelt_and_is_documented(kind: str) -> None:
-    assert f"| `{kind}" in (Path(__file__).parents[3] / "docs" / "rig.md").read_text(encoding="utf-8")
+    assert f"| `{kind}" in (ROOT / "docs" / "rig.md").read_text(encoding="utf-8")
     values = {"late": ":20", "brownout": ":8", "dead": "=3", "overload": "=3", "slip": "=3:-10", "twice": "=3"}
     value = values.get(kind, "")
     fault = parse_fault(f"{kind}{value}@2-3.5")

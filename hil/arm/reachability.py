@@ -1,0 +1,268 @@
+"""Where to mount the servo arm: which bases reach every cell of the high-five grid, with what margin and how fast.
+
+For every base of a grid of heights, stand-offs, sides, tilts and plate distances the search solves for the posture of
+each cell (palm facing the simulated person's), and rates it by the joints' distance from their limits, the gap to
+mount, floor and arm itself, and the quickest reach from the ready posture inside speed and torque. Of those that reach
+all nine cells it takes the one whose slowest reach is quickest; ``docs/decisions`` says what came out.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import minimize
+
+from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings
+from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model.servo_arm import JOINTS, Mount, ServoArm, solve
+from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.geometry.rotations import Array
+
+if TYPE_CHECKING:
+    pass
+
+UP = np.array([0.0, 0.0, 1.0])
+
+DEPTH = 0.49
+"""x of the plane in which simulated palms meet, m."""
+FACING = np.radians(40.0)
+"""Palms meet turned by so much to each one's left: straight on, forearms run into their limits."""
+BACK = 0.16
+"""The ready plate waits so far behind the plane of contact, m, ..."""
+DOWN = 0.04
+"""... and so much lower than the grid's middle."""
+NEAR = 1e-3
+"""A posture that misses by more, m, does not reach."""
+MARGIN = np.radians(10.0)
+"""Least distance of a joint from its limit that counts as reached; forearm and wrist have turns to spare."""
+GAP = 0.02
+"""Least gap, m, to floor, mount and the arm itself."""
+AGILE = 0.03
+"""Least singular value of the plate's Jacobian (m, and 0.2 m per rad of normal): below, a joint must race."""
+
+ASIDE = np.radians(35.0)
+"""The waiting plate faces the person at least so well."""
+
+HEIGHTS = (0.90, 1.00, 1.10, 1.20, 1.30)
+STANDOFFS = (0.40, 0.45, 0.50, 0.55, 0.60)
+SIDES = (0.0, 10.0, 20.0)
+TILTS = (0.0, 12.5, 25.0)
+PLATES = (0.10, 0.15, 0.20)
+FINALISTS = 8
+"""Of the best bases, that get a better ready posture before one is chosen."""
+STARTS = 24
+"""Postures from which each place is solved for."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """A way to mount the arm.
+
+    Attributes:
+        height: m, of the base's underside.
+        standoff: m, from the base's axis to the middle of the grid, along ``side``.
+        side: degrees; the base stands behind the grid in this direction, and points along it.
+        tilt: degrees, pitched forward.
+        plate: m, from the last joint to the plate.
+    """
+
+    height: float
+    standoff: float
+    side: float
+    tilt: float
+    plate: float
+
+    def arm(self) -> ServoArm:
+        """The arm on this base."""
+        yaw = np.radians(self.side)
+        x, y = DEPTH - self.standoff * np.cos(yaw), -self.standoff * np.sin(yaw)
+        return ServoArm(Mount((float(x), float(y), self.height), float(yaw), float(np.radians(self.tilt))), self.plate)
+
+
+@dataclass(frozen=True)
+class CellReach:
+    """What a base can do at one cell.
+
+    Attributes:
+        cell: its name.
+        reached: inside the limits, clear of everything, and agile.
+        miss: m, what is left of position and normal.
+        joints: (J,) rad.
+        margin: rad, smallest distance of waist, shoulder, elbow and wrist angle from a limit.
+        gap: m, to floor, mount and arm itself.
+        agility: smallest singular value of the plate's Jacobian.
+        seconds: quickest reach from the ready posture.
+    """
+
+    cell: str
+    reached: bool
+    miss: float
+    joints: Array
+    margin: float
+    gap: float
+    agility: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class BaseReach:
+    """What a base can do: its ready posture (J,), rad, and each cell."""
+
+    base: Base
+    ready: Array
+    cells: tuple[CellReach, ...]
+
+    @property
+    def reached(self) -> int:
+        """Number of cells."""
+        return sum(cell.reached for cell in self.cells)
+
+    @property
+    def slowest(self) -> float:
+        """s, to the cell that takes longest."""
+        return max(cell.seconds for cell in self.cells)
+
+    @property
+    def margin(self) -> float:
+        """rad, at the cell with the least."""
+        return min(cell.margin for cell in self.cells)
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Larger is better: more cells, then the quicker slowest reach, a degree of margin being worth 2 ms."""
+        return self.reached, 0.002 * min(float(np.degrees(self.margin)), 45.0) - self.slowest
+
+
+def facing(degrees: float = 0.0) -> Array:
+    """Normal (3,) of a plate that meets the person's palm, turned ``degrees`` further to the left."""
+    angle = FACING + np.radians(degrees)
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def cell_point(cell: str) -> Array:
+    """Where the palms meet at a cell, (3,) m."""
+    row, column = divmod(CELLS.index(cell), 3)
+    return np.array([DEPTH, GRID_Y[column], GRID_Z[row]])
+
+
+def ready_point() -> Array:
+    """Where the plate waits, (3,) m: behind the middle of the grid."""
+    return np.array([DEPTH, 0.0, GRID_Z[1] - DOWN]) - BACK * facing()
+
+
+def reach_of(base: Base) -> BaseReach:
+    """Solves for postures of the ready plate and of every cell, and takes those that are quickest from each other."""
+    arm, normal = base.arm(), facing()
+    ready = _postures(arm, ready_point(), normal)
+    at_cells = [_postures(arm, cell_point(cell), normal) for cell in CELLS]
+    return max((_from_ready(base, arm, start, at_cells) for start, _ in ready[:6]), key=lambda reach: reach.rank)
+
+
+def _postures(arm: ServoArm, point: Array, normal: Array) -> list[tuple[Array, float]]:
+    """Different postures (J,) that put the plate there, with what they miss by; at least the one that is nearest."""
+    draws = np.random.default_rng(0).uniform(0.7 * arm.packed.low, 0.7 * arm.packed.high, (STARTS, JOINTS))
+    draws[:, 5] = 0.0  # turns the plate in itself, which changes nothing
+    found: list[tuple[Array, float]] = []
+    for start in draws:
+        joints, miss = solve(arm, point, normal, start, 60)
+        if not found or miss > NEAR:
+            if not found or miss < found[0][1]:
+                found[:1] = [(joints, miss)]
+            continue
+        if found[0][1] > NEAR:
+            found = []
+        if all(np.abs(joints - other).max() > 0.1 for other, _ in found):
+            found.append((joints, miss))
+    return found
+
+
+def _from_ready(base: Base, arm: ServoArm, ready: Array, at_cells: list[list[tuple[Array, float]]]) -> BaseReach:
+    rated = [[_rated(arm, cell, *it, ready) for it in found] for cell, found in zip(CELLS, at_cells, strict=True)]
+    return BaseReach(base, ready, tuple(max(cells, key=lambda it: (it.reached, -it.seconds)) for cells in rated))
+
+
+def _rated(arm: ServoArm, cell: str, joints: Array, miss: float, ready: Array) -> CellReach:
+    plate = arm.plate_at(joints)
+    values = np.linalg.svd(np.vstack([plate.jacobian, 0.2 * plate.normal_jacobian]), compute_uv=False)
+    margin, gap = float(arm.margins(joints)[[0, 1, 2, 4]].min()), arm.clearance(joints)
+    good = miss < NEAR and margin > MARGIN and gap > GAP and values[4] > AGILE
+    seconds = float(arm_motion.quickest(arm.packed, ready, joints))
+    return CellReach(cell, bool(good), miss, joints, margin, gap, float(values[4]), seconds)
+
+
+def better_ready(reach: BaseReach, rounds: int = 200) -> BaseReach:
+    """The same base with a ready posture from which its slowest cell is reached sooner (Nelder–Mead over the joints).
+
+    The plate stays behind the plane of contact, about where it was, and faces about the person.
+    """
+    arm, normal, middle = reach.base.arm(), facing(), ready_point()
+    at_cells = [_postures(arm, cell_point(cell), normal) for cell in CELLS]
+    good = [
+        [joints for joints, miss in found if _rated(arm, cell, joints, miss, reach.ready).reached]
+        for cell, found in zip(CELLS, at_cells, strict=True)
+    ]
+
+    def cost(five: Array) -> float:
+        ready = np.append(five, 0.0)
+        times = [min((arm_motion.quickest(arm.packed, ready, it) for it in found), default=2.0) for found in good]
+        plate = arm.plate_at(ready)
+        behind = float((plate.position - middle) @ normal)
+        aside = float(np.linalg.norm(plate.position - middle))
+        turned = float(np.arccos(np.clip(plate.normal @ normal, -1.0, 1.0)))
+        out = max(0.0, behind - 0.02) + max(0.0, aside - 0.12) + max(0.0, turned - ASIDE)
+        out += max(0.0, float(MARGIN - arm.margins(ready)[[0, 1, 2, 4]].min()))
+        return max(times) + 0.3 * float(np.mean(times)) + 20.0 * out
+
+    found = minimize(cost, reach.ready[:5], method="Nelder-Mead", options={"maxfev": rounds, "xatol": 1e-3})
+    return _from_ready(reach.base, arm, np.append(found.x, 0.0), at_cells)
+
+
+def bases() -> list[Base]:
+    """Every base of the search."""
+    return [Base(*values) for values in itertools.product(HEIGHTS, STANDOFFS, SIDES, TILTS, PLATES)]
+
+
+def search(chosen: Sequence[Base], advance: Callable[[], None] = lambda: None) -> list[BaseReach]:
+    """Every base's reach, the best first; the best few with a better ready posture than the first that was found."""
+    found = []
+    for base in chosen:
+        found.append(reach_of(base))
+        advance()
+    found.sort(key=lambda reach: reach.rank, reverse=True)
+    found[:FINALISTS] = [better_ready(reach) for reach in found[:FINALISTS]]
+    return sorted(found, key=lambda reach: reach.rank, reverse=True)
+
+
+CHOSEN = Base(1.28, 0.57, 8.0, 15.0, 0.18)
+"""The base that the arm stands on (:data:`highfive.hil.arm_model.servo_arm.DEFAULT_MOUNT`)."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What the retargeting makes of a base: m, miss of the plate ``notice`` s after it first knew of a still hand."""
+
+    notice: float
+    median: float
+    largest: float
+
+
+def tried(reach: BaseReach, notice: float = 0.45) -> Tried:
+    """High fives at two places about each cell, the hand held still, known of ``notice`` s before."""
+    rng, settings = np.random.default_rng(0), RetargetSettings(lag=0.0, press=0.0)
+    retarget = Retarget(reach.base.arm(), reach.ready, settings)
+    misses = []
+    for cell in (cell for cell in CELLS for _ in range(2)):
+        point, normal = cell_point(cell) + rng.normal(0.0, 0.025, 3), facing(float(rng.normal(0.0, 4.0)))
+        hand, state = PalmPose(point, -normal, UP, np.zeros(3)), retarget.start()
+        for tick in range(round(notice / settings.tick)):
+            left = notice - tick * settings.tick
+            ours = PalmPose(point - 0.5 * left * normal, normal, UP, 0.5 * normal)
+            contact = ExpectedContact(point, 1e-6 * np.eye(3), normal, left)
+            state, _ = retarget.step(state, PalmGoal(ours, hand, None, contact))
+        misses.append(float(np.linalg.norm(retarget.arm.plate_at(state.joints).position - point)))
+    return Tried(notice, float(np.median(misses)), max(misses))

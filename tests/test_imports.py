@@ -1,68 +1,181 @@
-"""Who may import whom: the folders stay what they are for."""
+"""Who may import whom: the rooms stay what they are for (docs/architecture.md)."""
 
 import ast
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from paths import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-OURS = {"model", "mocap_bridge", "calibration", "hil", "scenes"}
-# folder -> what of our own, and what of other packages with hardware or clocks in them, it may import
-ALLOWED = {
-    "scenes": {"scenes"},
-    "model": {"model"},
-    "mocap_bridge": {
-        "mocap_bridge",
-        "model.rotations",
-        "model.skeleton",
-        "model.errors",
-        "model.files",
-        "model.compiled",
-    },
-    "calibration": {"calibration", "mocap_bridge", "model"},
-    "hil/drivers": {"hil.drivers", "model.errors"},
-    "hil/safety": {"hil.safety", "hil.drivers.values", "model.rotations", "model.errors"},
-}
+PACKAGE = "highfive"
+OURS = ("calibration", "hil", "mocap_bridge", "model", "scenes")
+ERRORS = {"model.errors", "model.files"}
+MODEL = {"model"}  # with every room of it
+BRIDGE = {"mocap_bridge"}
+SIM = {"hil.sim", "hil.arm_model", "hil.runtime", "scenes"}
+ARM = {"hil.arm", "hil.drivers", "hil.safety"}
+
+# room -> which of our own rooms and modules it may import, besides itself; what is not listed may import nothing
+ALLOWED: dict[str, set[str]] = {
+    "scenes": set(),
+    "model": set(),
+    "model.geometry": ERRORS | {"model.compiled"},
+    "model.gp": ERRORS | {"model.compiled", "model.geometry"},
+    "model.hgpdm": ERRORS | {"model.compiled", "model.geometry", "model.gp"},
+    "model.online": ERRORS | {"model.compiled", "model.geometry", "model.gp", "model.hgpdm"},
+    "model.evaluation": ERRORS | {"model.geometry", "model.gp", "model.hgpdm", "model.online"},
+    "mocap_bridge": {"model.errors"},
+    "mocap_bridge.wire": {"model.errors", "model.geometry"},
+    "mocap_bridge.files": ERRORS | {"model.geometry", "mocap_bridge.frames", "mocap_bridge.wire"},
+    "mocap_bridge.sources": {"model.errors", "model.geometry", "mocap_bridge.frames"}
+    | {"mocap_bridge.wire", "mocap_bridge.files"},
+    "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
+    | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},
+    "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.files"},
+    "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.geometry", "mocap_bridge.frames"}
+    | {"mocap_bridge.markers", "mocap_bridge.files"},
+    "mocap_bridge.body": {"model.errors", "model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
+    "calibration": {"model.errors", "model.geometry"} | BRIDGE,
+    "hil": set(),
+    "hil.runtime": ERRORS,
+    "hil.arm_model": {"model.errors", "model.compiled", "model.geometry", "scenes"},
+    "hil.sim": {"model.errors", "model.geometry", "mocap_bridge.frames", "mocap_bridge.markers"}
+    | {"hil.arm_model", "hil.runtime", "scenes"},
+    "hil.sim.people": ERRORS
+    | {"model.geometry", "mocap_bridge.markers", "mocap_bridge.files", "mocap_bridge.frames"}
+    | SIM,
+    "hil.session": MODEL | BRIDGE | SIM,
+    "hil.drivers": {"model.errors"},
+    "hil.drivers.bus": {"model.errors", "hil.drivers", "hil.runtime"},
+    "hil.drivers.emulator": {"model.errors", "hil.drivers", "hil.runtime"},
+    "hil.safety": {"model.errors", "model.geometry", "hil.drivers.values"},
+    "hil.arm": MODEL | BRIDGE | SIM | ARM | {"hil.session", "calibration"},
+    "hil.datasets": MODEL | BRIDGE | {"calibration", "hil.runtime", "hil.sim.avatar"},
+    "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},
+    "hil.recording": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials"},
+    "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},
+    "hil.report": MODEL | BRIDGE | SIM | ARM
+    | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation"},
+    "hil.commands": MODEL | BRIDGE | SIM | ARM
+    | {"calibration", "hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.report"},
+    "hil.bench": {"calibration", "hil", "mocap_bridge", "model", "scenes"},
+    "hil.cli": {"calibration", "hil", "mocap_bridge", "model", "scenes"},
+    PACKAGE: {"calibration", "hil", "mocap_bridge", "model", "scenes"},
+}  # fmt: skip
+ALLOWED["hil.commands"] |= {"hil.commands"}
+ALLOWED["hil.commands.rig"] = ALLOWED["hil.commands.stream"] = ALLOWED["hil.commands"]
+HARDWARE = {"mujoco", "serial", "dynamixel_sdk"}
+# folder -> packages of others that it does without
 FORBIDDEN = {
-    "scenes": {"mujoco", "serial", "dynamixel_sdk", "numpy", "jax"},
-    "model": {"mujoco", "serial", "dynamixel_sdk", "socket", "time", "mcap", "ezc3d"},
-    "mocap_bridge": {"mujoco", "serial", "dynamixel_sdk"},
-    "calibration": {"mujoco", "serial", "dynamixel_sdk"},
-    "hil/drivers": {"mujoco"},
-    "hil/safety": {"mujoco", "serial", "dynamixel_sdk", "time", "socket"},
+    "scenes": HARDWARE | {"numpy", "jax"},
+    "model": HARDWARE | {"socket", "time", "mcap", "ezc3d"},
+    "mocap_bridge": HARDWARE,
+    "mocap_bridge.wire": {"socket", "select", "time", "threading", "pylsl"},
+    "calibration": HARDWARE,
+    "hil.arm_model": HARDWARE | {"time", "socket"},
+    "hil.drivers": {"mujoco"},
+    "hil.safety": HARDWARE | {"time", "socket"},
 }
+NOT_BELOW = {"hil.bench", "hil.commands", "hil.cli"}  # only the command line and benchmarks know of these
 
 
-def imports(path: Path) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path} imports relatively"
-            assert node.module
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+def modules() -> dict[str, Path]:
+    """Every module of ours, with its name below the package."""
+    found = {PACKAGE: ROOT / PACKAGE / "__init__.py"}
+    for folder in OURS:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            found[".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")] = path
     return found
 
 
-def within(name: str, allowed: set[str]) -> bool:
-    return any(name == a or name.startswith(a + ".") for a in allowed)
+MODULES = modules()
 
 
-@pytest.mark.parametrize("folder", sorted(ALLOWED))
-def test_folder_imports_only_what_lies_below_it(folder: str) -> None:
-    files = sorted((ROOT / folder).rglob("*.py"))
-    assert files
-    for path in files:
-        for name in imports(path):
-            if name.partition(".")[0] in OURS:
-                assert within(name, ALLOWED[folder]), f"{path.relative_to(ROOT)} imports {name}"
-            assert not within(name, FORBIDDEN[folder]), f"{path.relative_to(ROOT)} imports {name}"
+def imported(path: Path) -> Iterator[str]:
+    """What a file imports, also inside its functions: modules, or names in them."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            assert node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def own(name: str) -> str | None:
+    """The module of ours that an imported name means; None if it is none of ours."""
+    if not (name == PACKAGE or name.startswith(PACKAGE + ".")):
+        return None
+    rest = name.removeprefix(PACKAGE).removeprefix(".") or PACKAGE
+    while rest not in MODULES:
+        rest = rest.rpartition(".")[0] or PACKAGE
+    return rest
+
+
+def room(module: str) -> str:
+    """The package that a module lies in."""
+    return module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+
+
+def within(name: str, places: set[str]) -> bool:
+    return any(name == place or name.startswith(place + ".") for place in places)
+
+
+def test_every_room_has_its_rule() -> None:
+    assert {room(module) for module in MODULES} == set(ALLOWED)
+
+
+@pytest.mark.parametrize("place", sorted(ALLOWED))
+def test_room_imports_only_what_lies_below_it(place: str) -> None:
+    for module, path in MODULES.items():
+        if room(module) != place:
+            continue
+        for name in imported(path):
+            assert name.partition(".")[0] not in OURS, f"{module} imports {name}: it is {PACKAGE}.{name}"
+            target = own(name)
+            if target is not None and room(target) != place:
+                assert within(target, ALLOWED[place]), f"{module} imports {target}"
+
+
+@pytest.mark.parametrize("place", sorted(FORBIDDEN))
+def test_room_does_without_packages_with_hardware_or_clocks(place: str) -> None:
+    for module, path in MODULES.items():
+        if within(module, {place}):
+            for name in imported(path):
+                assert not within(name, FORBIDDEN[place]), f"{module} imports {name}"
+
+
+def test_nothing_below_imports_a_command_a_benchmark_or_the_command_line() -> None:
+    for module, path in MODULES.items():
+        for name in imported(path):
+            target = own(name)
+            if target is None or not within(target, NOT_BELOW) or within(module, {"hil.cli"}):
+                continue
+            inside = within(module, {"hil.commands"}) and within(target, {"hil.commands"})
+            assert inside or within(module, {"hil.bench"}), f"{module} imports {target}"
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = {
+        module: {target for name in imported(path) if (target := own(name)) not in (None, module, room(module))}
+        for module, path in MODULES.items()
+    }
+    left = dict(graph)
+    while True:
+        done = [module for module, targets in left.items() if not targets & left.keys()]
+        if not done:
+            break
+        for module in done:
+            del left[module]
+    assert not left, f"in circles, or above one: {', '.join(sorted(left))}"
+
+
+def test_hil_itself_holds_no_module() -> None:
+    assert [path.name for path in (ROOT / "hil").glob("*.py")] == ["__init__.py"]
 
 
 def test_nothing_is_unpickled() -> None:
-    for folder in OURS:
-        for path in (ROOT / folder).rglob("*.py"):
-            names = {name.partition(".")[0] for name in imports(path)}
-            assert not names & {"pickle", "dill", "cloudpickle", "joblib", "marshal"}, path
-            assert "allow_pickle=True" not in path.read_text(encoding="utf-8"), path
+    for module, path in MODULES.items():
+        names = {name.partition(".")[0] for name in imported(path)}
+        assert not names & {"pickle", "dill", "cloudpickle", "joblib", "marshal"}, module
+        assert "allow_pickle=True" not in path.read_text(encoding="utf-8"), module

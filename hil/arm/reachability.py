@@ -158,12 +158,12 @@ def ready_point() -> Array:
 def reach_of(base: Base) -> BaseReach:
     """Solves for postures of the ready plate and of every cell, and takes those that are quickest from each other."""
     arm, normal = base.arm(), facing()
-    ready = _postures(arm, ready_point(), normal)
-    at_cells = [_postures(arm, cell_point(cell), normal) for cell in CELLS]
-    return max((_from_ready(base, arm, start, at_cells) for start, _ in ready[:6]), key=lambda reach: reach.rank)
+    ready = postures(arm, ready_point(), normal)
+    at_cells = [postures(arm, cell_point(cell), normal) for cell in CELLS]
+    return max((from_ready(base, arm, start, at_cells) for start, _ in ready[:6]), key=lambda reach: reach.rank)
 
 
-def _postures(arm: ServoArm, point: Array, normal: Array) -> list[tuple[Array, float]]:
+def postures(arm: ServoArm, point: Array, normal: Array) -> list[tuple[Array, float]]:
     """Different postures (J,) that put the plate there, with what they miss by; at least the one that is nearest."""
     draws = np.random.default_rng(0).uniform(0.7 * arm.packed.low, 0.7 * arm.packed.high, (STARTS, JOINTS))
     draws[:, 5] = 0.0  # turns the plate in itself, which changes nothing
@@ -181,7 +181,8 @@ def _postures(arm: ServoArm, point: Array, normal: Array) -> list[tuple[Array, f
     return found
 
 
-def _from_ready(base: Base, arm: ServoArm, ready: Array, at_cells: list[list[tuple[Array, float]]]) -> BaseReach:
+def from_ready(base: Base, arm: ServoArm, ready: Array, at_cells: list[list[tuple[Array, float]]]) -> BaseReach:
+    """The base with that ready posture (J,), and of each cell's postures the one that is quickest from it."""
     rated = [[_rated(arm, cell, *it, ready) for it in found] for cell, found in zip(CELLS, at_cells, strict=True)]
     return BaseReach(base, ready, tuple(max(cells, key=lambda it: (it.reached, -it.seconds)) for cells in rated))
 
@@ -201,7 +202,7 @@ def better_ready(reach: BaseReach, rounds: int = 200) -> BaseReach:
     The plate stays behind the plane of contact, about where it was, and faces about the person.
     """
     arm, normal, middle = reach.base.arm(), facing(), ready_point()
-    at_cells = [_postures(arm, cell_point(cell), normal) for cell in CELLS]
+    at_cells = [postures(arm, cell_point(cell), normal) for cell in CELLS]
     good = [
         [joints for joints, miss in found if _rated(arm, cell, joints, miss, reach.ready).reached]
         for cell, found in zip(CELLS, at_cells, strict=True)
@@ -219,7 +220,7 @@ def better_ready(reach: BaseReach, rounds: int = 200) -> BaseReach:
         return max(times) + 0.3 * float(np.mean(times)) + 20.0 * out
 
     found = minimize(cost, reach.ready[:5], method="Nelder-Mead", options={"maxfev": rounds, "xatol": 1e-3})
-    return _from_ready(reach.base, arm, np.append(found.x, 0.0), at_cells)
+    return from_ready(reach.base, arm, np.append(found.x, 0.0), at_cells)
 
 
 def bases() -> list[Base]:

@@ -949,8 +949,9 @@ def _keeps(arm: Arm, joint: int, place: float, speed: float, push: float, second
 
 
 @compiled
-def _allowed(arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array, torques: Array) -> int:
-    # noqa: PLR0912 (a kernel)
+def _allowed(  # noqa: PLR0912  (a kernel)
+    arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array, torques: Array
+) -> int:
     """Shortens accelerations (J,) until every limit holds after the step; returns the bits of those that did it.
 
     Writes the torques (J,) that the step takes into ``torques``.

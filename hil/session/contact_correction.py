@@ -7,9 +7,9 @@ A box-constrained Gauss–Newton solve of
 
 with q inside the joint limits, where s is the share of the correction, 0 while no palm is to be met, c keeps hand and
 forearm off the own body (:mod:`highfive.hil.session.own_body`), and the last term keeps the motion smooth. MuJoCo
-gives the site's Jacobian and the box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic programming", sec. III),
-damped as by Levenberg and Marquardt where a step makes things worse. Clipping a free step to the limits instead is no
-bound: it stalled 30 mm off where the box QP is within 1.
+gives the site's Jacobian and the box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic
+programming", sec. III), damped as by Levenberg and Marquardt where a step makes things worse. Clipping a free step to
+the limits instead is no bound: it stalled 30 mm off where the box QP is within 1.
 """
 
 # pyright: reportAttributeAccessIssue=false

@@ -119,6 +119,7 @@ COLUMNS = ("file", "emotion", "cell", "repetition", "split")
 
 
 def table_bytes(rows: Sequence[tuple[str, str, str, str, str]]) -> bytes:
+    """``trials.csv`` with these rows."""
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     writer.writerow(COLUMNS)

@@ -218,5 +218,6 @@ def segment_lengths(skeleton: Skeleton) -> Array:
 
 
 def listed(names: Sequence[str], most: int = 12) -> str:
+    """The names, or the first of them and how many more there are, for a message."""
     shown = ", ".join(str(name) for name in names[:most])
     return shown + (f" and {len(names) - most} more" if len(names) > most else "")

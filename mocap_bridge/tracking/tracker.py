@@ -1,9 +1,9 @@
 """Follows the skeleton of a person through labelled markers, most of the time some of them hidden.
 
 The state is the pose of the marker set's segments with its speeds (:mod:`highfive.mocap_bridge.tracking.pose_filter`):
-one visible marker of the forearm still says where the hand is. A measurement far outside its predicted covariance is not believed
-(innovation gate), and points without a believed label are taken up where exactly one prediction fits. Kalman 1960;
-gating and association: Bar-Shalom, Li & Kirubarajan 2001, ch. 3.
+one visible marker of the forearm still says where the hand is. A measurement far outside its predicted covariance is
+not believed (innovation gate), and points without a believed label are taken up where exactly one prediction fits.
+Kalman 1960; gating and association: Bar-Shalom, Li & Kirubarajan 2001, ch. 3.
 """
 
 from __future__ import annotations

@@ -1,2 +1,4 @@
-"""Rotations, and a skeleton of joints with its forward kinematics. May import ``model.compiled`` and ``model.errors``.
+"""Rotations, and a skeleton of joints with its forward kinematics.
+
+May import ``model.compiled`` and ``model.errors``.
 """

@@ -3,7 +3,8 @@
     I ─▶ X² ─▶ Y²  (hand)          I_n = h(I_{n−1}, I_{n−2}) + noise
     └──▶ X¹ ─▶ Y¹  (avatar, with a style)
 
-Source: Taubert et al. 2013. The preset decides what is free and what is a function of the hand (model/hgpdm/presets.py).
+Source: Taubert et al. 2013. The preset decides what is free and what is a function of the hand
+(model/hgpdm/presets.py).
 """
 
 from __future__ import annotations

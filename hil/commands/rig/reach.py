@@ -17,11 +17,11 @@ from highfive.hil.arm.reachability import (
     CHOSEN,
     FINALISTS,
     BaseReach,
-    _from_ready,
-    _postures,
     bases,
     cell_point,
     facing,
+    from_ready,
+    postures,
     search,
     tried,
 )
@@ -92,7 +92,7 @@ def print_rig_reach(result: dict[str, Any]) -> None:
 
 def _chosen() -> BaseReach:
     arm, normal = CHOSEN.arm(), facing()
-    return _from_ready(CHOSEN, arm, READY, [_postures(arm, cell_point(cell), normal) for cell in CELLS])
+    return from_ready(CHOSEN, arm, READY, [postures(arm, cell_point(cell), normal) for cell in CELLS])
 
 
 def _told(reach: BaseReach) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """An emulator in a process of its own, so that whoever talks to it leaves it its time.
 
 The child is ``python -m highfive.hil.drivers.emulator.emulator_process``. It is told what to do by one JSON object on
-its first line of standard input, says the port in one on its first line of output, takes faults from the lines that follow, and says its
-summary when its input ends: so it does not outlive its parent.
+its first line of standard input, says the port in one on its first line of output, takes faults from the lines that
+follow, and says its summary when its input ends: so it does not outlive its parent.
 """
 
 from __future__ import annotations

@@ -1,5 +1,9 @@
 """High Five: an avatar, or a servo arm, that meets a raised hand, in the mood you chose.
 
-This package is the public API and nothing else; what it re-exports lives in the rooms beside it
-(docs/architecture.md). May import everything.
+The rooms are ``highfive.model``, ``highfive.mocap_bridge``, ``highfive.calibration``, ``highfive.hil`` and
+``highfive.scenes`` (docs/architecture.md).
 """
+
+from importlib.metadata import version
+
+__version__ = version("high-five")

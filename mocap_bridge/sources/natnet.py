@@ -99,7 +99,8 @@ def _member(group: str, data_port: int, server: tuple[str, int]) -> socket.socke
 
 
 class NatNetLink:
-    """One connection to Motive; see :class:`highfive.mocap_bridge.sources.live.Link`. Names are ``'MarkerSet:Marker'``."""
+    """One connection to Motive; see :class:`highfive.mocap_bridge.sources.live.Link`. Names are
+    ``'MarkerSet:Marker'``."""
 
     def __init__(self, sockets: list[socket.socket], server: tuple[str, int], title: str, y_up: bool, deadline: float):
         """Introduces itself, until ``deadline`` (monotonic, s); use :func:`connect_natnet`."""

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar, cast
 
+import numpy as np
 from numba import njit
 from numba.core import event as events
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
 
 Compiled = TypeVar("Compiled", bound=Callable)
 
@@ -24,12 +32,80 @@ def compiled_entry(function: Compiled) -> Compiled:
     """The function, to be called from Python: compiled at its first call and stored where Python keeps its own.
 
     That is ``__pycache__`` beside the source, or the user's cache where the installation cannot be written to. What is
-    stored is renewed when the function's own source file changes, and that file only: what it calls must stand there.
+    stored is renewed when anything changes that went into it: the source of a compiled function that it reaches,
+    whatever file that stands in, or a constant.
     """
-    try:
-        return cast(Compiled, njit(**OPTIONS, cache=True)(function))
-    except RuntimeError:  # no place can be written to: each process compiles for itself
-        return cast(Compiled, njit(**OPTIONS)(function))
+    dispatcher = njit(**OPTIONS)(function)
+    with suppress(RuntimeError):  # no place can be written to: each process compiles for itself
+        dispatcher._cache = _Cache(function)  # pyright: ignore[reportAttributeAccessIssue]
+    return cast(Compiled, dispatcher)
+
+
+class _Cache(FunctionCache):
+    """Numba's cache of a function, which by itself looks at the time of the function's own file only."""
+
+    _stamped = False
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The machine code of that signature, or None; what it calls is all there by the first call."""
+        self._stamp()
+        return super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keeps it."""
+        self._stamp()
+        super().save_overload(sig, data)
+
+    def _stamp(self) -> None:
+        if not self._stamped:
+            self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, reached(self._py_func))
+            self._stamped = True
+
+
+def reached(function: Callable) -> str:
+    """A digest of all that the function's machine code is made from.
+
+    That is the source of every file with a compiled function that it calls, directly or not, and the constants that
+    they read; names are looked up as the compiler does.
+    """
+    files: dict[str, None] = {}
+    constants: set[str] = set()
+    seen: set[int] = set()
+    waiting: list[Callable] = [function]
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen:
+            continue
+        seen.add(id(one))
+        files.setdefault(one.__code__.co_filename)
+        for name, value in _read(one):
+            if isinstance(value, Dispatcher):
+                waiting.append(value.py_func)
+            elif isinstance(value, np.ndarray):
+                constants.add(f"{name} {value.dtype} {value.shape} {value.tobytes().hex()}")
+            elif isinstance(value, (bool, int, float, str, tuple)):
+                constants.add(f"{name} {value!r}")
+    digest = sha256()
+    for text in (*sorted(filter(None, map(_source, files))), *sorted(constants)):
+        digest.update(sha256(text.encode()).digest())
+    return digest.hexdigest()
+
+
+def _read(function: Callable) -> Iterator[tuple[str, Any]]:
+    """Global names that a function reads, closed-over ones, and those that it reads through a module."""
+    variables = inspect.getclosurevars(function)
+    for name, value in (*variables.globals.items(), *variables.nonlocals.items()):
+        if isinstance(value, ModuleType):
+            found = ((f"{name}.{part}", vars(value).get(part)) for part in variables.unbound)
+            yield from ((part, it) for part, it in found if it is not None)
+        else:
+            yield name, value
+
+
+@cache
+def _source(file: str) -> str:
+    path = Path(file)
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
 class _Listener(events.Listener):

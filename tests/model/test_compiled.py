@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from paths import ROOT
 
-from highfive.model.compiled import compiled_entry
+from highfive.model.compiled import compiled_entry, reached
 
 
 def made_from_text(text: str) -> Callable:
@@ -29,7 +29,7 @@ def test_infinity_and_not_a_number_keep_their_meaning():
 
 
 PROGRAM = """
-from highfive.model.compiled import compiled_entry, when_compiling
+from highfive.model.compiled import compiled_entry, reached, when_compiling
 
 @compiled_entry
 def doubled(x):
@@ -54,3 +54,59 @@ def test_what_is_only_loaded_is_not_told_as_compiled(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     assert said == ["compiling\n42.0 42.0\n", "42.0 42.0\n"]
+
+
+CALLEE = """
+from highfive.model.compiled import compiled
+FACTOR = {factor}
+
+@compiled
+def scaled(x):
+    return FACTOR * x
+"""
+BETWEEN = """
+import callee
+from highfive.model.compiled import compiled
+
+@compiled
+def once_more(x):
+    return callee.scaled(x) + 1.0
+"""
+CALLER = """
+from between import once_more
+from highfive.model.compiled import compiled_entry, reached, when_compiling
+
+@compiled_entry
+def entry(x):
+    return once_more(x)
+
+with when_compiling(lambda: print("compiling")):
+    print(entry(1.0))
+"""
+
+
+def test_change_in_one_file_compiles_its_callers_in_another_again(tmp_path: Path) -> None:
+    def said(factor: float) -> str:
+        (tmp_path / "callee.py").write_text(CALLEE.format(factor=factor))
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            [sys.executable, str(tmp_path / "caller.py")], env=environment, capture_output=True, text=True, check=True
+        )
+        return done.stdout
+
+    (tmp_path / "between.py").write_text(BETWEEN)
+    (tmp_path / "caller.py").write_text(CALLER)
+    assert said(2.0) == "compiling\n3.0\n"
+    assert said(2.0) == "3.0\n"
+    assert said(4.0) == "compiling\n5.0\n"
+    assert said(4.0) == "5.0\n"
+
+
+def test_digest_knows_constants_of_other_modules() -> None:
+    def made(constant: object) -> str:
+        names: dict[str, Callable] = {"LENGTH": constant}  # pyright: ignore
+        exec(compile("def function(x):\n    return LENGTH * x", "<text>", "exec"), names)
+        return reached(names["function"])
+
+    assert made(1.0) == made(1.0)
+    assert len({made(1.0), made(2.0), made(np.ones(2)), made(np.zeros(2))}) == 4

@@ -10,7 +10,7 @@ import numpy as np
 
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, Sacrifice
-from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import solve
 from highfive.hil.safety.people import speed_near_face
 from highfive.hil.session.reach import Phase
@@ -177,7 +177,7 @@ def notice(asked: Asked, retarget: Retarget) -> Notice:
     joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)
     if miss >= REACHED:
         return Notice(False, np.inf, given, known)
-    seconds, head = float(arm_motion.quickest(retarget.arm.packed, retarget.ready, joints)), asked.goals[asked.due].head
+    seconds, head = float(dynamics.quickest(retarget.arm.packed, retarget.ready, joints)), asked.goals[asked.due].head
     longer = 1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)
     return Notice(True, seconds * longer, given, known)
 

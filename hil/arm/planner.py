@@ -5,7 +5,7 @@ accelerations at N knots that reach up to the expected contact and a little beyo
 as much as the forecast is sure of them, the avatar's style less: the plate follows a copy of the avatar's palm path,
 scaled about the place of contact, so that its speed profile and its direction of approach are the avatar's. Limits,
 distances and the largest speed relative to the person's hand are costs in the plan, and what the first step of the plan
-still breaks is cut off (:func:`highfive.hil.arm_model.arm_motion.moved_on`). The arm follows its commands late: the
+still breaks is cut off (:func:`highfive.hil.arm.optimal_control.moved_on`). The arm follows its commands late: the
 plan runs ahead of time by that lag.
 
 State in, state out: the same inputs give the same outputs.
@@ -18,8 +18,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from highfive.hil.arm_model import arm_motion
-from highfive.hil.arm_model.arm_motion import Planned, Task
+from highfive.hil.arm import optimal_control
+from highfive.hil.arm.optimal_control import Planned
+from highfive.hil.arm.planning_task import Task
+from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import JOINTS, ServoArm, solve
 from highfive.hil.safety.people import Sighting
 from highfive.hil.sim.profiles import minimum_jerk
@@ -153,7 +155,7 @@ class Sacrifice:
         delay: s, by how much the plate came late.
         time_scale: the time that the approach took over the time that was left when it began.
         miss: m, distance of the commanded plate from the place of contact when contact was due.
-        limits: bits of :mod:`highfive.hil.arm_model.arm_motion` of the limits that shortened a step.
+        limits: bits of :mod:`highfive.hil.arm.planning_limits` of the limits that shortened a step.
     """
 
     scale: float = 1.0
@@ -241,7 +243,7 @@ class Retarget:
         arm.points(self.ready)
         arm.gravity(self.ready)
         solve(arm, ready_plate.position, ready_plate.normal, self.ready)
-        arm_motion.quickest(arm.packed, self.ready, self.ready)
+        dynamics.quickest(arm.packed, self.ready, self.ready)
         self.step(self.start(), PalmGoal(self._nobody))
 
     def start(self, joints: Array | None = None) -> RetargetState:
@@ -263,7 +265,7 @@ class Retarget:
         state = self._entered(state, goal)
         task = self._task(state, goal)
         pushes = _shifted(state, s.tick, task.seconds)
-        plan = arm_motion.planned(
+        plan = optimal_control.planned(
             self.arm.packed, task, state.joints, state.speeds, pushes, state.guess, s.tick, s.rounds
         )
         pushes = plan.pushes if math.isfinite(plan.cost) else np.zeros_like(pushes)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings
-from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import JOINTS, Mount, ServoArm, solve
 from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z
 from highfive.mocap_bridge.frames import PalmPose
@@ -192,7 +192,7 @@ def _rated(arm: ServoArm, cell: str, joints: Array, miss: float, ready: Array) -
     values = np.linalg.svd(np.vstack([plate.jacobian, 0.2 * plate.normal_jacobian]), compute_uv=False)
     margin, gap = float(arm.margins(joints)[[0, 1, 2, 4]].min()), arm.clearance(joints)
     good = miss < NEAR and margin > MARGIN and gap > GAP and values[4] > AGILE
-    seconds = float(arm_motion.quickest(arm.packed, ready, joints))
+    seconds = float(dynamics.quickest(arm.packed, ready, joints))
     return CellReach(cell, bool(good), miss, joints, margin, gap, float(values[4]), seconds)
 
 
@@ -210,7 +210,7 @@ def better_ready(reach: BaseReach, rounds: int = 200) -> BaseReach:
 
     def cost(five: Array) -> float:
         ready = np.append(five, 0.0)
-        times = [min((arm_motion.quickest(arm.packed, ready, it) for it in found), default=2.0) for found in good]
+        times = [min((dynamics.quickest(arm.packed, ready, it) for it in found), default=2.0) for found in good]
         plate = arm.plate_at(ready)
         behind = float((plate.position - middle) @ normal)
         aside = float(np.linalg.norm(plate.position - middle))

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from highfive.hil.arm_model import arm_motion
-from highfive.hil.arm_model.arm_motion import Arm
+from highfive.hil.arm_model import distances, dynamics, inverse_kinematics, kinematics
+from highfive.hil.arm_model.arm import Arm
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 from highfive.scenes import servo_arm as measures
@@ -109,20 +109,20 @@ class ServoArm:
 
     def plate_at(self, joints: Array) -> PlatePose:
         """Forward kinematics of joints (J,), rad."""
-        return PlatePose(*arm_motion.plate_pose(self.packed, np.ascontiguousarray(joints, float)))
+        return PlatePose(*kinematics.plate_pose(self.packed, np.ascontiguousarray(joints, float)))
 
     def points(self, joints: Array) -> tuple[Array, Array]:
         """What may meet a person, the plate's middle first: places (P, 3), m, and Jacobians (P, 3, J), m/rad."""
-        return arm_motion.points_of_interest(self.packed, np.ascontiguousarray(joints, float))
+        return kinematics.points_of_interest(self.packed, np.ascontiguousarray(joints, float))
 
     def gravity(self, joints: Array) -> Array:
         """Torques (J,), N·m, that hold the arm still."""
-        return arm_motion.dynamics(self.packed, np.ascontiguousarray(joints, float), np.zeros(JOINTS))[1]
+        return dynamics.dynamics(self.packed, np.ascontiguousarray(joints, float), np.zeros(JOINTS))[1]
 
     def clearance(self, joints: Array, head: Array | None = None, radius: float = 0.0) -> float:
         """Smallest gap, m, of a posture to floor, mount, the arm itself and a head: centre (3,) m, radius m."""
         ball = np.zeros(4) if head is None else np.array([*head, radius])
-        return float(arm_motion.clearance(self.packed, np.ascontiguousarray(joints, float), ball))
+        return float(distances.clearance(self.packed, np.ascontiguousarray(joints, float), ball))
 
     def margins(self, joints: Array) -> Array:
         """Distance (J,), rad, of each joint from its nearer limit."""
@@ -150,7 +150,7 @@ def solve(arm: ServoArm, position: Array, normal: Array, start: Array, steps: in
     A turn of the normal by a radian counts as 0.2 m. For searches and starting postures, not for the tick.
     """
     place, out, begin = (np.asarray(value, float) for value in (position, normal, start))
-    joints, left = arm_motion.posture(arm.packed, place, out, begin, steps)
+    joints, left = inverse_kinematics.posture(arm.packed, place, out, begin, steps)
     return joints, float(left)
 
 

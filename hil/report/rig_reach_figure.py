@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from highfive.hil.arm.reachability import DEPTH, HEIGHTS, STANDOFFS, BaseReach, cell_point
-from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model import kinematics
 from highfive.hil.report.page import write_file
 from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z
 from highfive.model.geometry.rotations import Array
@@ -109,7 +109,7 @@ def _postures(axes: Axes, reach: BaseReach, shown: tuple[int, int], title: str) 
 
 def _chain(reach: BaseReach, joints: Array) -> Array:
     arm = reach.base.arm()
-    return np.vstack([arm.packed.base, arm_motion.joint_centres(arm.packed, joints), arm.plate_at(joints).position])
+    return np.vstack([arm.packed.base, kinematics.joint_centres(arm.packed, joints), arm.plate_at(joints).position])
 
 
 def _line(axes: Axes, points: Array, shown: tuple[int, int], colour: str, width: float) -> None:

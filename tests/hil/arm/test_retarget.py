@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from highfive.hil.arm import planning_cost
 from highfive.hil.arm.contact_goal import until_touch
 from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
 from highfive.hil.arm.reachability import cell_point, facing
-from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve
 from highfive.hil.safety.people import speed_near_face
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
@@ -173,7 +174,7 @@ def test_a_head_is_gone_round(arm: ServoArm, retarget: Retarget) -> None:
     radius = retarget.settings.head_radius
     start = arm.clearance(READY, head, radius)
     for state in played(retarget, goals):
-        assert arm.clearance(state.joints, head, radius) > min(start, arm_motion.HARD_GAP) - 1e-3
+        assert arm.clearance(state.joints, head, radius) > min(start, planning_cost.HARD_GAP) - 1e-3
 
 
 def test_between_high_fives_it_goes_back_to_rest(retarget: Retarget) -> None:
@@ -237,7 +238,7 @@ def test_torques_stay_inside_the_torque_speed_line(arm: ServoArm, retarget: Reta
         before = state
         state, step = retarget.step(state, goal)
         push = (state.speeds - before.speeds) / TICK
-        mass, bias = arm_motion.dynamics(packed, before.joints, before.speeds)
+        mass, bias = dynamics.dynamics(packed, before.joints, before.speeds)
         rub = packed.damping * before.speeds + packed.friction * np.tanh(before.speeds / 0.05)
         torque = mass @ push + bias + rub
         assert step.torques == pytest.approx(torque, abs=1e-6)

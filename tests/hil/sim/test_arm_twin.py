@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from highfive.hil.arm_model import arm_motion
+from highfive.hil.arm_model import dynamics, kinematics
 from highfive.hil.arm_model.servo_arm import Mount, ServoArm
 from highfive.hil.drivers.values import Plant
 from highfive.hil.sim.arm_body import PREFIX, ArmTwin, arm_alone, arm_in_scene
@@ -67,7 +67,7 @@ def test_the_stretched_arm_reaches_what_the_maker_says() -> None:
     # stretched: the forearm in line with the bent upper arm
     along = np.arctan2(measures.OFFSETS[2][2], measures.OFFSETS[2][0])
     stretched = np.array([0.0, 0.3, -along, 0.0, 0.0, 0.0])
-    shoulder = arm_motion.joint_centres(arm.packed, stretched)[1]
+    shoulder = kinematics.joint_centres(arm.packed, stretched)[1]
     reach = float(np.linalg.norm(arm.plate_at(stretched).position - shoulder))
     assert reach == pytest.approx(measures.REACH, abs=1e-3)
     others = [np.linalg.norm(arm.plate_at(joints).position - shoulder) for joints in draws(arm, 300)]
@@ -105,7 +105,7 @@ def test_dynamics_are_mujocos(twin: ArmTwin, arm: ServoArm) -> None:
         data.qpos[twin.qpos], data.qvel[twin.dofs] = joints, speed
         mujoco.mj_forward(twin.model, data)
         mujoco.mj_fullM(twin.model, data, matrix)
-        mass, bias = arm_motion.dynamics(arm.packed, joints, speed)
+        mass, bias = dynamics.dynamics(arm.packed, joints, speed)
         # the plate's inertia is rounded in the file
         assert mass == pytest.approx(matrix, abs=2e-5)
         assert bias == pytest.approx(data.qfrc_bias, abs=5e-4)

@@ -1,0 +1,311 @@
+"""The plan of the next moments: joint accelerations that follow a task, by a few steps of iterative LQR.
+
+The task is :mod:`highfive.hil.arm.planning_task`, its cost :mod:`highfive.hil.arm.planning_cost`; what breaks a limit
+in spite of it is cut off (:mod:`highfive.hil.arm.planning_limits`). World frame, SI units; J = 6 joints. What is
+written for people is in :mod:`highfive.hil.arm.planner`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from highfive.hil.arm.planning_cost import acceleration_cost, state_cost
+from highfive.hil.arm.planning_limits import next_state
+from highfive.hil.arm.planning_task import Aim, Task, aimed
+from highfive.hil.arm_model.arm import Arm
+from highfive.hil.arm_model.inverse_kinematics import posture_from
+from highfive.hil.arm_model.kinematics import link_frames, plate_jacobian, plate_of
+from highfive.hil.arm_model.linear_algebra import cholesky, cholesky_solve
+from highfive.model.compiled import compiled, compiled_entry
+from highfive.model.geometry.rotations import Array
+
+
+@compiled
+def rolled_out(
+    arm: Arm, aim: Aim, path: Array, pushes: Array, share: float, feed: Array, gains: Array, new_path: Array,
+    new_pushes: Array,
+) -> float:  # fmt: skip
+    """Rolls the plan out with ``share`` of the improvement; path (N + 1, 2, J). Returns its cost."""
+    cost, seconds = 0.0, aim.seconds
+    no, nothing = np.zeros(6), np.zeros((6, 6))
+    for j in range(6):
+        new_path[0, 0, j], new_path[0, 1, j] = path[0, 0, j], path[0, 1, j]
+    centres, frames = link_frames(arm, new_path[0, 0])
+    for k in range(len(pushes)):
+        for i in range(6):
+            push = pushes[k, i] + share * feed[k, i]
+            for j in range(6):
+                push += gains[k, i, j] * (new_path[k, 0, j] - path[k, 0, j])
+                push += gains[k, i, 6 + j] * (new_path[k, 1, j] - path[k, 1, j])
+            push = min(max(push, -arm.accelerations[i]), arm.accelerations[i])
+            new_pushes[k, i] = push
+            speed = new_path[k, 1, i]
+            new_path[k + 1, 0, i] = new_path[k, 0, i] + seconds * speed + 0.5 * seconds**2 * push
+            new_path[k + 1, 1, i] = speed + seconds * push
+        cost += acceleration_cost(
+            arm, aim.effort, centres, frames, new_path[k, 1], new_pushes[k], False, no, no, nothing, nothing, nothing
+        )
+        joints, speeds = new_path[k + 1, 0], new_path[k + 1, 1]
+        centres, frames = link_frames(arm, joints)
+        cost += state_cost(arm, aim, k, centres, frames, joints, speeds, False, no, no, nothing, nothing)
+    return cost
+
+
+class Derivatives(NamedTuple):
+    """Derivatives of a plan's cost, by knot.
+
+    Attributes:
+        states, states_twice: (N, 2, J) and (N, 2, J, J), by joints and by speeds after each push.
+        pushes, pushes_twice: (N, 2, J) and (N, 3, J, J), by push and speeds before it; by both.
+    """
+
+    states: Array
+    states_twice: Array
+    pushes: Array
+    pushes_twice: Array
+
+
+@compiled
+def linearised(arm: Arm, aim: Aim, path: Array, pushes: Array) -> Derivatives:
+    """The derivatives along a path."""
+    count = len(pushes)
+    found = Derivatives(
+        np.zeros((count, 2, 6)), np.zeros((count, 2, 6, 6)), np.zeros((count, 2, 6)), np.zeros((count, 3, 6, 6))
+    )
+    centres, frames = link_frames(arm, path[0, 0])
+    for k in range(count):
+        one, two = found.pushes[k], found.pushes_twice[k]
+        acceleration_cost(
+            arm, aim.effort, centres, frames, path[k, 1], pushes[k], True, one[0], one[1], two[0], two[1], two[2]
+        )
+        joints, speeds, one, two = path[k + 1, 0], path[k + 1, 1], found.states[k], found.states_twice[k]
+        centres, frames = link_frames(arm, joints)
+        state_cost(arm, aim, k, centres, frames, joints, speeds, True, one[0], one[1], two[0], two[1])
+    return found
+
+
+@compiled
+def improvement(  # noqa: PLR0912 (a kernel)
+    arm: Arm, slopes: Derivatives, h: float, damping: float, pushes: Array, feed: Array, gains: Array
+) -> bool:
+    """The Riccati sweep (iterative LQR, Li & Todorov 2004): writes feed-forward (N, J) and gains (N, J, 2 J).
+
+    ``damping`` counts a way of the joints from the old path, squared (Tassa et al. 2012); pushes that would go beyond a
+    joint's acceleration stop there, and the others know it (Tassa et al. 2014, one guess of the active set).
+    """
+    value, twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))  # gradient and matrix of the cost to go, by (q, v)
+    new, new_twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))
+    mixed, push_twice, by_push = np.empty((6, 12)), np.empty((6, 6)), np.empty(6)  # by push and (q, v), by push
+    lower, right, free = np.zeros((6, 6)), np.empty(6), np.ones(6)
+    for back in range(len(pushes)):
+        k = len(pushes) - 1 - back
+        for half in range(2):
+            for i in range(6):
+                value[half, i] += slopes.states[k, half, i]
+                for j in range(6):
+                    twice[half, half, i, j] += slopes.states_twice[k, half, i, j]
+        for i in range(6):
+            twice[0, 0, i, i] += damping
+            by_push[i] = slopes.pushes[k, 0, i] + 0.5 * h * h * value[0, i] + h * value[1, i]
+            new[0, i], new[1, i] = value[0, i], h * value[0, i] + value[1, i] + slopes.pushes[k, 1, i]
+        for i in range(6):
+            for j in range(6):
+                qq, qv, vq, vv = twice[0, 0, i, j], twice[0, 1, i, j], twice[1, 0, i, j], twice[1, 1, i, j]
+                push_twice[i, j] = slopes.pushes_twice[k, 0, i, j]
+                push_twice[i, j] += 0.25 * h**4 * qq + 0.5 * h**3 * (qv + vq) + h * h * vv
+                mixed[i, j] = 0.5 * h * h * qq + h * vq
+                mixed[i, 6 + j] = 0.5 * h * h * (h * qq + qv) + h * (h * vq + vv) + slopes.pushes_twice[k, 1, i, j]
+                new_twice[0, 0, i, j] = qq
+                new_twice[0, 1, i, j] = h * qq + qv
+                new_twice[1, 0, i, j] = h * qq + vq
+                new_twice[1, 1, i, j] = h * h * qq + h * (qv + vq) + vv + slopes.pushes_twice[k, 2, i, j]
+        if not boxed(arm, push_twice, by_push, pushes[k], lower, right, free):
+            return False
+        for i in range(6):
+            feed[k, i] = right[i]
+        for column in range(12):
+            for i in range(6):
+                right[i] = -free[i] * mixed[i, column]
+            cholesky_solve(lower, right)
+            for i in range(6):
+                gains[k, i, column] = free[i] * right[i]
+        # The cost to go of these steps, whether or not they are the best ones.
+        for half in range(2):
+            for i in range(6):
+                for c in range(6):
+                    new[half, i] += mixed[c, 6 * half + i] * feed[k, c]
+                    pull = by_push[c]
+                    for d in range(6):
+                        pull += push_twice[c, d] * feed[k, d]
+                    new[half, i] += gains[k, c, 6 * half + i] * pull
+                for other in range(2):
+                    for j in range(6):
+                        for c in range(6):
+                            new_twice[half, other, i, j] += mixed[c, 6 * half + i] * gains[k, c, 6 * other + j]
+        value, new = new, value
+        twice, new_twice = new_twice, twice
+    return True
+
+
+@compiled
+def boxed(arm: Arm, matrix: Array, gradient: Array, push: Array, lower: Array, step: Array, free: Array) -> bool:
+    """Writes the step (J,) that is best inside the accelerations, the factor of what is free, and what is (1 or 0)."""
+    part = np.empty((6, 6))
+    for j in range(6):
+        free[j] = 1.0
+    for turn in range(2):
+        for i in range(6):
+            step[i] = -gradient[i] if free[i] > 0.0 else step[i]
+        for i in range(6):
+            for j in range(6):
+                part[i, j] = matrix[i, j] if free[i] * free[j] > 0.0 else (1.0 if i == j else 0.0)
+                if free[i] > 0.0 and free[j] == 0.0:
+                    step[i] -= matrix[i, j] * step[j]
+        if not cholesky(part, lower):
+            return False
+        cholesky_solve(lower, step)
+        out = False
+        for j in range(6):
+            most = arm.accelerations[j]
+            inside = min(max(push[j] + step[j], -most), most) - push[j]
+            if abs(inside - step[j]) > 1e-9:
+                step[j] = inside
+                if turn == 0:
+                    free[j], out = 0.0, True
+        if not out:
+            break
+    return True
+
+
+class Planned(NamedTuple):
+    """A plan and its first step.
+
+    Attributes:
+        joints, speeds: (J,) rad and rad/s, one tick from now.
+        torques: (J,) N·m, that this takes.
+        pushes: (N, J) rad/s², the plan.
+        guess: (J,) rad, a posture that meets the hand.
+        plate: (3,) m, where the plate is one tick from now.
+        miss: m, distance of the plate from where it should be, at the knot of the meeting.
+        cost: of the plan.
+        active: bits of the limits that shortened the first step.
+    """
+
+    joints: Array
+    speeds: Array
+    torques: Array
+    pushes: Array
+    guess: Array
+    plate: Array
+    miss: float
+    cost: float
+    active: int
+
+
+GUESS_STEPS = 4
+
+
+@compiled
+def _afresh(arm: Arm, task: Task, guess: Array, path: Array, pushes: Array) -> None:
+    """Writes the pushes (N, J) of a cubic in the joints to a posture, at the plate's velocity, and nothing after."""
+    centres, frames = link_frames(arm, guess)
+    point, normal = plate_of(arm, centres, frames)
+    of_point, _ = plate_jacobian(arm, centres, frames, point, normal)
+    square, lower, pull, arrival = np.empty((3, 3)), np.zeros((3, 3)), np.empty(3), np.zeros(6)
+    for r in range(3):
+        pull[r] = task.braked[r] + task.closing * task.normal[r]
+        for c in range(3):
+            square[r, c] = 1e-2 if r == c else 0.0
+            for j in range(6):
+                square[r, c] += of_point[r, j] * of_point[c, j]
+    if cholesky(square, lower):
+        cholesky_solve(lower, pull)
+        for j in range(6):
+            for r in range(3):
+                arrival[j] += of_point[r, j] * pull[r]
+    length = max(task.time, task.seconds)
+    for j in range(6):
+        length = max(length, 1.3 * abs(guess[j] - path[0, 0, j]) / arm.speeds[j])
+    for k in range(len(pushes)):
+        t = (k + 0.5) * task.seconds
+        for j in range(6):
+            way, begin, end = guess[j] - path[0, 0, j], path[0, 1, j], arrival[j]
+            push = (6.0 * way / length - 4.0 * begin - 2.0 * end) / length
+            push += t / length**2 * (6.0 * (begin + end) - 12.0 * way / length)
+            pushes[k, j] = push if t < length else 0.0
+
+
+DAMPINGS = 3
+SHARES = 2
+
+
+@compiled
+def _better(arm: Arm, aim: Aim, cost: float, path: Array, plan: Array, other: Array, trial: Array) -> float:
+    """Writes an improved path and plan into ``other`` and ``trial``; returns its cost, or ``cost`` if there is none."""
+    slopes = linearised(arm, aim, path, plan)
+    feed, gains = np.zeros((len(plan), 6)), np.zeros((len(plan), 6, 12))
+    damping = 0.0
+    for _ in range(DAMPINGS):
+        if improvement(arm, slopes, aim.seconds, damping, plan, feed, gains):
+            share = 1.0
+            for _ in range(SHARES):
+                now = rolled_out(arm, aim, path, plan, share, feed, gains, other, trial)
+                if now < cost:
+                    return now
+                share *= 0.35
+        damping = 0.1 * cost if damping == 0.0 else 30.0 * damping
+    return cost
+
+
+@compiled_entry
+def planned(
+    arm: Arm, task: Task, joints: Array, speeds: Array, pushes: Array, guess: Array, tick: float, rounds: int
+) -> Planned:
+    """Improves a plan ``rounds`` times from joints and speeds (J,) of now, and takes its first step of ``tick`` s.
+
+    The plan, or a new one to the posture that ``guess`` is improved to: whichever costs less.
+    """
+    count = len(pushes)
+    aim = aimed(task, count)
+    path, other = np.empty((count + 1, 2, 6)), np.empty((count + 1, 2, 6))
+    plan, trial = np.empty((count, 6)), np.empty((count, 6))
+    feed, gains = np.zeros((count, 6)), np.zeros((count, 6, 12))
+    for k in range(count + 1):
+        for j in range(6):
+            path[k, 0, j], path[k, 1, j] = joints[j], speeds[j]
+            other[k, 0, j], other[k, 1, j] = joints[j], speeds[j]
+    cost = rolled_out(arm, aim, path, pushes, 0.0, feed, gains, other, plan)
+    path, other = other, path
+    if task.time > 2.0 * tick and task.time < math.inf:
+        guess, _ = posture_from(arm, task.point, task.normal, guess, GUESS_STEPS)
+        fresh = np.empty((count, 6))
+        _afresh(arm, task, guess, path, fresh)
+        for k in range(count + 1):
+            for j in range(6):
+                other[k, 0, j], other[k, 1, j] = joints[j], speeds[j]
+        spare = np.empty((count + 1, 2, 6))
+        now = rolled_out(arm, aim, other, fresh, 0.0, feed, gains, spare, trial)
+        if not cost <= now:
+            cost, path, plan, trial = now, spare, trial, plan
+    for _ in range(rounds):
+        now = _better(arm, aim, cost, path, plan, other, trial)
+        gained = cost - now
+        if not gained > 0.0:
+            break
+        cost, path, other, plan, trial = now, other, path, trial, plan
+        if gained < 1e-4 * cost:
+            break
+    place, speed, torques, active = next_state(arm, joints, speeds, plan[0], tick, aim.head)
+    centres, frames = link_frames(arm, place)
+    plate, _ = plate_of(arm, centres, frames)
+    miss = 0.0
+    if task.time < math.inf:
+        knot = min(max(round(task.time / task.seconds) - 1, 0), count - 1)
+        centres, frames = link_frames(arm, path[knot + 1, 0])
+        point, _ = plate_of(arm, centres, frames)
+        for r in range(3):
+            miss += (point[r] - aim.points[knot, r]) ** 2
+    return Planned(place, speed, torques, plan, guess, plate, math.sqrt(miss), cost, active)

@@ -1,0 +1,204 @@
+"""What a plan costs, with first and second derivatives."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from highfive.hil.arm.planning_task import Aim
+from highfive.hil.arm_model.arm import Arm
+from highfive.hil.arm_model.distances import along, arm_gaps
+from highfive.hil.arm_model.dynamics import available_torque, friction_torque, joint_torques, mass_matrix
+from highfive.hil.arm_model.kinematics import plate_jacobian, plate_of
+from highfive.model.compiled import compiled
+from highfive.model.geometry.rotations import Array
+
+TORQUE_WEIGHT = 0.3
+
+
+CAP_WEIGHT = 400.0
+
+
+YIELD = 6.0
+"""m/s²: a plate that is not yet near the hand may be faster, by what this takes off on the way there."""
+
+
+BORDER = 0.05
+"""m from the zone around a head within which passing by counts the less."""
+
+
+HARD_GAP = 0.015
+"""m of gap that no step goes below."""
+
+
+@compiled
+def _add_square(weight: float, error: float, slope: Array, gradient: Array, matrix: Array) -> None:
+    """Adds weight × error² / 2 of an error with derivative ``slope`` (J,)."""
+    for i in range(6):
+        gradient[i] += weight * error * slope[i]
+        for j in range(6):
+            matrix[i, j] += weight * slope[i] * slope[j]
+
+
+@compiled
+def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
+    arm: Arm, aim: Aim, knot: int, centres: Array, frames: Array, joints: Array, speeds: Array, slopes: bool,
+    by_joints: Array, by_speeds: Array, joints_twice: Array, speeds_twice: Array,
+) -> float:  # fmt: skip
+    """Cost of being there at a knot; with ``slopes`` also its gradients (J,) and Gauss–Newton matrices (J, J)."""
+    cost = 0.0
+    point, normal = plate_of(arm, centres, frames)
+    of_point, of_normal = plate_jacobian(arm, centres, frames, point, normal)
+    weights = aim.point_weights[knot]
+    for r in range(3):
+        pulled = 0.0
+        for c in range(3):
+            pulled += weights[r, c] * (point[c] - aim.points[knot, c])
+        cost += 0.5 * pulled * (point[r] - aim.points[knot, r])
+        if slopes:
+            for j in range(6):
+                by_joints[j] += of_point[r, j] * pulled
+                weighed = (
+                    weights[r, 0] * of_point[0, j] + weights[r, 1] * of_point[1, j] + weights[r, 2] * of_point[2, j]
+                )
+                for i in range(6):
+                    joints_twice[i, j] += of_point[r, i] * weighed
+    weight = aim.normal_weights[knot]
+    if weight > 0.0:
+        for r in range(3):
+            error = normal[r] - aim.normals[knot, r]
+            cost += 0.5 * weight * error**2
+            if slopes:
+                _add_square(weight, error, of_normal[r], by_joints, joints_twice)
+    plate, line, apart, towards, fleeing = np.empty(3), np.empty(3), 0.0, 0.0, 0.0
+    for r in range(3):
+        speed = 0.0
+        for j in range(6):
+            speed += of_point[r, j] * speeds[j]
+        plate[r], line[r] = speed, aim.hands[knot, r] - point[r]
+        apart += line[r] ** 2
+        weight = aim.velocity_weights[knot]
+        if weight > 0.0:
+            error = speed - aim.velocities[knot, r]
+            cost += 0.5 * weight * error**2
+            if slopes:
+                _add_square(weight, error, of_point[r], by_speeds, speeds_twice)
+    if aim.caps[knot] < math.inf:
+        apart = math.sqrt(apart)
+        for r in range(3):
+            line[r] = line[r] / apart if apart > TOUCHING else aim.normals[knot, r]
+            towards += line[r] * plate[r]
+            fleeing += line[r] * aim.hand_velocities[knot, r]
+        there = max(0.0, aim.caps[knot] + fleeing)  # a hand that is faster by itself is not run away from
+        room = 4.0 * YIELD * max(0.0, apart - NEAR)
+        over = towards - 0.5 * (there + fleeing + math.sqrt((there - fleeing) ** 2 + room))
+        if over > 0.0:
+            cost += 0.5 * CAP_WEIGHT * over**2
+            if slopes:
+                faster = np.empty(6)
+                along(line, of_point, faster)
+                _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
+    if aim.head[3] > 0.0:
+        for r in range(3):
+            line[r] = aim.head[r] - point[r]
+        over, fast = _over_near_face(aim.face, line, plate)
+        if over > 0.0:
+            cost += 0.5 * CAP_WEIGHT * over**2
+            if slopes:
+                faster = np.empty(6)
+                for r in range(3):
+                    plate[r] /= fast
+                along(plate, of_point, faster)
+                _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
+    for j in range(6):
+        away = aim.rest_weight * (joints[j] - aim.rest[j])
+        cost += 0.5 * away * (joints[j] - aim.rest[j])
+        beyond = max(0.0, joints[j] - arm.high[j] + STOP_MARGIN) - max(0.0, arm.low[j] + STOP_MARGIN - joints[j])
+        top = SPEED_SHARE * arm.speeds[j]
+        fast = max(0.0, speeds[j] - top) - max(0.0, -top - speeds[j])
+        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2 + aim.calm * speeds[j] ** 2)
+        if slopes:
+            by_joints[j] += away + STOP_WEIGHT * beyond
+            by_speeds[j] += SPEED_WEIGHT * fast + aim.calm * speeds[j]
+            joints_twice[j, j] += aim.rest_weight + (STOP_WEIGHT if beyond != 0.0 else 0.0)
+            speeds_twice[j, j] += aim.calm + (SPEED_WEIGHT if fast != 0.0 else 0.0)
+    gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if slopes else 0, 4, 6))
+    arm_gaps(arm, centres, frames, aim.head, GAP_MARGIN, gaps, wider, slopes)
+    for b in range(len(gaps)):
+        for kind in range(4):
+            if gaps[b, kind] < GAP_MARGIN:
+                error = gaps[b, kind] - GAP_MARGIN
+                cost += 0.5 * GAP_WEIGHT * error**2
+                if slopes:
+                    _add_square(GAP_WEIGHT, error, wider[b, kind], by_joints, joints_twice)
+    return cost
+
+
+@compiled
+def _over_near_face(face: Array, line: Array, plate: Array) -> tuple[float, float]:
+    """m/s by which a plate of velocity ``plate`` (3,) is too fast for a head ``line`` (3,) m away; and its speed.
+
+    As :func:`highfive.hil.safety.people.face_zone_share` has it, for a head at rest.
+    """
+    away = fast = along = 0.0
+    for r in range(3):
+        away += line[r] ** 2
+        fast += plate[r] ** 2
+        along += line[r] * plate[r]
+    away, fast = math.sqrt(away), math.sqrt(fast)
+    way = max(0.0, away - face[1])
+    straight = max(along / max(away * fast, 1e-9), 1.0 - way / BORDER)
+    if straight <= 1e-3 or fast <= face[0]:
+        return 0.0, fast
+    there = straight * face[0]
+    return fast - 0.5 * (there + math.sqrt(there**2 + 4.0 * straight * face[2] * way)) / straight, fast
+
+
+@compiled
+def acceleration_cost(
+    arm: Arm, effort: float, centres: Array, frames: Array, speeds: Array, push: Array, slopes: bool,
+    by_push: Array, by_speeds: Array, push_twice: Array, cross: Array, speeds_twice: Array,
+) -> float:  # fmt: skip
+    """Cost of accelerations ``push`` (J,): effort, and torque beyond the torque–speed line."""
+    cost, torques, weighed = 0.0, np.empty(6), False
+    joint_torques(arm, centres, frames, speeds, push, torques)
+    mass = np.empty((0, 0))
+    for j in range(6):
+        cost += 0.5 * effort * push[j] ** 2
+        torque = torques[j] + friction_torque(arm, j, speeds[j])
+        sign = 1.0 if torque > 0.0 else -1.0
+        over = sign * torque - available_torque(arm, j, speeds[j], sign)
+        if over > 0.0:
+            cost += 0.5 * TORQUE_WEIGHT * over**2
+        if not slopes:
+            continue
+        by_push[j] += effort * push[j]
+        push_twice[j, j] += effort
+        if over > 0.0:
+            if not weighed:
+                mass, weighed = mass_matrix(arm, centres, frames), True
+            slower = sign * arm.stall[j] / arm.no_load[j]  # strength lost by a faster joint
+            by_speeds[j] += TORQUE_WEIGHT * over * slower
+            speeds_twice[j, j] += TORQUE_WEIGHT * slower**2
+            for i in range(6):
+                by_push[i] += TORQUE_WEIGHT * over * sign * mass[j, i]
+                cross[i, j] += TORQUE_WEIGHT * sign * mass[j, i] * slower
+                for k in range(6):
+                    push_twice[i, k] += TORQUE_WEIGHT * mass[j, i] * mass[j, k]
+    return cost
+
+
+STOP_MARGIN, STOP_WEIGHT = 0.06, 1e4
+"""rad before a joint's stop where it begins to count, and by how much."""
+
+
+SPEED_SHARE, SPEED_WEIGHT = 0.93, 300.0
+
+
+GAP_MARGIN, GAP_WEIGHT = 0.05, 1e4
+"""m of gap where nearness begins to count."""
+
+
+NEAR, TOUCHING = 0.15, 0.03
+"""m from the hand at which its cap holds; nearer than the second the line between them is the normal that is wanted."""

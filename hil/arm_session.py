@@ -34,6 +34,7 @@ from hil.safety.posture import posture_mismatches
 from hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown, start_up_check
 from hil.servo_arm import DEFAULT_MOUNT, READY, ServoArm, default_arm
 from hil.session import RATE_HZ
+from mocap_bridge.address import parse_address
 from mocap_bridge.frames import MarkerFrame
 from mocap_bridge.marker_sets import MarkerSet
 from model.compiled import when_compiling
@@ -204,7 +205,7 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
     if not options.person:
         raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
     found = load_registration(options.registration)
-    mismatches = found.mismatches(fingerprint(rig), options.person.partition("://")[0], now)
+    mismatches = found.mismatches(fingerprint(rig), parse_address(options.person).scheme, now)
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
 
 

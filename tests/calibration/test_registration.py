@@ -60,9 +60,11 @@ def test_a_registration_that_does_not_fit_says_why(
     assert "room.toml" in line
 
 
-@pytest.mark.parametrize(("system", "address"), [("vicon", "VICON://host"), ("Vicon", "vicon://host")])
+@pytest.mark.parametrize(
+    ("system", "address"), [("vicon", "VICON://host"), ("Vicon", "vicon://host"), ("vicon", " Vicon://host")]
+)
 def test_a_system_in_capitals_is_the_same_system(tmp_path: Path, system: str, address: str) -> None:
-    """In the live person's address, or in the file."""
+    """In the live person's address, or in the file; a space before it, which addresses may have, is none of it."""
     rig = load_rig()
     file = written(tmp_path, system=f'"{system}"', fingerprint=f'"{fingerprint(rig)}"')
     options = ArmOptions("/dev/ttyUSB99", person=address, registration=file)

@@ -19,8 +19,8 @@ from hil.bench_contact import contact_figures, played, played_by, twin_loop
 from hil.bench_retarget import Asked
 from hil.drivers.arm_process import Mode
 from hil.drivers.latch import Latch
-from hil.drivers.values import JointCommand
 from hil.drivers.rig import load_rig
+from hil.drivers.values import JointCommand
 from hil.retarget import ExpectedContact, PalmGoal, Retarget
 from hil.rig_reach import cell_point, facing
 from hil.safety.limits import load_limits

@@ -80,7 +80,7 @@ def test_the_zone_about_an_unsure_head_is_wider() -> None:
 
 
 def fast_past(deviation: float) -> tuple[Remembered, Human, Points, Array, Array]:
-    """A plate that goes past a head at 1 m/s, 50 mm outside the zone about its place: joints' velocities, and limits."""
+    """A plate that goes past a head at 1 m/s, 50 mm outside the zone about its place: joints turn, and its Jacobian."""
     places, jacobians = kinematics(READY_POSE)
     head = places[0] + np.array([0.0, 0.0, LIMITS.face.radius + 0.05])
     human = Human(head, FAR.palm, np.zeros(3), 0, Sighting(90 * MS, deviation))

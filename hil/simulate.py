@@ -127,7 +127,8 @@ def _simulate(
     scene = build_scene()
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
-        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
+        worn = partners[0].marker_set
+        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar, worn)))
         recorder = SessionRecorder(folder / "session.mcap", settings)
         played = _run(options, model, scene, partners, person, recorder, bar, watch)
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag

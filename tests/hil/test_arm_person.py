@@ -1,15 +1,18 @@
 """Markers to arm: when the arm holds does not depend on what the tracker believes."""
 
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hil.arm_loop import ArmLoop
-from hil.arm_session import full_errors, retarget_settings
+from hil.arm_session import ArmOptions, check_person, full_errors, ready_arm, retarget_settings
 from hil.drivers.latch import Latch
 from hil.drivers.rig import load_rig
-from hil.partners import simulated_partners
+from hil.partners import Partner, simulated_partners
 from hil.retarget import Retarget
 from hil.retarget_goal import palm_goal
 from hil.safety.limits import load_limits
@@ -19,9 +22,12 @@ from hil.servo_arm import READY, default_arm
 from hil.session import RATE_HZ, Session
 from hil.sim.arm_plant import mounted_arm
 from hil.sim.scene import build_scene
-from hil.simulate import DEFAULT_MODEL
+from hil.simulate import DEFAULT_MODEL, SimulateOptions, simulate
 from hil.twin_arm import TwinArm
+from mocap_bridge.marker_sets import load_marker_set
+from mocap_bridge.recording import make_recording
 from mocap_bridge.sources import C3DSource
+from model.errors import HighFiveError
 from model.store import load_model
 
 
@@ -57,3 +63,51 @@ def test_the_arm_holds_in_time_after_the_last_marker_was_measured(part: str) -> 
     assert states[State.HOLDING] <= 0.100
     assert states[State.RETRACTING] <= 0.500
     assert part == "head" or believed > 0.15  # the tracker still knew where the hand was
+
+
+ADDRESS = "vicon://host"
+REAL = ArmOptions("/dev/ttyUSB99", armed=True, person=ADDRESS, registration=Path("room.toml"))
+NO_HEAD = (
+    r"marker set upper_limb has no marker on the head: STER, XIPH, T1, T10 .* thoracic_8.* use a set with head markers"
+)
+
+
+def test_a_real_arm_does_not_move_near_a_person_whose_head_no_marker_shows() -> None:
+    """The face zone would follow the trunk, and never be stale."""
+    trunk, paper = load_marker_set("upper_limb"), load_marker_set("paper")
+    with pytest.raises(HighFiveError, match=NO_HEAD) as error:
+        check_person(REAL, trunk)
+    assert "\n" not in str(error.value)
+    with pytest.raises(HighFiveError, match="no marker set"):
+        check_person(REAL, None)
+    with pytest.raises(HighFiveError, match=NO_HEAD), ready_arm(REAL, marker_set=trunk):  # before a port is opened
+        pass
+    check_person(REAL, paper)
+    check_person(replace(REAL, port="emulated"), trunk)
+    check_person(replace(REAL, person="", nobody_near=True), trunk)
+
+
+def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The motion capture and the servos are taken for well; nothing is asked of either."""
+    worn = load_marker_set("upper_limb")
+
+    class Person:
+        """Who wears that set."""
+
+        def partner(self, emotion: str) -> Partner:
+            count = len(worn)
+            none = make_recording(RATE_HZ, worn.names, np.zeros((0, count, 3)), np.zeros((0, count), dtype=bool))
+            return Partner(ADDRESS, emotion, "", False, none, worn, -1, None, None, ())
+
+    replaced: dict[str, Callable[..., object]] = {
+        "check_arm": lambda _: None,
+        "live_source": lambda *_: nullcontext(),
+        "closing": lambda source: source,
+        "load_registration": lambda _: type("Registered", (), {"placement": None}),
+        "LivePerson": lambda *_: Person(),
+    }
+    for name, replacement in replaced.items():
+        monkeypatch.setattr(f"hil.simulate.{name}", replacement)
+    options = SimulateOptions(trials=1, source=ADDRESS, arm=replace(REAL, person=""))
+    with pytest.raises(HighFiveError, match=NO_HEAD):
+        simulate(options, tmp_path / "out", lambda *_: lambda *_, **__: None)

@@ -13,6 +13,7 @@ from typer.exceptions import TyperException
 from hil import cli_bench, cli_mocap, cli_model, cli_rig
 from hil.cli_options import Cells, Interrupted, Json, Overwrite, Seed
 from hil.console import STDERR, counted, print_json, progress_bars
+from hil.interrupts import raise_swallowed_interrupts
 from model.errors import HighFiveError
 
 if TYPE_CHECKING:
@@ -221,6 +222,7 @@ def _tell_arm(arm: dict[str, Any]) -> None:
 
 def main() -> None:
     """Entry point: one line for every error that a user can put right."""
+    raise_swallowed_interrupts()
     try:
         code = app(standalone_mode=False) or 0
         if code == _INTERRUPTED:

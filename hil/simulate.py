@@ -128,8 +128,10 @@ def _simulate(
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
         watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
+        # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
+        session = _session(options, model, scene, partners[0])
         recorder = SessionRecorder(folder / "session.mcap", settings)
-        played = _run(options, model, scene, partners, person, recorder, bar, watch)
+        played = _run(options, session, scene, partners, person, recorder, bar, watch)
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
     arm = None if watch is None else arm_summary(list(played.arm.values()), lag)
     results = played.results
@@ -212,7 +214,7 @@ def _leading(style: Mapping[str, float]) -> str:
 
 def _run(
     options: SimulateOptions,
-    model: HGPDM,
+    session: Session,
     scene: Scene,
     partners: list[Partner],
     person: LivePerson | None,
@@ -220,13 +222,12 @@ def _run(
     bar: Bar,
     watch: ArmWatch | None,
 ) -> _Played:
-    playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
     played = _Played()
     results = played.results
-    session = _session(options, model, scene, partners[0])
-    advance = bar("high fives", len(partners))
     with recorder:
         try:
+            playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
+            advance = bar("high fives", len(partners))
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
             gc.freeze()

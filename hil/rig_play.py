@@ -159,7 +159,8 @@ def _played(
                 except HighFiveError as error:  # a full disk; there is still a report to try
                     stopped = str(error)
             if stopped := loop.trouble or stopped:
-                remedy, whole = too_busy(trial, loop.cycles()), whole + (trial is not None and not trial.broken_off)
+                remedy = too_busy(trial, loop.cycles(), stopped)
+                whole += trial is not None and not trial.broken_off
                 break
             whole += 1
             advance()

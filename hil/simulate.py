@@ -17,6 +17,7 @@ from calibration.registration import load_registration
 from hil.arm_report import draw_arm
 from hil.arm_session import ArmOptions, at_their_time, check_arm, ready_arm
 from hil.arm_trial import ArmTrial, ArmWatch, arm_summary
+from hil.busy import too_busy
 from hil.console import Bar
 from hil.estop import uninterrupted
 from hil.film import Arms, Strip, make_film, picture_strips
@@ -237,10 +238,12 @@ def _run(
                 called = style_name(style)
                 result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
+                    remedy = "" if watch is None else too_busy(None, watch.loop.cycles(), trouble)
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
-                        raise HighFiveError(f"no high five could be played: {trouble}")
+                        raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
                     tell(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    _advise(remedy)
                     return replace(played, interrupted=True)
                 result = replace(result, style=called)
                 arm = None if watch is None else watch.end(called, partner.cell, partner.contact_frame)
@@ -251,12 +254,18 @@ def _run(
                 advance()
                 if watch is not None and watch.loop.trouble:
                     tell(f"the arm was stopped: {watch.loop.trouble}")
+                    _advise(too_busy(arm, watch.loop.cycles(), watch.loop.trouble))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
         finally:
             gc.unfreeze()
     return played
+
+
+def _advise(remedy: str) -> None:
+    if remedy:
+        tell(remedy)
 
 
 def _trial(

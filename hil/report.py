@@ -33,8 +33,8 @@ _SIMULATED = (
 _OTHER = (
     "In the recording the two people's own palms come within {other} mm of each other. That is between palm centres "
     "which are estimated from wrist and hand points (joint centres, where a file has them), not between skins, and "
-    "people meet at a slant. The avatar's palm is brought to that same estimate, within {ours} mm: the two figures do "
-    "not compare."
+    "people meet at a slant. The avatar's palm is brought to that same estimate, to {ours}: the two figures do not "
+    "compare."
 )
 _MEDIAN = (
     "Shown is the median high five of each style, by how far the palms were apart; of an even number the nearer one of "
@@ -163,7 +163,7 @@ def _findings(summary: dict[str, Any]) -> str:
         )
     other = summary["other_error_mm"]
     if not summary["simulated"] and other["median"] is not None:
-        ours = show(summary["contact_error_mm"]["median"])
+        ours = _spread(summary["contact_error_mm"], summary, "mm")
         found.append(_OTHER.format(other=show(other["median"]), ours=ours))
     truth, closing = summary["true_error_at_touch_mm"], summary["closing_speed_at_touch_m_s"]
     if truth["median"] is not None:

@@ -153,6 +153,9 @@ def test_recorded_people_are_compared_with_who_met_them(results, tmp_path):
     assert "simulated" not in text
     assert "pair <1>.c3d" in text and "turned by 90°" in text
     assert "within 12.30 mm of each other" in text and "do not compare" in text
+    several = [replace(recorded, number=number, error=error) for number, error in enumerate((0.002, 0.00224, 0.00745))]
+    text = Page(written(tmp_path / "several", several, replace(SETTINGS, source="pair.c3d")).read_text()).text
+    assert "to that same estimate, to 2.24 mm (median; largest 7.45): the two figures" in " ".join(text)
 
 
 def test_a_full_disk_keeps_the_old_report(page, tmp_path):

@@ -20,7 +20,7 @@ from hil.film import Strip
 from hil.page import figures, jpeg, render, section, table, write_file
 from hil.report_tables import dot, show, style_table, trial_table
 from hil.sim.rendering import NoPictures
-from hil.summary import SessionSettings, kind
+from hil.summary import FAR_OFF_MM, SessionSettings, kind
 from hil.targets import Target, targets
 from hil.trial import TrialResult
 
@@ -121,7 +121,11 @@ def _badges(summary: dict[str, Any]) -> str:
         if summary["arm"] and summary["arm"]["stopped"]:
             badges.append(("the arm was stopped", True))
     if summary["warnings"]:
-        badges.append(("the correction did all of it", True))
+        rows = summary["rows"]
+        far = [row for row in rows if (row["uncorrected_error_mm"] or 0.0) > FAR_OFF_MM]
+        met = sum(row["met"] for row in far)
+        where = "" if met == len(rows) else f" in {met} of {len(rows)}"
+        badges.append((f"the correction did all of it{where}" if met else "the model did not answer the hand", True))
     if not summary["corrected"]:
         badges.append(("contact correction off", True))
     if summary["interrupted"]:

@@ -132,6 +132,16 @@ def test_an_arm_is_named_on_the_first_screen(results, tmp_path):
     assert page.index("emulated servo arm") < page.index("Findings")
 
 
+def test_what_the_correction_did_is_claimed_for_trials_that_met(results):
+    far = [replace(r, uncorrected_error=0.3) for r in results]
+    for chosen, badge in (
+        (far[:2], ">the correction did all of it<"),
+        ([results[0], *far[1:]], ">the correction did all of it in 3 of 5<"),
+        (far[4:], ">the model did not answer the hand<"),
+    ):
+        assert badge in render_page(summarise(chosen, SETTINGS), SETTINGS, [])
+
+
 def test_missing_pictures_are_explained(results):
     reason = NoPictures("pictures left out: MUJOCO_GL=off switches OpenGL off")
     text = render_page(summarise(results, SETTINGS), SETTINGS, [], reason)

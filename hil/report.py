@@ -23,8 +23,14 @@ from hil.sim.rendering import NoPictures
 from hil.summary import FAR_OFF_MM, SessionSettings, kind
 from hil.targets import Target, targets
 from hil.trial import TrialResult
+from model.errors import HighFiveError
 
-PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
+PAGE, DATA, FIGURES, FILM = "report.html", "report.json", "figures", "highfive.mp4"
+_DRAWN = (
+    "contact_error", "error_by_cell", "palm_distance", "palm_paths", "joint_angles", "latency",
+    "arm_joints", "arm_meeting", "arm_effort", "arm_bus",
+)  # fmt: skip
+"""All figures that a report may have."""
 _SIMULATED = (
     "The people in this report are simulated. They stand in for people to test the chain from markers to contact; no "
     "figure here is a finding about people. Pairs of a simulated person and an actor were drawn until two could meet, "
@@ -54,7 +60,7 @@ def write_report(
     """Writes the report of a session, finished or not, into ``folder``; returns the page.
 
     Args:
-        folder: made if it is not there; older reports in it are replaced.
+        folder: made if it is not there; an older report in it is replaced, with its figures and its film.
         summary: from :func:`hil.summary.summarise`; ``report.json`` is the same.
         results: the trials, possibly none.
         settings: what the session was asked to do.
@@ -70,7 +76,20 @@ def write_report(
     for drawing in drawings:
         write_file(folder / FIGURES / f"{drawing.name}.png", to_png(drawing.figure))
     write_file(folder / PAGE, render_page(summary, settings, drawings, pictures, film).encode())
+    _remove_stale(folder, drawings, film)
     return folder / PAGE
+
+
+def _remove_stale(folder: Path, drawings: Sequence[Drawing], film: Path | NoPictures | None) -> None:
+    """Removes what an earlier session left under names of ours that this one did not write."""
+    left = {f"{name}.png" for name in _DRAWN} - {f"{drawing.name}.png" for drawing in drawings}
+    stale = [*(folder / FIGURES / name for name in sorted(left)), *([] if isinstance(film, Path) else [folder / FILM])]
+    for path in stale:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            why = error.strerror or error
+            raise HighFiveError(f"cannot remove {path}, which is of an earlier session: {why}; remove it") from None
 
 
 def render_page(

@@ -25,7 +25,7 @@ from hil.folders import results_folder
 from hil.live_partner import LivePerson, live_source
 from hil.partners import Partner, recorded_partner, simulated_partners
 from hil.recording import SessionRecorder
-from hil.report import write_report
+from hil.report import FILM, write_report
 from hil.servo_arm import DEFAULT_MOUNT
 from hil.session import RATE_HZ, Session, Tick
 from hil.sim.actors import CELLS
@@ -166,7 +166,7 @@ def _pictures(
     try:
         visible = build_scene(visible=True)
         arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
-        film = folder / "highfive.mp4"
+        film = folder / FILM
         return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
     except KeyboardInterrupt:
         none = NoPictures("pictures left out: interrupted")

@@ -10,9 +10,10 @@ import pytest
 from trial_results import some_results
 
 from hil.colours import colour_of, mark_of
+from hil.figures import draw_all
 from hil.film import Strip
 from hil.page import write_file
-from hil.report import render_page, write_report
+from hil.report import _DRAWN, render_page, write_report
 from hil.sim.emotions import EMOTIONS
 from hil.sim.rendering import NoPictures
 from hil.summary import SessionSettings, summarise
@@ -140,6 +141,20 @@ def test_what_the_correction_did_is_claimed_for_trials_that_met(results):
         (far[4:], ">the model did not answer the hand<"),
     ):
         assert badge in render_page(summarise(chosen, SETTINGS), SETTINGS, [])
+
+
+def test_nothing_of_an_earlier_session_stays_beside_a_new_report(results, tmp_path):
+    assert {drawing.name for drawing in draw_all(results)} < set(_DRAWN)
+    (tmp_path / "figures").mkdir()
+    for name in ("highfive.mp4", "figures/arm_bus.png", "figures/error_by_cell.png", "mine.mp4", "figures/mine.png"):
+        (tmp_path / name).write_bytes(b"old")
+    written(tmp_path, results[:1], pictures=NoPictures("pictures left out: --no-pictures"))
+    left = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file() and p.read_bytes() == b"old"}
+    assert left == {"mine.mp4", "figures/mine.png"}
+    (tmp_path / "highfive.mp4").write_bytes(b"new")
+    summary = summarise(results[:1], SETTINGS)
+    write_report(tmp_path, summary, results[:1], SETTINGS, film=tmp_path / "highfive.mp4")
+    assert (tmp_path / "highfive.mp4").is_file()
 
 
 def test_missing_pictures_are_explained(results):

@@ -14,6 +14,7 @@ from hil.figures import draw_all
 from hil.film import Strip
 from hil.page import write_file
 from hil.report import _DRAWN, render_page, write_report
+from hil.report_tables import style_table
 from hil.sim.emotions import EMOTIONS
 from hil.sim.rendering import NoPictures
 from hil.summary import SessionSettings, summarise
@@ -126,6 +127,16 @@ def test_a_mixed_style_has_a_column_for_the_person(results, tmp_path):
     assert "person" in text and "angry 0.5 + neutral 0.5" in text and "sad" in text
     plain = Page(written(tmp_path / "plain", results).read_text()).text
     assert "person" not in plain
+
+
+def test_the_table_of_styles_fits_a_page(results):
+    summary = summarise(results, SETTINGS)
+    page = style_table(summary)
+    text = " ".join(" ".join(Page(page).text).split())
+    assert len(re.findall("<th[ >]", page)) <= 8
+    happy = summary["contact_error_mm"]["by_emotion"]["happy"]  # two trials; of the others there is one each
+    assert f"{happy['median']:.2f} ({happy['max']:.1f})" in text and "median (largest)" in text
+    assert text.count("(") < 2 * text.count("median (largest)") + 1
 
 
 def test_an_arm_is_named_on_the_first_screen(results, tmp_path):

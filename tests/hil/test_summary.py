@@ -132,11 +132,22 @@ def test_a_miss_says_which_trials_and_why(results):
     slow = [replace(r, tick_ms=np.full_like(r.tick_ms, 9.0), touch_error=0.003) for r in results]
     slow[2] = replace(slow[2], touch_error=0.04, true_error=0.03)
     listed = targets(summarise(slow, SETTINGS))
-    assert all(bool(t.why) == (t.met is False) for t in listed)
+    assert all(bool(t.why) == (t.met is not True) for t in listed)
     whys = {t.what: t.why for t in listed}
     worst = whys["played palm from the true palm at first touch, largest"]
     assert "trial 2 (angry, B2) 40.00 mm" in worst and "off, by 30.0 mm" in worst
     assert "machine's timing" in whys["one tick, half of all"]
+
+
+def test_what_is_not_judged_says_why(results):
+    apart = [replace(r, touch_error=math.nan) for r in results]
+    for listed, why in (
+        (targets(summarise([], SETTINGS)), "no trial"),
+        (targets(summarise(results, replace(SETTINGS, corrected=False))), "correction was off"),
+        (targets(summarise(apart, SETTINGS)), "measured in no trial"),
+    ):
+        open_ = [t for t in listed if t.met is None]
+        assert open_ and all(t.why.startswith("Not judged: ") for t in open_) and why in open_[0].why
 
 
 def test_a_single_trial_has_no_spread(results):

@@ -161,6 +161,15 @@ def check_arm(options: ArmOptions) -> None:
         _refuse_unless_ready(options.port, rig, limits)
 
 
+def check_asked(options: ArmOptions) -> None:
+    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. The port was not opened.
+    """
+    _loaded(options)
+
+
 def fingerprint(rig: Rig) -> str:
     """Tells this arm, with its mount, from others: what a registration of it depends on."""
     parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)

@@ -188,6 +188,15 @@ def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
         )
 
 
+def check_asked(options: ArmOptions) -> None:
+    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. The port was not opened.
+    """
+    _loaded(options)
+
+
 def fingerprint(rig: Rig) -> str:
     """Tells this arm, with its mount, from others: what a registration of it depends on."""
     parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.arm_report import arm_section, draw_arm
-from hil.arm_session import ArmOptions, ready_arm
+from hil.arm_session import ArmOptions, check_asked, ready_arm
 from hil.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from hil.bench_retarget import Asked
 from hil.busy import too_busy
@@ -76,6 +76,7 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
 
 
 def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
+    check_asked(options.arm)  # before the session is read, which takes seconds
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     recording = read_recording(path)
     asked = recorded_high_fives(recording, path)
@@ -159,7 +160,8 @@ def _played(
                 except HighFiveError as error:  # a full disk; there is still a report to try
                     stopped = str(error)
             if stopped := loop.trouble or stopped:
-                remedy, whole = too_busy(trial, loop.cycles()), whole + (trial is not None and not trial.broken_off)
+                remedy = too_busy(trial, loop.cycles(), stopped)
+                whole += trial is not None and not trial.broken_off
                 break
             whole += 1
             advance()

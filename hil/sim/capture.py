@@ -23,7 +23,7 @@ from mocap_bridge.c3d import write_c3d
 from mocap_bridge.marker_sets import MarkerSet, load_marker_set
 from mocap_bridge.recording import Recording
 from model.errors import HighFiveError
-from model.files import unfinished, write_whole
+from model.files import UNFINISHED, unfinished, write_whole
 from model.rotations import Array
 
 PERSON_SET, AVATAR_SET = "paper", "full_body"
@@ -188,6 +188,9 @@ def _jobs(folder: Path, emotions: Sequence[str], repetitions: int, test_repetiti
 def _beside(folder: Path) -> Iterator[Path]:
     """A folder inside ``folder`` for recordings until all are there; gone in the end."""
     beside = unfinished(folder / "capture")
+    for left in sorted(folder.glob(f"{UNFINISHED}*-capture")):  # nobody else's: this process has the folder's lock
+        rmtree(left, ignore_errors=True)
+        say_aside(f"{left.name} removed from {folder}, which a killed capture left unfinished")
     try:
         beside.mkdir()
         yield beside

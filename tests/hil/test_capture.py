@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from hil.sim.actors import CELLS, RATE_HZ, PairTrial, simulate_pair
-from hil.sim.capture import CLEAN, COLUMNS, Defects, capture, markers_of, record_pair, trial_seed, write_table
+from hil.sim.capture import (
+    CLEAN,
+    COLUMNS,
+    Defects,
+    _beside,
+    capture,
+    markers_of,
+    record_pair,
+    trial_seed,
+    write_table,
+)
 from mocap_bridge.c3d import read_c3d, write_c3d
 from mocap_bridge.marker_sets import load_marker_set
 from mocap_bridge.recording import Recording
@@ -94,3 +104,14 @@ def test_what_cannot_be_captured_is_one_line(tmp_path: Path) -> None:
             call()
         assert "\n" not in str(error.value)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in (".highfive-0123abcd-capture", "mine"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "angry_A1_1.c3d").write_bytes(b"half")
+    with _beside(tmp_path) as beside:
+        assert {path.name for path in tmp_path.iterdir()} == {beside.name, "mine"}
+    told = " ".join(capsys.readouterr().err.split())
+    assert ".highfive-0123abcd-capture removed" in told and "which a killed capture left" in told
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]

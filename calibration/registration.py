@@ -10,7 +10,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -73,13 +73,13 @@ class Registration:
 
         Args:
             arm: fingerprint of the arm that is to move.
-            system: of the live person's address.
+            system: of the live person's address; capitals do not matter.
             now: UTC.
         """
         found, age = [], now - self.date
         if self.arm != arm:
             found.append(f"it is of another arm ({self.arm}; this one is {arm})")
-        if self.system != system:
+        if self.system.lower() != system.lower():
             found.append(f"it is of a {self.system} system; the person comes from {system}")
         if age > LONGEST_AGE:
             found.append(f"it is {age.days} days old, at most {LONGEST_AGE.days} are relied on")
@@ -116,8 +116,10 @@ def _registration(path: Path, data: Mapping[str, Any]) -> Registration:
     meta, arm, world, quality = (_table(data, name) for name in ("meta", "arm", "world", "quality"))
     if (version := _entry(meta, "meta", "format", int)) != FORMAT:
         raise HighFiveError(f"meta.format is {version}, this program reads {FORMAT}")
-    date = _entry(meta, "meta", "date", datetime)
-    if date.tzinfo is None:
+    if type(day := meta.get("date")) is date:
+        raise HighFiveError(f"meta.date is a date without a time; write {day}T10:00:00+01:00")
+    measured = _entry(meta, "meta", "date", datetime)
+    if measured.tzinfo is None:
         raise HighFiveError("meta.date has no time zone; write it in UTC, such as 2026-11-23T09:30:00Z")
     rotation = _vector(world, "world", "rotation", 4)
     if abs(float(np.linalg.norm(rotation)) - 1.0) > 1e-6:
@@ -130,7 +132,7 @@ def _registration(path: Path, data: Mapping[str, Any]) -> Registration:
         raise HighFiveError(f"quality.held_out_p95_m is {p95}, expected a distance in m")
     return Registration(
         path=path,
-        date=date.astimezone(UTC),
+        date=measured.astimezone(UTC),
         arm=_entry(arm, "arm", "fingerprint", str),
         system=_entry(world, "world", "system", str),
         world_from_mocap=rotation,

@@ -95,8 +95,9 @@ class HumanArm:
         age_ns: age of the oldest marker that the hand rests on; the largest integer where none of them was ever seen.
         time_ns: source time, ns.
         hand_covariance: (2, 3, 3) m², of the hand points, as if the markers of each erred together; zero if not known.
-        head_unseen_ns, hand_unseen_ns: time since any marker of the head, or of wrist and hand, was last measured,
-            whatever the estimate; the largest integer where none ever was.
+        head_unseen_ns, hand_unseen_ns: ns since any marker on the head (where the set has none: any of those that stand
+            in for it), or of wrist and hand, was last measured, whatever the estimate; the largest integer where none
+            ever was.
         head_deviation, hand_deviation: m, standard deviation of the head's centre, and of wrist or knuckles, whichever
             is less sure, as if the markers erred together.
     """

@@ -35,6 +35,8 @@ from highfive.hil.safety.posture import posture_mismatches
 from highfive.hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown, start_up_check
 from highfive.hil.session.session import RATE_HZ
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.compiled import when_compiling
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
@@ -102,7 +104,7 @@ class ArmOptions:
 
 
 @contextmanager
-def ready_arm(options: ArmOptions, bar: Bar | None = None) -> Iterator[ArmLoop]:
+def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet | None = None) -> Iterator[ArmLoop]:
     """An arm that was checked, holds where it stands, and follows; it is brought to rest in the end.
 
     The emergency stop is armed meanwhile: space or Esc where there is a terminal, SIGTERM, SIGUSR1 and Ctrl-C, and the
@@ -111,11 +113,13 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None) -> Iterator[ArmLoop]:
     Args:
         options: which arm.
         bar: shows that it is being made ready, which takes minutes where nothing is compiled yet.
+        marker_set: that the live person wears; None where nobody is tracked.
 
     Raises:
-        HighFiveError: port, rig or limits cannot be used, a servo is not as it has to be, or a real port is not armed.
-            Nothing has moved then.
+        HighFiveError: port, rig or limits cannot be used, a servo is not as it has to be, a real port is not armed, or
+            no marker shows the head of the live person beside it. Nothing has moved then.
     """
+    check_person(options, marker_set)
     check_arm(options)
     limits, rig = _loaded(options)
     advance = None if bar is None else bar("arm", 1)
@@ -161,6 +165,38 @@ def check_arm(options: ArmOptions) -> None:
         _refuse_unless_ready(options.port, rig, limits)
 
 
+def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
+    """Refuses a real arm beside a live person whose head no marker shows: the face zone would follow trunk or neck.
+
+    Args:
+        options: which arm, and who is beside it.
+        marker_set: that the live person wears; None where nobody is tracked.
+
+    Raises:
+        HighFiveError: nothing shows the head. Nothing has moved.
+    """
+    if options.emulated or not options.person:
+        return
+    if marker_set is None:
+        raise HighFiveError(f"no marker set says where the head of the person from {options.person} is; name one")
+    if not marker_set.on_head:
+        head = marker_set.arm.head
+        carriers = ", ".join(dict.fromkeys(marker_set.joints[marker_set.index(name)] for name in head))
+        raise HighFiveError(
+            f"marker set {marker_set.name} has no marker on the head: {', '.join(head)} stand in for it (carried by "
+            f"{carriers}); a real arm near a live person needs one there: use a set with head markers, such as paper"
+        )
+
+
+def check_asked(options: ArmOptions) -> None:
+    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. The port was not opened.
+    """
+    _loaded(options)
+
+
 def fingerprint(rig: Rig) -> str:
     """Tells this arm, with its mount, from others: what a registration of it depends on."""
     parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
@@ -178,7 +214,7 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
     if not options.person:
         raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
     found = load_registration(options.registration)
-    mismatches = found.mismatches(fingerprint(rig), options.person.partition("://")[0], now)
+    mismatches = found.mismatches(fingerprint(rig), parse_address(options.person).scheme, now)
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
 
 

@@ -238,6 +238,7 @@ class ArmLoop:
         due = self._clock()
         for goal in goals:
             self._pause(max(0.0, 1e-9 * (due - self._clock())))
+            due = max(due, self._clock())  # after a pause of the machine no tick is made up for: the arm would race
             self.note_frame()
             ticks.append(self.tick(goal))
             cycles += self.cycles()

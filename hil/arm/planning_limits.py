@@ -142,7 +142,7 @@ def step_within_limits(
 def next_state(
     arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array
 ) -> tuple[Array, Array, Array, int]:
-    """Joints and speeds (J,) after a step with accelerations ``push`` (J,), as limits allow it; bits of those limits."""
+    """Joints and speeds (J,) after a step with accelerations ``push`` (J,), as limits allow it; bits of the limits."""
     push, torques = push.copy(), np.empty(6)
     active = allowed(arm, joints, speeds, push, seconds, head, torques)
     place, speed = joints.copy(), speeds.copy()

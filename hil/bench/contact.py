@@ -87,7 +87,7 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed, "foretold": options.foretold}
     rows: list[dict[str, Any]] = []
     for player in options.players:
-        results, commanded = _played_by(player, asked, bar)
+        results, commanded = played_by(player, asked, bar)
         result[player] = contact_figures([one.met for one in results]) | commanded
         rows += [_row(player, one, before) for one in results]
     if options.picture is not None:
@@ -200,7 +200,17 @@ def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
     return trial
 
 
-def _played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+def played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+    """How each high five went, and figures of all: speeds, m/s, planning, ms, and for the rig which were stopped.
+
+    Args:
+        player: one of :data:`PLAYERS`.
+        asked: the high fives.
+        bar: shows how far it is.
+
+    Raises:
+        HighFiveError: the twin stopped by itself, or the rig cannot be made ready.
+    """
     if player == "avatar":
         return [Played(avatar_met(it)) for it in asked], {}
     advance = bar(player, len(asked))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -14,8 +15,9 @@ from highfive.hil.cli import bench as cli_bench
 from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
-from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed
+from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed, refuse_two_people
 from highfive.hil.runtime.console import STDERR, counted, print_json, progress_bars
+from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 
@@ -158,9 +160,14 @@ def _style(text: str) -> dict[str, float]:
         if not equals and ":" in name:
             raise HighFiveError(f"--style {text}: write {name.strip().replace(':', '=', 1)}")
         try:
-            weights[name.strip()] = float(value) if equals else 1.0
+            weight = float(value) if equals else 1.0
         except ValueError:
-            raise HighFiveError(f"--style {text}: {value!r} is no number; write it as angry=0.5,neutral=0.5") from None
+            weight = math.nan
+        if not math.isfinite(weight):
+            raise HighFiveError(f"--style {text}: {value!r} is no number; write it as angry=0.5,neutral=0.5")
+        if name.strip() in weights:
+            raise HighFiveError(f"--style {text}: {name.strip()} is there twice; give each emotion one weight")
+        weights[name.strip()] = weight
     return weights
 
 
@@ -225,7 +232,9 @@ def _tell_arm(arm: dict[str, Any]) -> None:
 
 def main() -> None:
     """Entry point: one line for every error that a user can put right."""
+    raise_swallowed_interrupts()
     try:
+        refuse_two_people(sys.argv[1:])
         code = app(standalone_mode=False) or 0
         if code == _INTERRUPTED:
             raise KeyboardInterrupt

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
+
+from highfive.model.errors import HighFiveError
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
 Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
@@ -31,6 +34,27 @@ Overwrite = Annotated[
 OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file that is written if it is there.")]
 
 AnySet = Annotated[str | None, typer.Option(help="The marker set: a name or a TOML file.")]
+
+
+_SAME = (("--human", "--person"), ("--human-set", "--person-set"))
+
+
+def refuse_two_people(words: Sequence[str]) -> None:
+    """Of two names for one option the parser takes what was said last; two different people are a mistake.
+
+    Raises:
+        HighFiveError: the words of a command line say two.
+    """
+    words = [*words, "--"][: [*words, "--"].index("--")]
+    for names in _SAME:
+        said: dict[str, str] = {}  # value and how it was said
+        for place, word in enumerate(words):
+            name, equals, value = word.partition("=")
+            if name in names:
+                value = value if equals else "".join(words[place + 1 : place + 2])
+                said[value] = f"{name} {value}"
+        if len(said) > 1:
+            raise HighFiveError(f"{' and '.join(said.values())} are one option, the same person's; give one of them")
 
 
 class Interrupted(Exception):

@@ -15,13 +15,14 @@ from typing import Any
 
 from highfive.calibration.registration import load_registration
 from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch, arm_summary
+from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.emergency_stop import uninterrupted
 from highfive.hil.arm.lifecycle import ArmOptions, at_their_time, check_arm, ready_arm
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.report.arm_report import draw_arm
 from highfive.hil.report.film import Arms, Strip, make_film, picture_strips
-from highfive.hil.report.report import write_report
+from highfive.hil.report.report import FILM, write_report
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import RATE_HZ, Session, Tick
@@ -126,9 +127,12 @@ def _simulate(
     scene = build_scene()
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
-        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar)))
+        worn = partners[0].marker_set
+        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar, worn)))
+        # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
+        session = _session(options, model, scene, partners[0])
         recorder = SessionRecorder(folder / "session.mcap", settings)
-        played = _run(options, model, scene, partners, person, recorder, bar, watch)
+        played = _run(options, session, scene, partners, person, recorder, bar, watch)
     lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
     arm = None if watch is None else arm_summary(list(played.arm.values()), lag)
     results = played.results
@@ -162,7 +166,7 @@ def _pictures(
     try:
         visible = build_scene(visible=True)
         arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
-        film = folder / "highfive.mp4"
+        film = folder / FILM
         return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
     except KeyboardInterrupt:
         none = NoPictures("pictures left out: interrupted")
@@ -211,7 +215,7 @@ def _leading(style: Mapping[str, float]) -> str:
 
 def _run(
     options: SimulateOptions,
-    model: HGPDM,
+    session: Session,
     scene: Scene,
     partners: list[Partner],
     person: LivePerson | None,
@@ -219,13 +223,12 @@ def _run(
     bar: Bar,
     watch: ArmWatch | None,
 ) -> _Played:
-    playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
     played = _Played()
     results = played.results
-    session = _session(options, model, scene, partners[0])
-    advance = bar("high fives", len(partners))
     with recorder:
         try:
+            playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
+            advance = bar("high fives", len(partners))
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
             gc.freeze()
@@ -235,10 +238,12 @@ def _run(
                 called = style_name(style)
                 result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
+                    remedy = "" if watch is None else too_busy(None, watch.loop.cycles(), trouble)
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
-                        raise HighFiveError(f"no high five could be played: {trouble}")
+                        raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
                     say_aside(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    _advise(remedy)
                     return replace(played, interrupted=True)
                 result = replace(result, style=called)
                 arm = None if watch is None else watch.end(called, partner.cell, partner.contact_frame)
@@ -249,12 +254,18 @@ def _run(
                 advance()
                 if watch is not None and watch.loop.trouble:
                     say_aside(f"the arm was stopped: {watch.loop.trouble}")
+                    _advise(too_busy(arm, watch.loop.cycles(), watch.loop.trouble))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
         finally:
             gc.unfreeze()
     return played
+
+
+def _advise(remedy: str) -> None:
+    if remedy:
+        say_aside(remedy)
 
 
 def _trial(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.gp.optimise import fall_at_the_end
 from highfive.model.hgpdm import training
+from highfive.model.hgpdm.checkpoint import is_checkpoint
 from highfive.model.hgpdm.presets import Preset, preset_named
 from highfive.model.hgpdm.store import save_model
 
@@ -54,9 +56,11 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
     """Solves the markers, trains, saves; returns the figures of the training.
 
     Raises:
-        HighFiveError: the data cannot be read or learned from, the model's file is there already or cannot be written.
+        HighFiveError: the data cannot be read or learned from, the model's file is there already or cannot be written,
+            or somebody else's file has the name of its checkpoint.
     """
     check_file(options.out, options.overwrite)
+    _check_checkpoint(options)
     preset = _preset(options)
     start = time.monotonic()
     pairs = load_trials(
@@ -129,9 +133,21 @@ def summary(result: dict[str, Any]) -> list[str]:
 
 def after_interruption(options: TrainOptions) -> str:
     """What is said behind "interrupted"."""
-    if options.checkpoint.exists():
+    if is_checkpoint(options.checkpoint):
         return f"; the same command goes on from {options.checkpoint}"
     return " before a first checkpoint; the same command begins again"
+
+
+def _check_checkpoint(options: TrainOptions) -> None:
+    """A file of the checkpoint's name that is none is not moved away unasked."""
+    path = options.checkpoint
+    if path.is_dir():
+        raise HighFiveError(f"{path} is a folder, and the training's checkpoint takes that name; give another --out")
+    if os.path.lexists(path) and not (options.overwrite or is_checkpoint(path)):
+        raise HighFiveError(
+            f"{path} is there already and is no training's checkpoint; give another --out, or --overwrite, which keeps "
+            f"it as {path.name}.old"
+        )
 
 
 def _preset(options: TrainOptions) -> Preset:

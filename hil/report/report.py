@@ -20,11 +20,17 @@ from highfive.hil.report.page import figures, jpeg, render, section, table, writ
 from highfive.hil.report.report_tables import dot, show, style_table, trial_table
 from highfive.hil.runtime.console import counted
 from highfive.hil.sim.rendering import NoPictures
-from highfive.hil.trials.summary import SessionSettings, kind
+from highfive.hil.trials.summary import FAR_OFF_MM, SessionSettings, kind
 from highfive.hil.trials.targets import Target, targets
 from highfive.hil.trials.trial import TrialResult
+from highfive.model.errors import HighFiveError
 
-PAGE, DATA, FIGURES = "report.html", "report.json", "figures"
+PAGE, DATA, FIGURES, FILM = "report.html", "report.json", "figures", "highfive.mp4"
+_DRAWN = (
+    "contact_error", "error_by_cell", "palm_distance", "palm_paths", "joint_angles", "latency",
+    "arm_joints", "arm_meeting", "arm_effort", "arm_bus",
+)  # fmt: skip
+"""All figures that a report may have."""
 _SIMULATED = (
     "The people in this report are simulated. They stand in for people to test the chain from markers to contact; no "
     "figure here is a finding about people. Pairs of a simulated person and an actor were drawn until two could meet, "
@@ -33,8 +39,8 @@ _SIMULATED = (
 _OTHER = (
     "In the recording the two people's own palms come within {other} mm of each other. That is between palm centres "
     "which are estimated from wrist and hand points (joint centres, where a file has them), not between skins, and "
-    "people meet at a slant. The avatar's palm is brought to that same estimate, within {ours} mm: the two figures do "
-    "not compare."
+    "people meet at a slant. The avatar's palm is brought to that same estimate, to {ours}: the two figures do not "
+    "compare."
 )
 _MEDIAN = (
     "Shown is the median high five of each style, by how far the palms were apart; of an even number the nearer one of "
@@ -54,7 +60,7 @@ def write_report(
     """Writes the report of a session, finished or not, into ``folder``; returns the page.
 
     Args:
-        folder: made if it is not there; older reports in it are replaced.
+        folder: made if it is not there; an older report in it is replaced, with its figures and its film.
         summary: from :func:`highfive.hil.trials.summary.summarise`; ``report.json`` is the same.
         results: the trials, possibly none.
         settings: what the session was asked to do.
@@ -70,7 +76,20 @@ def write_report(
     for drawing in drawings:
         write_file(folder / FIGURES / f"{drawing.name}.png", to_png(drawing.figure))
     write_file(folder / PAGE, render_page(summary, settings, drawings, pictures, film).encode())
+    _remove_stale(folder, drawings, film)
     return folder / PAGE
+
+
+def _remove_stale(folder: Path, drawings: Sequence[Drawing], film: Path | NoPictures | None) -> None:
+    """Removes what an earlier session left under names of ours that this one did not write."""
+    left = {f"{name}.png" for name in _DRAWN} - {f"{drawing.name}.png" for drawing in drawings}
+    stale = [*(folder / FIGURES / name for name in sorted(left)), *([] if isinstance(film, Path) else [folder / FILM])]
+    for path in stale:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            why = error.strerror or error
+            raise HighFiveError(f"cannot remove {path}, which is of an earlier session: {why}; remove it") from None
 
 
 def render_page(
@@ -121,7 +140,11 @@ def _badges(summary: dict[str, Any]) -> str:
         if summary["arm"] and summary["arm"]["stopped"]:
             badges.append(("the arm was stopped", True))
     if summary["warnings"]:
-        badges.append(("the correction did all of it", True))
+        rows = summary["rows"]
+        far = [row for row in rows if (row["uncorrected_error_mm"] or 0.0) > FAR_OFF_MM]
+        met = sum(row["met"] for row in far)
+        where = "" if met == len(rows) else f" in {met} of {len(rows)}"
+        badges.append((f"the correction did all of it{where}" if met else "the model did not answer the hand", True))
     if not summary["corrected"]:
         badges.append(("contact correction off", True))
     if summary["interrupted"]:
@@ -163,7 +186,7 @@ def _findings(summary: dict[str, Any]) -> str:
         )
     other = summary["other_error_mm"]
     if not summary["simulated"] and other["median"] is not None:
-        ours = show(summary["contact_error_mm"]["median"])
+        ours = _spread(summary["contact_error_mm"], summary, "mm")
         found.append(_OTHER.format(other=show(other["median"]), ours=ours))
     truth, closing = summary["true_error_at_touch_mm"], summary["closing_speed_at_touch_m_s"]
     if truth["median"] is not None:

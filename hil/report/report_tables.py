@@ -38,15 +38,14 @@ def style_table(summary: dict[str, Any]) -> str:
     several = any(count > 1 for count in counts.values())
     heads = ["style", "trials"]
     for _, head, _ in shown:
-        heads += [f"{head}: median", "largest"] if several else [head]
+        heads.append(f"{head}: median (largest)" if several else head)
     rows = []
     for style, count in counts.items():
         row = [f"{dot(style)}{escape(style)}", str(count)]
         for name, _, digits in shown:
             extent = summary[name]["by_emotion"][style]
-            row.append(show(extent["median"], digits))
-            if several:
-                row.append(show(extent["max"], digits) if count > 1 else "")
+            largest = f" ({show(extent['max'], digits)})" if count > 1 and extent["max"] is not None else ""
+            row.append(f"{show(extent['median'], digits)}{largest}")  # one cell: a page has no room for two
         rows.append(row)
     return table(heads, rows, words={0}, escaped=True) if rows else ""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import cache
-from multiprocessing import get_context
+from multiprocessing import connection, get_context, parent_process
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -49,7 +49,7 @@ def parallel_map(
             advance()
         return
     # Spawned, not forked: JAX may run threads in this process.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=use_one_blas_thread) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker) as pool:
         try:
             with interrupts_held():
                 results = pool.map(function, jobs)
@@ -59,6 +59,19 @@ def parallel_map(
         except BaseException:
             pool.shutdown(cancel_futures=True)  # leaving alone would wait for every job
             raise
+
+
+def _begin_worker() -> None:
+    use_one_blas_thread()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed tells its workers nothing: they would wait for their next job for good."""
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from highfive.mocap_bridge.sources.address import is_live
 
 MM, MS = 1e3, 1e3
 FAR_OFF_MM = 100.0
-"""mm before correction, in the median, beyond which the model did not answer the hand: the correction did all of it."""
+"""mm before correction beyond which the model did not answer the hand: if palms met, the correction did all of it."""
 _FINGERS = ("palm", "thumb", "index", "middle", "ring", "little")
 
 
@@ -116,7 +116,7 @@ def summarise(
         "corrected": settings.corrected,
         "physics": settings.physics,
         "rig": settings.arm or None,
-        "warnings": _warnings(spreads, settings.corrected),
+        "warnings": _warnings(results, settings.corrected),
         **spreads,
         "by_cell": _by_cell(results),
         "missed": len(missed),
@@ -177,14 +177,25 @@ def body_part(shape: str) -> str:
     return part.replace("_", " ")
 
 
-def _warnings(spreads: Mapping[str, Any], corrected: bool) -> list[str]:
-    before = spreads["uncorrected_error_mm"]["median"]
-    if not corrected or before is None or before <= FAR_OFF_MM:
+def _warnings(results: Sequence[TrialResult], corrected: bool) -> list[str]:
+    known = [result for result in results if math.isfinite(result.uncorrected_error)]
+    far = [result for result in known if MM * result.uncorrected_error > FAR_OFF_MM]
+    if not corrected or not far:
         return []
-    return [
-        f"Before correction the avatar's palm was {before:.0f} mm off: the model did not answer this hand, the contact "
-        "correction did all of it. How near the palms came says nothing of the model."
-    ]
+    before = [MM * result.uncorrected_error for result in known]
+    met = sum(result.contact.met for result in far)
+    if len(known) == 1:
+        said = f"Before correction the avatar's palm was {before[0]:.0f} mm off: the model did not answer this hand"
+    else:
+        said = (
+            f"Before correction the avatar's palm was over {FAR_OFF_MM:.0f} mm off in {len(far)} of {len(known)} "
+            f"trials (median of all {np.median(before):.0f} mm, largest {max(before):.0f}): there the model did not "
+            "answer the hand"
+        )
+    if not met:
+        return [f"{said}, and the palms did not meet."]
+    where = "" if met == len(far) else f" in the {met} of them in which the palms met"
+    return [f"{said}; the contact correction did all of it{where}. How near the palms came says nothing of the model."]
 
 
 def _ratio(change: float, largest: float) -> float:

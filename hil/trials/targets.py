@@ -17,6 +17,10 @@ _MACHINE = (
     "This machine's timing while it ran, beside whatever else it did; not the method's. Run it again with nothing "
     "beside it."
 )
+_UNCORRECTED = "Not judged: the contact correction was off."
+_UNKNOWN = "Not judged: it could be measured in no trial; palms that never touch have no such figure."
+_NO_TICK = "Not judged: no tick was measured."
+_NO_TRIAL = "Not judged: there is no trial of a hand within reach."
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Target:
     Attributes:
         what, target, measured: for people.
         met: None where the figure is missing or the target does not apply.
-        why: of a miss: which trials, and what it comes from; '' otherwise.
+        why: of a miss: which trials, and what it comes from; of what is not judged, why not; '' where it is met.
     """
 
     what: str
@@ -61,6 +65,8 @@ class _Limit:
             what = self.what if len(rows) == 1 else f"{self.what}, {name}"
             over = [row for row in known if row[self.key] > limit]
             why = self._why(over, len(known), name) if met is False else ""
+            if met is None:
+                why = _UNCORRECTED if not applies else _UNKNOWN if rows else _NO_TRIAL
             listed.append(Target(what, f"≤ {_with(limit, self.unit, 'g')}", _with(value, self.unit), met, why))
         return listed
 
@@ -154,7 +160,7 @@ def _size(value: float | None) -> float | None:
 
 def _time(what: str, value: float | None, limit: float) -> Target:
     met = None if value is None else value <= limit
-    return Target(what, f"≤ {limit:g} ms", _with(value, "ms"), met, _MACHINE if met is False else "")
+    return Target(what, f"≤ {limit:g} ms", _with(value, "ms"), met, {True: "", False: _MACHINE, None: _NO_TICK}[met])
 
 
 def _with(value: float | None, unit: str, form: str = ".2f") -> str:

@@ -24,6 +24,9 @@ PLACE_SIGMA = 0.010
 PROPORTION_SIGMA = 0.08
 """Standard deviation of a segment's length over itself, from person to person of one height."""
 
+OFF_CENTRE = 0.03
+"""m from the head joint's centre: what lies nearer is the top of the neck, and does not move as the head turns."""
+
 
 @dataclass(frozen=True)
 class ArmRecipe:
@@ -130,6 +133,16 @@ class MarkerSet:
     def indices(self, names: Sequence[str]) -> NDArray[np.intp]:
         """Indices of several markers."""
         return np.array([self.index(name) for name in names], dtype=np.intp)
+
+    @property
+    def on_head(self) -> tuple[str, ...]:
+        """Those of the arm recipe's head markers that lie on the head; none where trunk or neck stands in for it.
+
+        A marker lies on the head if the head joint carries it, more than :data:`OFF_CENTRE` m from that joint's centre.
+        """
+        rows = [(name, self.index(name)) for name in self.arm.head]
+        offsets = np.linalg.norm(self.local_positions, axis=1)
+        return tuple(name for name, m in rows if self.joints[m] == "head" and offsets[m] > OFF_CENTRE)
 
     @cached_property
     def _known_as(self) -> dict[str, int]:

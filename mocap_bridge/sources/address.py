@@ -195,7 +195,7 @@ def connector(address: Address) -> Callable[[], Link]:
         from highfive.mocap_bridge.sources.natnet import DATA_PORT, connect_natnet  # noqa: PLC0415
 
         data_port, y_up = int(options.get("data_port", DATA_PORT)), options.get("up", "y") == "y"
-        return lambda: connect_natnet(host, port, data_port, options.get("multicast"), y_up)
+        return lambda: connect_natnet(host, port, data_port, options.get("multicast"), y_up, options=options)
     if address.scheme == "lsl":
         from highfive.mocap_bridge.sources.lsl import FrameCounter, connect_lsl  # noqa: PLC0415
 

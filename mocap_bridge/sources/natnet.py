@@ -7,7 +7,8 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,7 @@ def connect_natnet(
     multicast: str | None = None,
     y_up: bool = True,
     timeout_s: float = 2.0,
+    options: Mapping[str, str] = MappingProxyType({}),
 ) -> NatNetLink:
     """Connects, and asks what is tracked.
 
@@ -54,6 +56,7 @@ def connect_natnet(
         multicast: address of the group that Motive sends to; None asks for frames to be sent here alone (unicast).
         y_up: Motive's setting "up axis"; frames do not say which it is, and y is what Motive is delivered with.
         timeout_s: how long the whole may take, s.
+        options: what follows the address's question mark; only for advice on what to write there.
 
     Raises:
         LinkError: it could not be done; the message says what stood in the way.
@@ -69,7 +72,7 @@ def connect_natnet(
         for sock in sockets:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
             sock.setblocking(False)
-        return NatNetLink(sockets, server, title, y_up, deadline)
+        return NatNetLink(sockets, server, title, y_up, deadline, options)
     except BaseException as error:
         for sock in sockets:
             sock.close()
@@ -102,8 +105,17 @@ class NatNetLink:
     """One connection to Motive; see :class:`highfive.mocap_bridge.sources.live.Link`. Names are
     ``'MarkerSet:Marker'``."""
 
-    def __init__(self, sockets: list[socket.socket], server: tuple[str, int], title: str, y_up: bool, deadline: float):
+    def __init__(
+        self,
+        sockets: list[socket.socket],
+        server: tuple[str, int],
+        title: str,
+        y_up: bool,
+        deadline: float,
+        options: Mapping[str, str],
+    ):
         """Introduces itself, until ``deadline`` (monotonic, s); use :func:`connect_natnet`."""
+        self._options = options
         self._sockets, self._server, self._title, self._y_up = sockets, server, title, y_up
         self._rate_hz = 0.0
         self._heard = False
@@ -163,11 +175,9 @@ class NatNetLink:
         if self._strange and now - self._last > _STRANGE_S:
             raise LinkError(self._strange)
         if len(self._sockets) == 1 and self._info.group and now - self._last > 0.8:
-            port = self._info.data_port
-            options = f"?multicast={self._info.group}" + (f"&data_port={port}" if port != DATA_PORT else "")
             raise LinkError(
-                f"it sends to multicast group {self._info.group}:{port}, not here; "
-                f"put {options} behind the address, all in quotation marks"
+                f"it sends to multicast group {self._info.group}:{self._info.data_port}, not here; "
+                + _multicast_advice(self._info.group, self._info.data_port, self._options)
             )
 
     def _ask_until(self, kind: wire.Kind, text: str, wanted: wire.Kind, deadline: float) -> bytes:
@@ -377,6 +387,17 @@ class Columns:
         starts, votes = np.unique(self._starts[same], return_counts=True)
         span = next(span for span in self._spans.values() if span[0] == starts[votes.argmax()] and span[1])
         return None if span in self._span_of.values() else span
+
+
+def _multicast_advice(group: str, port: int, options: Mapping[str, str]) -> str:
+    """What to write so that a group and its port are heard, behind an address that has some ``options`` already."""
+    more, change = f"{'&' if options else '?'}multicast={group}", ""
+    if port != int(options.get("data_port", DATA_PORT)):
+        if "data_port" in options:
+            change = f"set its data_port to {port} and "
+        else:
+            more += f"&data_port={port}"
+    return f"{change}put {more} behind the address, all in quotation marks"
 
 
 def _full_name(group: str, marker: str) -> str:

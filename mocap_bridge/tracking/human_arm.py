@@ -100,6 +100,8 @@ class HumanArmEstimator:
             used=marker_set.indices(arm.markers).astype(np.int64),
             of_hand=marker_set.indices((*arm.wrist, *arm.hand, *arm.across)).astype(np.int64),
         )
+        # A neck that is seen does not say where the head is; where nothing is on the head, all that stands in for it.
+        self._on_head = marker_set.indices(marker_set.on_head or arm.head)
         # Called once, so that nothing is left to compile when a person is there.
         places, count = np.array(local), len(marker_set)
         nothing = np.zeros((count, 3, 3)), np.zeros(count, dtype=bool), np.zeros(count, dtype=np.int64)
@@ -111,7 +113,7 @@ class HumanArmEstimator:
             self._recipe, tracked.positions, tracked.velocities, tracked.covariances, tracked.valid, tracked.age_ns
         )
         head, shoulder, elbow, wrist, palm, knuckles, normal, fingers, velocity = points
-        of_head, of_hand = self._recipe.head, self._recipe.of_hand
+        of_head, of_hand = self._on_head, self._recipe.of_hand
         head_variances = np.trace(tracked.covariances[of_head], axis1=1, axis2=2)
         return HumanArm(
             head_position=head,

@@ -20,6 +20,15 @@ class Unfitting(HighFiveError):
     """A checkpoint that is broken or of another training."""
 
 
+def is_checkpoint(path: Path) -> bool:
+    """Whether the file was written by :meth:`Checkpoint.save`, for whatever training."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return isinstance(json.loads(str(stored["owner"])), dict)
+    except Exception:  # as in Checkpoint.load; a file of one array has no entries at all
+        return False
+
+
 @dataclass(frozen=True)
 class Checkpoint:
     """Where a training keeps what it needs to go on after an interruption.

@@ -29,7 +29,9 @@ def style_weights(weights: str | Mapping[str, float] | ArrayLike, emotions: Sequ
         values = np.asarray(weights, dtype=float)
     if values.shape != (len(emotions),):
         raise HighFiveError(f"style weights of shape {values.shape}; expected one for each of {', '.join(emotions)}")
-    if not np.all(np.isfinite(values)) or np.any(values < 0.0):
+    if not np.all(np.isfinite(values)):
+        raise HighFiveError(f"style weights {_named(values, emotions)}; all have to be finite numbers")
+    if np.any(values < 0.0):
         raise HighFiveError(f"style weights {_named(values, emotions)}; none may be negative")
     if abs(values.sum() - 1.0) > TOLERANCE:
         raise HighFiveError(f"style weights {_named(values, emotions)} sum to {values.sum():.6g}; they must sum to 1")

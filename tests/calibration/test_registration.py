@@ -8,6 +8,8 @@ import pytest
 from paths import ROOT
 
 from highfive.calibration.registration import FEWEST_POSES, LONGEST_AGE, load_registration
+from highfive.hil.arm.lifecycle import ArmOptions, fingerprint, room
+from highfive.hil.drivers.bus.rig import load_rig
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
@@ -60,11 +62,23 @@ def test_a_registration_that_does_not_fit_says_why(
 
 
 @pytest.mark.parametrize(
+    ("system", "address"), [("vicon", "VICON://host"), ("Vicon", "vicon://host"), ("vicon", " Vicon://host")]
+)
+def test_a_system_in_capitals_is_the_same_system(tmp_path: Path, system: str, address: str) -> None:
+    """In the live person's address, or in the file; a space before it, which addresses may have, is none of it."""
+    rig = load_rig()
+    file = written(tmp_path, system=f'"{system}"', fingerprint=f'"{fingerprint(rig)}"')
+    options = ArmOptions("/dev/ttyUSB99", person=address, registration=file)
+    assert room(options, rig, DATE).mismatches == ()
+
+
+@pytest.mark.parametrize(
     ("changes", "says"),
     [
         ({"format": "2"}, "meta.format is 2"),
         ({"date": "2026-11-23T09:30:00"}, "time zone"),
         ({"date": '"yesterday"'}, "meta.date"),
+        ({"date": "2026-11-23"}, "meta.date is a date without a time; write 2026-11-23T10:00:00+01:00"),
         ({"rotation": "[1.0, 0.1, 0.0, 0.0]"}, "unit quaternion"),
         ({"rotation": "[1.0, 0.0, 0.0]"}, "4 numbers"),
         ({"rotation": "[nan, 0.0, 0.0, 0.0]"}, "not all numbers"),

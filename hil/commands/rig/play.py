@@ -17,7 +17,7 @@ from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopp
 from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_outcome import Asked
 from highfive.hil.arm.emergency_stop import uninterrupted
-from highfive.hil.arm.lifecycle import ArmOptions, ready_arm
+from highfive.hil.arm.lifecycle import ArmOptions, check_asked, ready_arm
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.recording.recording import SessionRecorder, SessionRecording, read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
@@ -76,6 +76,7 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
 
 
 def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
+    check_asked(options.arm)  # before the session is read, which takes seconds
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     recording = read_recording(path)
     asked = recorded_high_fives(recording, path)
@@ -159,7 +160,8 @@ def _played(
                 except HighFiveError as error:  # a full disk; there is still a report to try
                     stopped = str(error)
             if stopped := loop.trouble or stopped:
-                remedy, whole = too_busy(trial, loop.cycles()), whole + (trial is not None and not trial.broken_off)
+                remedy = too_busy(trial, loop.cycles(), stopped)
+                whole += trial is not None and not trial.broken_off
                 break
             whole += 1
             advance()

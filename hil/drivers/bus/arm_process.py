@@ -1,9 +1,11 @@
 """The arm's bus in a process of its own: what waits for servos must not hold up whoever answers a person.
 
 The two sides share a block of memory and never wait for each other. The newest command is a one-place mailbox; every
-cycle leaves a row in a ring. The process goes by the clock, not by the commands, so that the servos hear from it and
-their watchdogs stay quiet; once the host falls silent or is gone, the arm is told to stay where it is, then nothing
-more, and the watchdogs do the rest. An emergency stop wakes the process at once.
+cycle leaves a row in a ring. The process goes by the clock, and keeps its phase behind the host's, so that each command
+goes out once: where two clocks of one rate run freely, a cycle repeats a command and the next one makes up for two, at
+twice the speed. Without a command the cycle goes on, so that the servos hear from it and their watchdogs stay quiet;
+once the host falls silent or is gone, the arm is told to stay where it is, then nothing more, and the watchdogs do the
+rest. An emergency stop wakes the process at once.
 """
 
 from __future__ import annotations
@@ -39,6 +41,14 @@ STANDS, BRAKING_NS = 0.05, 300_000_000
 
 SAGGED = 0.03
 """rad, as far as a joint stands off its goal by its own load; further off, a hand or a thing may be in its way."""
+
+PATIENCE = 0.5
+"""Of a period: so long a cycle that is due waits for a command that is late."""
+
+WAITED_NS, NEARER = 1_000_000, 0.02
+"""ns: a command that was there longer before its cycle brings the next cycle nearer, by so much of a period."""
+
+_LOOK_S = 3e-4  # between looks for a command that is late
 
 REOPEN_S = 0.2
 """How often a lost port is tried again, s."""
@@ -299,6 +309,7 @@ class _Loop:
         self._joints = JointBus(bus, rig)
         self._engaged = False
         self._newest: tuple[JointCommand | None, int] = None, 0
+        self._sent_ns = 0  # when the command that was sent last had been given
         self._braking: tuple[JointCommand, int] | None = None  # what holds it with full current, and since when
         self._mode = Mode.STARTING
 
@@ -309,6 +320,7 @@ class _Loop:
         due = time.monotonic_ns()
         while not self._left and os.getppid() == self._parent:
             self._wait(due)
+            due = self._paced(due)
             self._cycle(due)
             due += self._period_ns
             if (late := time.monotonic_ns() - due) > self._period_ns:
@@ -337,6 +349,22 @@ class _Loop:
             time.sleep(left)
         else:
             self._estop.wait(left)
+
+    def _paced(self, due: int) -> int:
+        """When the cycle is due that keeps behind the host's commands: as it was, later for one that is late."""
+        given = self._shared.head["given_ns"]
+        if self._mode is not Mode.DRIVING:
+            return due
+        until = due + round(PATIENCE * self._period_ns)
+        while int(given[0]) == self._sent_ns and time.monotonic_ns() < until and not self._ending:
+            if self._estop.wait(_LOOK_S):
+                return due
+        arrived = int(given[0])
+        if arrived == self._sent_ns:
+            return until
+        if arrived > due:
+            return arrived
+        return due - (round(NEARER * self._period_ns) if due - arrived > WAITED_NS else 0)
 
     def _cycle(self, due: int) -> None:
         begun = time.monotonic_ns()
@@ -377,7 +405,7 @@ class _Loop:
             sent = self._leave() if self._mode == Mode.DRIVING else self._yield_to_hands()
             self._mode = Mode.HOLDING
             return sent
-        self._mode, self._braking = Mode.DRIVING, None
+        self._mode, self._braking, self._sent_ns = Mode.DRIVING, None, given
         return self._joints.write(wanted)
 
     def _engage(self) -> None:

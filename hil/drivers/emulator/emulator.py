@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import select
 import struct
 import sys
@@ -31,6 +32,7 @@ IDLE_S = 0.002
 _TCGETS2 = 0x802C542A  # Linux: the terminal's settings with its speeds as numbers
 _TERMIOS2 = struct.Struct("<4IB19s2I")
 _CHUNK = 4096
+_PSEUDO = re.compile(r"/dev/(pts/|ttys)\d+")  # Linux, macOS
 
 
 @dataclass(frozen=True)
@@ -166,12 +168,19 @@ class Emulator:
             os.set_blocking(self._master, False)
             if self._link:
                 self._make_link(self._link)
+        except HighFiveError:
+            self._unplug()
+            raise
         except OSError as error:
             self._unplug()
             raise HighFiveError(f"cannot make a pseudo-terminal: {error.strerror or error}") from None
 
     def _make_link(self, link: Path) -> None:
-        if link.is_symlink() and os.readlink(link).startswith("/dev/"):  # what an emulator left that was killed
+        if link.is_symlink():
+            target = os.readlink(link)
+            left = _PSEUDO.fullmatch(target) and not os.path.exists(target)  # by an emulator that was killed
+            if not left and target != os.ttyname(self._slave):
+                raise HighFiveError(f"{link} leads to {target}, and is no link to a port of ours; choose another path")
             link.unlink()
         elif os.path.lexists(link):
             raise HighFiveError(f"{link} is there and is no link to a port; choose another path for the port")
@@ -181,8 +190,9 @@ class Emulator:
             raise HighFiveError(f"cannot make {link}: {error.strerror or error}; choose another path") from None
 
     def _unplug(self) -> None:
-        if self._link and self._link.is_symlink():
-            self._link.unlink()
+        link, own = self._link, os.ttyname(self._slave) if self._slave >= 0 else ""
+        if link and link.is_symlink() and os.readlink(link) == own:  # not what somebody else has put in its place
+            link.unlink()
         for descriptor in (self._master, self._slave):
             if descriptor >= 0:
                 os.close(descriptor)

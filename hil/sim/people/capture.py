@@ -25,7 +25,7 @@ from highfive.mocap_bridge.files.trial_table import TABLE, table_bytes, write_ta
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.errors import HighFiveError
-from highfive.model.files import unfinished
+from highfive.model.files import UNFINISHED, unfinished
 from highfive.model.geometry.rotations import Array
 
 PERSON_SET, AVATAR_SET = "paper", "full_body"
@@ -188,6 +188,9 @@ def _jobs(folder: Path, emotions: Sequence[str], repetitions: int, test_repetiti
 def _beside(folder: Path) -> Iterator[Path]:
     """A folder inside ``folder`` for recordings until all are there; gone in the end."""
     beside = unfinished(folder / "capture")
+    for left in sorted(folder.glob(f"{UNFINISHED}*-capture")):  # nobody else's: this process has the folder's lock
+        rmtree(left, ignore_errors=True)
+        say_aside(f"{left.name} removed from {folder}, which a killed capture left unfinished")
     try:
         beside.mkdir()
         yield beside

@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +21,13 @@ from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm, solve
-from highfive.hil.bench.contact import played, twin_loop
+from highfive.hil.bench.contact import contact_figures, played, played_by, twin_loop
 from highfive.hil.drivers.bus.arm_process import Mode
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
+from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.people import Sighting
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import State
@@ -216,6 +220,27 @@ def test_a_person_who_is_not_seen_any_more_is_held_for_and_retracted_from() -> N
     ] or list(dict.fromkeys(states)) == [State.READY, State.TRACKING, State.HOLDING, State.RETRACTING]  # fmt: skip
 
 
+@pytest.mark.parametrize("part", ["head_seen", "person_seen"])
+def test_a_source_whose_clock_stands_still_does_not_make_a_measurement_younger(part: str) -> None:
+    """Head or hand were measured once; the source says for ever that this was a millisecond ago."""
+    twin = new_twin()
+    loop = over(twin)
+    loop.begin()
+    ages: dict[State, float] = {}
+    for tick, goal in enumerate(still_hand("B2", 2.0).goals[:140]):
+        loop.note_frame()
+        seen = {"head_seen": Sighting(), "person_seen": Sighting()}
+        if tick > 60:
+            seen[part] = Sighting(1_000_000)
+        state = loop.tick(replace(goal, **seen)).report.state
+        assert tick < 5 or tick > 60 or state is State.TRACKING
+        if tick > 60:
+            ages.setdefault(state, (tick - 60) / RATE_HZ)
+        twin.pause(1.0 / RATE_HZ)
+    assert ages[State.HOLDING] <= LIMITS.stale.hold_s
+    assert ages[State.RETRACTING] <= LIMITS.stale.retract_s
+
+
 def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
     summary = arm_summary(trials, loop.retarget.settings.lag)
@@ -249,6 +274,39 @@ def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet
     assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0
     assert (summary["error_mm"]["median"] is None) == broken_off
     assert "emergency stop" in summary["stopped"]
+
+
+def test_a_high_five_that_was_stopped_is_counted_and_the_next_one_played(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the bench does with the emulated rig, over twins: the first arm is stopped in its second high five."""
+    estop, done = Latch(), []
+
+    class Stopped(TwinArm):
+        """Somebody pulls the emergency stop in the second high five, before the palms meet."""
+
+        count = 0
+
+        def drive(self, command: JointCommand) -> None:
+            super().drive(command)
+            self.count += len(done)
+            if self.count == 100:
+                estop.pull()
+
+    asked = [still_hand(cell) for cell in ("B2", "B1", "A2")]
+    loops = [over(Stopped(mounted_arm(), full_errors(load_rig())), estop), over(new_twin())]
+
+    def made_ready(_: object) -> AbstractContextManager[ArmLoop]:
+        return nullcontext(loops.pop(0))
+
+    monkeypatch.setattr("highfive.hil.bench.contact.ready_arm", made_ready)
+    results, figures = played_by("rig", asked, lambda *_: lambda *_, **__: done.append(1))
+    assert [(one.met.cell, one.met.touched, bool(one.stopped)) for one in results] == [
+        ("B2", True, False), ("B1", False, True), ("A2", True, False),
+    ]  # fmt: skip
+    assert np.isnan(results[1].met.error)  # how near it came before it was stopped says nothing
+    assert figures["stops"] == 1
+    assert "emergency stop" in figures["stopped"][0]
+    assert contact_figures([one.met for one in results])["missed"] == ["neutral B1"]
+    assert not loops
 
 
 def test_the_way_back_is_clear_of_everything() -> None:

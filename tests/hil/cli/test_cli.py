@@ -62,6 +62,20 @@ def test_unknown_emotion_lists_the_known(highfive) -> None:
 def test_how_a_style_is_written_is_said_and_its_weights_are_named(highfive) -> None:
     assert_one_line(highfive("simulate", "--style", "angry:0.5,neutral:0.5"), "write angry=0.5")
     assert_one_line(highfive("simulate", "--style", "angry=0.5,sad=0.4"), "angry=0.5,sad=0.4 sum to 0.9")
+    assert_one_line(highfive("simulate", "--style", "angry=0.5,angry=0.5"), "angry is there twice")
+    assert_one_line(highfive("simulate", "--style", "angry=nan"), "'nan' is no number")
+
+
+def test_two_people_for_one_option_are_refused(highfive) -> None:
+    words = ("simulate", "--source", "absent.c3d")
+    assert_one_line(highfive(*words, "--human", "A", "--person", "B"), "--human A and --person B", "give one of them")
+    assert_one_line(highfive(*words, "--human=A", "--human", "B"), "--human A and --human B")
+    assert_one_line(highfive("train", "x", "--human-set", "a", "--person-set=b"), "--human-set a and --person-set b")
+    assert_one_line(highfive(*words, "--human", "A", "--person", "A"), "absent.c3d")
+
+
+def test_an_arm_that_may_not_move_is_refused_before_the_session_is_read(highfive) -> None:
+    assert_one_line(highfive("rig", "play", "absent", "--port", "/dev/ttyUSB99"), "only with --arm")
 
 
 @pytest.mark.parametrize("style", ["angry=0.5,neutral=0.4", "angry=-0.5,neutral=1.5", "angry=x", "bored=1"])

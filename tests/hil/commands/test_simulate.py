@@ -210,6 +210,18 @@ def test_ctrl_c_while_other_processes_work_is_one_line(tmp_path: Path) -> None:
     assert not (tmp_path / "data").exists()
 
 
+def test_ctrl_c_while_a_session_compiles_leaves_nothing_in_the_way(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, captured_file: Path
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("highfive.hil.commands.simulate._session", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        session(tmp_path / "out", source=str(captured_file), human="human")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_session_in_which_nothing_was_finished_is_told_without_figures(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -9,15 +9,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from unseen import Export, write_set
 
-from highfive.hil.commands.train import CONVERGED, TrainOptions, summary, train
+from highfive.hil.commands.train import CONVERGED, TrainOptions, after_interruption, summary, train
 from highfive.hil.evaluation.training_progress import TrainingCount, training_bars
 from highfive.model.errors import HighFiveError
 from highfive.model.gp.optimise import Progress
+from highfive.model.hgpdm.checkpoint import Checkpoint
 from highfive.model.hgpdm.store import load_model
 
 
@@ -38,6 +41,22 @@ def test_a_place_that_takes_no_model_is_named_before_anything_is_solved(tmp_path
         with pytest.raises(HighFiveError, match=message):
             train(options(tmp_path / "no data", out), lambda label, total: pytest.fail("solves"))
     assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_a_foreign_file_of_the_checkpoints_name_stays_where_it_is(tmp_path: Path) -> None:
+    asked = options(tmp_path / "no data", tmp_path / "x.safetensors")
+    np.savez(asked.checkpoint, mine=np.arange(3))
+    mine = asked.checkpoint.read_bytes()
+    with pytest.raises(HighFiveError, match=r"x\.checkpoint\.npz is there already and is no training's checkpoint"):
+        train(asked, lambda label, total: pytest.fail("solves"))
+    assert "goes on" not in after_interruption(asked)
+    assert asked.checkpoint.read_bytes() == mine and list(tmp_path.iterdir()) == [asked.checkpoint]
+    with pytest.raises(HighFiveError, match="no data"):  # now it is the data's turn
+        train(replace(asked, overwrite=True), lambda label, total: pytest.fail("solves"))
+    Checkpoint(asked.checkpoint, {"seed": 9}).save({"starts": np.array("[]")})
+    assert "goes on" in after_interruption(asked)
+    with pytest.raises(HighFiveError, match="no data"):
+        train(asked, lambda label, total: pytest.fail("solves"))
 
 
 def test_a_resumed_bar_begins_where_the_training_was() -> None:

@@ -10,9 +10,11 @@ import pytest
 from trial_results import some_results
 
 from highfive.hil.report.colours import colour_of, mark_of
+from highfive.hil.report.figures import draw_all
 from highfive.hil.report.film import Strip
 from highfive.hil.report.page import write_file
-from highfive.hil.report.report import render_page, write_report
+from highfive.hil.report.report import _DRAWN, render_page, write_report
+from highfive.hil.report.report_tables import style_table
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.trials.summary import SessionSettings, summarise
@@ -127,9 +129,43 @@ def test_a_mixed_style_has_a_column_for_the_person(results, tmp_path):
     assert "person" not in plain
 
 
+def test_the_table_of_styles_fits_a_page(results):
+    summary = summarise(results, SETTINGS)
+    page = style_table(summary)
+    text = " ".join(" ".join(Page(page).text).split())
+    assert len(re.findall("<th[ >]", page)) <= 8
+    happy = summary["contact_error_mm"]["by_emotion"]["happy"]  # two trials; of the others there is one each
+    assert f"{happy['median']:.2f} ({happy['max']:.1f})" in text and "median (largest)" in text
+    assert text.count("(") < 2 * text.count("median (largest)") + 1
+
+
 def test_an_arm_is_named_on_the_first_screen(results, tmp_path):
     page = written(tmp_path, results, replace(SETTINGS, arm="emulated")).read_text()
     assert page.index("emulated servo arm") < page.index("Findings")
+
+
+def test_what_the_correction_did_is_claimed_for_trials_that_met(results):
+    far = [replace(r, uncorrected_error=0.3) for r in results]
+    for chosen, badge in (
+        (far[:2], ">the correction did all of it<"),
+        ([results[0], *far[1:]], ">the correction did all of it in 3 of 5<"),
+        (far[4:], ">the model did not answer the hand<"),
+    ):
+        assert badge in render_page(summarise(chosen, SETTINGS), SETTINGS, [])
+
+
+def test_nothing_of_an_earlier_session_stays_beside_a_new_report(results, tmp_path):
+    assert {drawing.name for drawing in draw_all(results)} < set(_DRAWN)
+    (tmp_path / "figures").mkdir()
+    for name in ("highfive.mp4", "figures/arm_bus.png", "figures/error_by_cell.png", "mine.mp4", "figures/mine.png"):
+        (tmp_path / name).write_bytes(b"old")
+    written(tmp_path, results[:1], pictures=NoPictures("pictures left out: --no-pictures"))
+    left = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file() and p.read_bytes() == b"old"}
+    assert left == {"mine.mp4", "figures/mine.png"}
+    (tmp_path / "highfive.mp4").write_bytes(b"new")
+    summary = summarise(results[:1], SETTINGS)
+    write_report(tmp_path, summary, results[:1], SETTINGS, film=tmp_path / "highfive.mp4")
+    assert (tmp_path / "highfive.mp4").is_file()
 
 
 def test_missing_pictures_are_explained(results):
@@ -153,6 +189,9 @@ def test_recorded_people_are_compared_with_who_met_them(results, tmp_path):
     assert "simulated" not in text
     assert "pair <1>.c3d" in text and "turned by 90°" in text
     assert "within 12.30 mm of each other" in text and "do not compare" in text
+    several = [replace(recorded, number=number, error=error) for number, error in enumerate((0.002, 0.00224, 0.00745))]
+    text = Page(written(tmp_path / "several", several, replace(SETTINGS, source="pair.c3d")).read_text()).text
+    assert "to that same estimate, to 2.24 mm (median; largest 7.45): the two figures" in " ".join(text)
 
 
 def test_a_full_disk_keeps_the_old_report(page, tmp_path):

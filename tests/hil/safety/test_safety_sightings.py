@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, plate
+from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, kinematics, plate
 
 from highfive.hil.safety.limits import lowered
-from highfive.hil.safety.people import MEASURED, WIDENING, Human, Sighting
+from highfive.hil.safety.people import MEASURED, WIDENING, Human, Points, Remembered, Sighting, slowed
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import State
+from highfive.hil.safety.wire import within_rules
+from highfive.model.geometry.rotations import Array
 
 STRETCHED = np.array([0.0, 0.5, -0.3, 0.0, -0.2, 0.0])
 MS = 1_000_000
@@ -75,6 +77,54 @@ def test_the_zone_about_an_unsure_head_is_wider() -> None:
         places = np.array([plate(told) for told in loop.told])
         speeds[deviation] = np.linalg.norm(np.diff(places, axis=0), axis=1).max() / (TICK_NS * 1e-9)
     assert max(speeds.values()) > LIMITS.face.speed >= min(speeds.values())
+
+
+def fast_past(deviation: float) -> tuple[Remembered, Human, Points, Array, Array]:
+    """A plate that goes past a head at 1 m/s, 50 mm outside the zone about its place: joints turn, and its Jacobian."""
+    places, jacobians = kinematics(READY_POSE)
+    head = places[0] + np.array([0.0, 0.0, LIMITS.face.radius + 0.05])
+    human = Human(head, FAR.palm, np.zeros(3), 0, Sighting(90 * MS, deviation))
+    turning = np.array([1.0, 0, 0, 0, 0, 0]) / np.linalg.norm(jacobians[0, :, 0])
+    seen = Remembered(head, np.zeros(3), 0, np.array([1.0, 0.0, 0.0]))
+    return seen, human, Points(places, jacobians, places), turning, jacobians[0]
+
+
+@pytest.mark.parametrize("deviation", [0.0, MEASURED + 0.03])
+def test_the_body_by_itself_keeps_out_of_the_wider_zone(deviation: float) -> None:
+    """The reference, before anybody looks at what goals lead by."""
+    seen, human, points, velocities, jacobian = fast_past(deviation)
+    kept, _, acted = slowed(LIMITS, seen, human, points, velocities, 1e-9 * TICK_NS)
+    slow = float(np.linalg.norm(jacobian @ kept)) <= LIMITS.face.speed
+    assert slow is (deviation > 0.0)
+    assert (Rule.FACE_ZONE in acted) is slow
+
+
+@pytest.mark.parametrize("deviation", [0.0, MEASURED + 0.03])
+def test_goals_by_themselves_keep_out_of_the_wider_zone(deviation: float) -> None:
+    """The body stands; only what goals lead by would move."""
+    seen, human, points, velocities, jacobian = fast_past(deviation)
+    bounds = np.full(6, -10.0), np.full(6, 10.0)
+    rates, acted = within_rules(LIMITS, seen, human, points, np.zeros(6), velocities, bounds, 1e-9 * TICK_NS)
+    slow = float(np.linalg.norm(jacobian @ (rates.reference + rates.offset))) <= LIMITS.face.speed
+    assert slow is (deviation > 0.0)
+    assert (Rule.FEED_FORWARD in acted) is slow
+
+
+@pytest.mark.parametrize(("beyond", "low"), [(-0.01, True), (0.01, False)])
+def test_current_is_low_where_only_the_goal_is_near_the_hand(beyond: float, low: bool) -> None:
+    """The goal leads the body by more than a centimetre, towards a hand that the body is not near."""
+    loop = Loop(start=READY_POSE).tracking()
+    lead = np.full(6, 0.04)
+    loop.follow(READY_POSE, 60, feed_forward=lead)
+    body, goal = plate(loop.measured), plate(loop.told[-1])
+    ahead = float(np.linalg.norm(goal - body))
+    palm = goal + (LIMITS.contact.near + beyond) * (goal - body) / ahead
+    assert np.linalg.norm(palm - body) > LIMITS.contact.near + 0.005
+    loop.human = Human(FAR.head, palm, np.zeros(3), 0)
+    command = loop.tick(READY_POSE, feed_forward=lead)
+    assert command is not None
+    assert np.array_equal(command.currents, LIMITS.contact_current if low else LIMITS.current)
+    assert loop.report.gap == pytest.approx(LIMITS.contact.near + beyond, abs=1e-6)
 
 
 def test_current_is_low_where_the_hand_may_be_near() -> None:

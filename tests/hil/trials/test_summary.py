@@ -118,15 +118,36 @@ def test_a_model_that_did_not_answer_does_not_look_fine(results):
     assert not summarise(far, replace(SETTINGS, corrected=False))["warnings"]
 
 
+def test_a_median_hides_no_trial_that_was_not_answered_and_only_what_met_was_corrected(results):
+    errors = (0.04, 0.05, 0.06, 0.301, 0.402)  # the last one did not meet
+    mixed = [replace(r, uncorrected_error=e) for r, e in zip(results, errors, strict=True)]
+    (warning,) = summarise(mixed, SETTINGS)["warnings"]
+    assert "over 100 mm off in 2 of 5 trials (median of all 60 mm, largest 402)" in warning
+    assert "correction did all of it in the 1 of them in which the palms met" in warning
+    (warning,) = summarise(mixed[4:], SETTINGS)["warnings"]
+    assert "402 mm off" in warning and "did not meet" in warning and "correction did" not in warning
+
+
 def test_a_miss_says_which_trials_and_why(results):
     slow = [replace(r, tick_ms=np.full_like(r.tick_ms, 9.0), touch_error=0.003) for r in results]
     slow[2] = replace(slow[2], touch_error=0.04, true_error=0.03)
     listed = targets(summarise(slow, SETTINGS))
-    assert all(bool(t.why) == (t.met is False) for t in listed)
+    assert all(bool(t.why) == (t.met is not True) for t in listed)
     whys = {t.what: t.why for t in listed}
     worst = whys["played palm from the true palm at first touch, largest"]
     assert "trial 2 (angry, B2) 40.00 mm" in worst and "off, by 30.0 mm" in worst
     assert "machine's timing" in whys["one tick, half of all"]
+
+
+def test_what_is_not_judged_says_why(results):
+    apart = [replace(r, touch_error=math.nan) for r in results]
+    for listed, why in (
+        (targets(summarise([], SETTINGS)), "no trial"),
+        (targets(summarise(results, replace(SETTINGS, corrected=False))), "correction was off"),
+        (targets(summarise(apart, SETTINGS)), "measured in no trial"),
+    ):
+        open_ = [t for t in listed if t.met is None]
+        assert open_ and all(t.why.startswith("Not judged: ") for t in open_) and why in open_[0].why
 
 
 def test_a_single_trial_has_no_spread(results):

@@ -7,6 +7,7 @@ import pytest
 
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.frames import TrackedMarkers
+from highfive.mocap_bridge.markers.joint_centres import joint_centre_set
 from highfive.mocap_bridge.markers.marker_set import segment_lengths
 from highfive.mocap_bridge.markers.marker_set_file import FOLDER, load_marker_set, marker_set_names, write_marker_set
 from highfive.mocap_bridge.markers.recognise import find_marker_set
@@ -181,6 +182,32 @@ def test_a_set_without_head_markers_has_the_head_where_an_upright_trunk_carries_
     for joint, limit in (("shoulder", 0.02), ("elbow", 0.01), ("wrist", 0.01)):
         assert np.linalg.norm(getattr(found, joint) - CENTRES[SKELETON.index(f"right_{joint}")]) < limit
     assert found.palm.normal @ [0.0, 1.0, 0.0] > 0.95
+
+
+@pytest.mark.parametrize("name", marker_set_names())
+def test_a_set_says_which_of_its_markers_lie_on_the_head(name):
+    found = load_marker_set(name)
+    expected = {"upper_limb": (), "joint_centres": ("head",), "cmu_joint_centres": ("head",)}
+    assert found.on_head == expected.get(name, found.arm.head)
+
+
+@pytest.mark.parametrize(
+    ("points", "on_head"),
+    [
+        (("upper_neck",), ()),
+        (("neck", "upper_neck"), ()),
+        (("neck", "head"), ("head",)),
+        (("neck", "nose"), ("nose",)),
+        (("neck", "upper_neck", "left_ear", "right_ear"), ("left_ear",)),
+        (("neck", "left_eye", "right_eye"), ("left_eye",)),
+    ],
+)
+def test_a_neck_is_no_point_on_the_head_of_joint_centres(points, on_head):
+    """Recognised by their own names; where only necks are there, the head is taken from the neck or from its top."""
+    body = ("pelvis", "left_shoulder", "right_shoulder", "right_elbow", "right_wrist", "right_hand")
+    labels = [*body, *points]
+    found = joint_centre_set(load_marker_set("joint_centres"), labels, {label: label for label in labels})
+    assert found.on_head == on_head
 
 
 def test_every_marker_says_what_it_is_needed_for(marker_set):

@@ -16,6 +16,7 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.natnet import NatNetServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.sources.address import connector, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.natnet import connect_natnet
 from highfive.mocap_bridge.sources.source import Connection
@@ -171,6 +172,34 @@ def test_by_multicast():
         until(lambda: f"put ?multicast={GROUP}&data_port={port} behind the address" in source.health(0).trouble)
     with pytest.raises(LinkError, match="cannot join multicast group"):
         connect_natnet(LOOPBACK, port, multicast="10.0.0.1")
+
+
+@pytest.mark.parametrize(
+    ("query", "advice"),
+    [
+        ("", f"; put ?multicast={GROUP}&data_port={{port}} behind the address"),
+        ("?up=z", f"; put &multicast={GROUP}&data_port={{port}} behind the address"),
+        ("?up=y&data_port={port}", f"; put &multicast={GROUP} behind the address"),
+        ("?data_port=1511", f"; set its data_port to {{port}} and put &multicast={GROUP} behind the address"),
+    ],
+)
+def test_advice_to_listen_to_a_group_goes_with_the_address_as_it_is(query, advice, monkeypatch):
+    """Written as it says, the address is one that can be read and hears the group."""
+    port = free_port()
+    with contextlib.closing(NatNetServer(port=0, multicast=GROUP, data_port=port)) as server:
+        written = f"natnet://{LOOPBACK}:{server.port}{query.format(port=port)}"
+        with contextlib.closing(connector(parse_address(written))()) as link:
+            clock = time.monotonic
+            monkeypatch.setattr(
+                "highfive.mocap_bridge.sources.natnet.time.monotonic", lambda: clock() + 1.0
+            )  # nothing came for so long
+            with pytest.raises(LinkError) as error:
+                link.receive(0.0)
+            monkeypatch.undo()
+    assert advice.format(port=port) in str(error.value)
+    added = str(error.value).partition("put ")[2].partition(" behind")[0]
+    heard = parse_address(written.replace("data_port=1511", f"data_port={port}") + added).options
+    assert heard["multicast"] == GROUP and heard["data_port"] == str(port)
 
 
 def test_names_are_the_same_object_from_frame_to_frame(server):

@@ -64,6 +64,17 @@ def test_the_arm_of_a_simulated_person_is_the_skeletons(name):
     assert arm.time_ns == 7
 
 
+def test_a_neck_that_is_seen_does_not_tell_where_the_head_is():
+    """The joint centre at the top of the neck is measured in this very frame; the point on the head was so long ago."""
+    marker_set = load_marker_set("cmu_joint_centres")
+    markers, hidden = tracked(marker_set), marker_set.index("head")
+    markers.age_ns[hidden], markers.covariances[hidden] = 200_000_000, 0.03**2 / 3 * np.eye(3)
+    assert marker_set.arm.head == ("upperneck", "head")
+    arm = HumanArmEstimator(marker_set)(markers)
+    assert arm.head_unseen_ns == 200_000_000
+    assert arm.head_deviation == pytest.approx(0.03)
+
+
 @pytest.mark.parametrize("name", marker_set_names())
 def test_the_palms_velocity_is_the_derivative_of_its_position(name):
     marker_set = load_marker_set(name)

@@ -161,6 +161,26 @@ def test_it_goes_where_it_is_told(arm: ArmProcess) -> None:
     assert any(cycle.sent is not None for cycle in cycles)
 
 
+@pytest.mark.parametrize("phase", [-0.12, 0.5])
+def test_each_command_goes_out_once_whatever_the_phase_of_the_hosts_clock(arm: ArmProcess, phase: float) -> None:
+    """Where a cycle repeats a command, the next one goes two steps at once, at twice the speed."""
+    period, count, step = 1.0 / 120.0, 240, 2.0 * 2.0 * np.pi / 4096  # rad: two counts of the servos
+    drive_to(arm, 0.2)
+    arm.unread()
+    newest = arm.newest()
+    assert newest is not None
+    start = 1e-9 * newest.due_ns + (2.0 + phase) * period
+    angles = 0.2 + step * np.arange(count)
+    for number, position in enumerate(angles):
+        due = start + number * period + (0.0018 if number % 2 else 0.0002)  # what the host's tick takes, s
+        time.sleep(max(0.0, due - time.monotonic()))
+        arm.drive(JointCommand(np.full(6, position), HALF))
+    sent = [cycle.sent.positions[0] for cycle in arm.unread() if cycle.sent is not None]
+    steps = np.rint(np.diff([position for position in sent if position > angles[1]]) / step)
+    assert len(steps) > 0.9 * count
+    assert np.mean(steps == 1) > 0.9  # the rest: pauses of the machine
+
+
 def test_a_host_that_stalls_is_held_and_goes_on(arm: ArmProcess) -> None:
     drive_to(arm, 0.3)
     until(lambda: arm.mode is Mode.HOLDING)

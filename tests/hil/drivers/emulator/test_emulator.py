@@ -173,3 +173,22 @@ def test_served_in_the_callers_thread(tmp_path: Path) -> None:
         summary = emulator.run(lambda: False, 0.05)
     assert summary.seconds >= 0.05 and summary.instructions == {}
     assert not (tmp_path / "arm").is_symlink()
+
+
+def test_a_link_of_the_users_own_is_left_alone(tmp_path: Path) -> None:
+    link, (master, slave) = tmp_path / "arm", os.openpty()
+    try:
+        for target in ("/dev/null", "/dev/ttyS-none", os.ttyname(slave)):
+            link.symlink_to(target)
+            with pytest.raises(HighFiveError, match=rf"leads to {target}, and is no link to a port of ours; choose"):
+                Emulator(make_bus(EmulatorOptions()), link=link)
+            assert os.readlink(link) == target
+            link.unlink()
+    finally:
+        os.close(master)
+        os.close(slave)
+    link.symlink_to("/dev/pts/999999")  # what an emulator left that was killed
+    with Emulator(make_bus(EmulatorOptions()), link=link):
+        link.unlink()
+        link.symlink_to("/dev/null")  # and now it is somebody else's
+    assert os.readlink(link) == "/dev/null"

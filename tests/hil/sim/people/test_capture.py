@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from highfive.hil.sim.people.actors import CELLS, RATE_HZ, PairTrial, simulate_pair
-from highfive.hil.sim.people.capture import CLEAN, Defects, capture, markers_of, record_pair, trial_seed
+from highfive.hil.sim.people.capture import CLEAN, Defects, _beside, capture, markers_of, record_pair, trial_seed
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.files.trial_table import COLUMNS, write_table
@@ -95,3 +95,14 @@ def test_what_cannot_be_captured_is_one_line(tmp_path: Path) -> None:
             call()
         assert "\n" not in str(error.value)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in (".highfive-0123abcd-capture", "mine"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "angry_A1_1.c3d").write_bytes(b"half")
+    with _beside(tmp_path) as beside:
+        assert {path.name for path in tmp_path.iterdir()} == {beside.name, "mine"}
+    told = " ".join(capsys.readouterr().err.split())
+    assert ".highfive-0123abcd-capture removed" in told and "which a killed capture left" in told
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]

@@ -20,9 +20,9 @@ ALLOWED: dict[str, set[str]] = {
     "scenes": set(),
     "model": set(),
     "model.geometry": ERRORS | {"model.compiled"},
-    "model.gp": ERRORS | {"model.compiled", "model.geometry"},
-    "model.hgpdm": ERRORS | {"model.compiled", "model.geometry", "model.gp"},
-    "model.online": ERRORS | {"model.compiled", "model.geometry", "model.gp", "model.hgpdm"},
+    "model.gp": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry"},
+    "model.hgpdm": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry", "model.gp"},
+    "model.online": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry", "model.gp", "model.hgpdm"},
     "model.evaluation": ERRORS | {"model.geometry", "model.gp", "model.hgpdm", "model.online"},
     "mocap_bridge": {"model.errors"},
     "mocap_bridge.wire": {"model.errors", "model.geometry"},
@@ -32,13 +32,13 @@ ALLOWED: dict[str, set[str]] = {
     "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},
     "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.files"},
-    "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.geometry", "mocap_bridge.frames"}
+    "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.markers", "mocap_bridge.files"},
     "mocap_bridge.body": {"model.errors", "model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
     "calibration": {"model.errors", "model.geometry"} | BRIDGE,
     "hil": set(),
     "hil.runtime": ERRORS,
-    "hil.arm_model": {"model.errors", "model.compiled", "model.geometry", "scenes"},
+    "hil.arm_model": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry", "scenes"},
     "hil.sim": {"model.errors", "model.geometry", "mocap_bridge.frames", "mocap_bridge.markers"}
     | {"hil.arm_model", "hil.runtime", "scenes"},
     "hil.sim.people": ERRORS

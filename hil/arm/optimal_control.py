@@ -18,9 +18,9 @@ from highfive.hil.arm.planning_task import Aim, Task, aimed
 from highfive.hil.arm_model.arm import Arm
 from highfive.hil.arm_model.inverse_kinematics import posture_from
 from highfive.hil.arm_model.kinematics import link_frames, plate_jacobian, plate_of
-from highfive.hil.arm_model.linear_algebra import cholesky, cholesky_solve
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
+from highfive.model.linear_algebra import cholesky, cholesky_solve
 
 
 @compiled

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from highfive.hil.arm_model.linear_algebra import cholesky, cholesky_solve
 from highfive.model.compiled import compiled
 from highfive.model.geometry.rotations import Array
+from highfive.model.linear_algebra import cholesky, cholesky_solve
 
 
 class Task(NamedTuple):

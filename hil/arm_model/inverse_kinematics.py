@@ -8,9 +8,9 @@ import numpy as np
 
 from highfive.hil.arm_model.arm import Arm
 from highfive.hil.arm_model.kinematics import link_frames, plate_jacobian, plate_of
-from highfive.hil.arm_model.linear_algebra import cholesky, cholesky_solve
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
+from highfive.model.linear_algebra import cholesky, cholesky_solve
 
 ROUND = 0.2
 """m that a turn of the normal by a radian counts as much as."""

@@ -27,8 +27,8 @@ from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
 from highfive.mocap_bridge.tracking.first_pose import first_state
+from highfive.mocap_bridge.tracking.following import followed
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
-from highfive.mocap_bridge.tracking.pose_filter import followed
 from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations

@@ -14,8 +14,8 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.dataset import hand_history
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.belief import packed
+from highfive.model.online.layer import predict_layer
 from highfive.model.online.responder import Responder
-from highfive.model.online.tick import predicted
 
 WARM_UP = 30  # steps that do not count
 
@@ -39,7 +39,7 @@ def step_times(fitted: Fitted, plain: dict[str, Regression], trial: Trial) -> di
 
     steps: dict[str, Callable[[int], object]] = {
         "hgpdm": lambda frame: responder.step(trial.hand_points[frame]).joints_std,
-        "sparse_gp": lambda frame: predicted(layer, task.feature_map(histories[frame]), style)[2],
+        "sparse_gp": lambda frame: predict_layer(layer, task.feature_map(histories[frame]), style)[2],
         **{name: of(regression) for name, regression in plain.items()},
     }
     return {name: _times(step, len(times)) for name, step in steps.items()}

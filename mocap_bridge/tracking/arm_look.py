@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
-from highfive.mocap_bridge.tracking.pose_filter import MARKER_SIGMA, SHIFT, Chain
+from highfive.mocap_bridge.tracking.chain_kinematics import SHIFT, Chain
+from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
-from highfive.mocap_bridge.tracking.pose_filter import HINGE, SHIFT, TURN, Chain
+from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, SHIFT, TURN, Chain
 from highfive.model.geometry.rotations import Array
 
 _TILT = 0.35  # rad, standard deviation of a free segment from upright

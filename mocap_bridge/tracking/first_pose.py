@@ -8,24 +8,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive.mocap_bridge.tracking.pose_filter import (
-    GATE,
-    HINGE,
-    MARKER_SIGMA,
-    NEVER,
-    PULL_S,
-    SHIFT,
-    Chain,
-    Pose,
-    State,
-    corrected,
-    expected,
-    kinematics,
-    misfit_of,
-    on_segments,
-    places_doubt,
-    settled,
-)
+from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, SHIFT, Chain, Pose, kinematics, on_segments
+from highfive.mocap_bridge.tracking.filter_settings import GATE, MARKER_SIGMA, NEVER, PULL_S
+from highfive.mocap_bridge.tracking.following import misfit_of
+from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, places_doubt, settled
 from highfive.model.geometry.rotations import Array
 
 HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0])
@@ -136,7 +122,8 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
 def standing(chain: Chain, heading: float = 0.0, angles: Array | None = None, size: float = 1.0) -> Pose:
     """The chain upright on the floor with the hinges at ``angles`` (n,), by default at rest; heading and angles in rad.
 
-    Centres of segments that are not free are left to :func:`highfive.mocap_bridge.tracking.pose_filter.kinematics`.
+    Centres of segments that are not free are left to
+    :func:`highfive.mocap_bridge.tracking.chain_kinematics.kinematics`.
     """
     cosine, sine = np.cos(heading), np.sin(heading)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

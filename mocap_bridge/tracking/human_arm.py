@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from highfive.mocap_bridge.frames import HumanArm, PalmPose, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
-from highfive.mocap_bridge.tracking.pose_filter import NEVER
+from highfive.mocap_bridge.tracking.filter_settings import NEVER
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 

@@ -16,7 +16,9 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.tracking.arm_look import ArmModel, base_covariance, looked, sharpened, tracking_covariance
-from highfive.mocap_bridge.tracking.pose_filter import NEVER, Chain, State, kinematics, places_doubt
+from highfive.mocap_bridge.tracking.chain_kinematics import Chain, kinematics
+from highfive.mocap_bridge.tracking.filter_settings import NEVER
+from highfive.mocap_bridge.tracking.pose_filter import State, places_doubt
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 

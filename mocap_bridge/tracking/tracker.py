@@ -17,17 +17,12 @@ from highfive.mocap_bridge.frames import MarkerFrame, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.arm_look import arm_model
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
+from highfive.mocap_bridge.tracking.chain_kinematics import kinematics, on_segments
+from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA, NEVER
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing, welcomed
+from highfive.mocap_bridge.tracking.following import Followed, followed
 from highfive.mocap_bridge.tracking.joint_angles import ArmAngles, arm_angles_of, arm_segments
-from highfive.mocap_bridge.tracking.pose_filter import (
-    MARKER_SIGMA,
-    NEVER,
-    Followed,
-    State,
-    followed,
-    kinematics,
-    on_segments,
-)
+from highfive.mocap_bridge.tracking.pose_filter import State
 from highfive.model.geometry.rotations import Array
 
 LONGEST_NS = 1_000_000_000

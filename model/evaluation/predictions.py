@@ -20,8 +20,8 @@ from highfive.model.hgpdm.hierarchy import Problem
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.belief import packed
+from highfive.model.online.layer import predict_layer
 from highfive.model.online.responder import Responder, Response
-from highfive.model.online.tick import predicted
 
 SCORED_RATE = 30.0  # Hz, of the frames that count, beside each trial's contact frame
 
@@ -192,7 +192,7 @@ def regressed(regression: Regression, task: Problem, body: Body, posterior: Post
 
 
 def _doubt(layer: Array, features: Array, style: Array) -> Doubt:
-    variances = np.array([predicted(layer, point, style)[2] for point in features])
+    variances = np.array([predict_layer(layer, point, style)[2] for point in features])
     where = Channels(variances.shape[1] - AUXILIARY)
     palm, contact = (variances[:, part, None] * np.eye(3) for part in (where.palm, where.contact))
     return Doubt(np.sqrt(variances), palm, contact)

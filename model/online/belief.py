@@ -20,7 +20,8 @@ from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.contact_forecast import ContactForecast
-from highfive.model.online.tick import Belief, Generated, Moving, Plan, foreseen, generated, measured, moved, ticked
+from highfive.model.online.tick import forecast, generate, observe, predict, step
+from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
 
 STYLE_TIME = 0.1  # s, time constant of each of the two smoothings of the style weights
 RESIDUAL_TIME = 0.3  # s, in which what X¹ has beyond I dies away where no hand says it
@@ -46,7 +47,7 @@ def tick_weights(history: tuple[float, ...], rate_hz: float, ago: float = 0.0, s
 
 
 def packed(posterior: Posterior, styles: int = 1) -> Array:
-    """A layer for :func:`highfive.model.online.tick.predicted`, with all that does not depend on the input worked
+    """A layer for :func:`highfive.model.online.layer.predict_layer`, with all that does not depend on the input worked
     out, in one vector.
 
     One argument a layer: compiled code counts the references to every array that it is given, which at eleven arrays a
@@ -139,7 +140,7 @@ class Filter:
         Between a lag ago, now, and the dynamics' answer one lag ahead lies a parabola; its noise grows with time.
         """
         size = len(self._start)
-        return moved(self._plan, self._moving_by(seconds), _own(latent, size), _own(covariance, size, size))
+        return predict(self._plan, self._moving_by(seconds), _own(latent, size), _own(covariance, size, size))
 
     def measure(self, hands: Array) -> tuple[Array, Array]:
         """What the back projections make of the hand's last ticks (L, 2, P): mean (B,) and covariance (B, B).
@@ -148,7 +149,7 @@ class Filter:
         adds its own, which is large far from the training data. That part stays the same from tick to tick, so it is
         counted once a lag and not once a tick.
         """
-        return measured(self._plan, self._plan.ticks, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
+        return observe(self._plan, self._plan.ticks, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
 
     def generate(
         self, latent: Array, covariance: Array, style: Array, residual: Array | None = None, ahead: float = 0.0
@@ -166,19 +167,19 @@ class Filter:
         beyond = _own(self._unknown if residual is None else residual, *self._unknown.shape)
         beyond = np.stack([left * beyond[0], left**2 * beyond[1] + 1.0 - left**2])
         layers = _own(latent, size), _own(covariance, size, size), beyond
-        return generated(self._plan, *layers, _own(style, self._styles))
+        return generate(self._plan, *layers, _own(style, self._styles))
 
     def step(self, belief: Belief, hand: Array | None, hand_variance: Array, style: Array) -> tuple[Belief, Generated]:
         """One tick: predict, measure the hand (P,), of variances (P,), if it was seen, and generate."""
         seen = belief.generated_hand if hand is None else _own(hand, self._coordinates)
         variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
-        return ticked(self._plan, belief, hand is not None, seen, variance, weights)
+        return step(self._plan, belief, hand is not None, seen, variance, weights)
 
     def foresee(self, belief: Belief) -> ContactForecast | None:
         """Where and when the palms will meet, as the hand's last ticks say; None where nothing was learned of it."""
         if self._contact is None or self._contact_layer is None:
             return None
-        left, covariance = foreseen(self._plan, self._contact_layer, belief.hands)
+        left, covariance = forecast(self._plan, self._contact_layer, belief.hands)
         point, time = belief.hands[0, 0, KNUCKLES] + left[:3], float(left[3])
         return ContactForecast(point, time, self._contact.calibrated(time, covariance))
 

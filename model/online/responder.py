@@ -18,7 +18,7 @@ from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief import Filter
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.inertialization import Inertia
-from highfive.model.online.tick import Belief, Generated
+from highfive.model.online.tick_values import Belief, Generated
 
 HAND_SHAPE = (2, 3)
 FURTHEST = 1e6

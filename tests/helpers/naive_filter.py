@@ -10,7 +10,8 @@ from highfive.model.gp.sparse import Posterior
 from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief import RESIDUAL_TIME, STYLE_TIME, lagrange, tick_weights
-from highfive.model.online.tick import COVARIANCE_LIMIT, SPEED_SPAN, Belief, Generated
+from highfive.model.online.tick import COVARIANCE_LIMIT, SPEED_SPAN
+from highfive.model.online.tick_values import Belief, Generated
 
 
 @jax.jit

@@ -18,8 +18,8 @@ from highfive.hil.bench.tracker_cases import HIDDEN_FRAMES, real_recording, simu
 from highfive.hil.bench.tracking_baseline_models import biorbd_text, opensim_text, peer_model
 from highfive.hil.bench.tracking_baseline_runs import follow, installed
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
+from highfive.mocap_bridge.tracking.chain_kinematics import kinematics, on_segments
 from highfive.mocap_bridge.tracking.first_pose import first_state
-from highfive.mocap_bridge.tracking.pose_filter import kinematics, on_segments
 from highfive.model.errors import HighFiveError
 
 PROTOCOLS = ("vicon", "qtm", "natnet", "lsl")

@@ -3,8 +3,8 @@ import numpy as np
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
+from highfive.mocap_bridge.tracking.chain_kinematics import kinematics
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing, turned_back
-from highfive.mocap_bridge.tracking.pose_filter import kinematics
 from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()

@@ -6,8 +6,8 @@ import pytest
 from highfive.hil.sim.avatar import avatar_skeleton, right_palm
 from highfive.mocap_bridge.frames import TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set, marker_set_names
+from highfive.mocap_bridge.tracking.filter_settings import NEVER
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
-from highfive.mocap_bridge.tracking.pose_filter import NEVER
 from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()

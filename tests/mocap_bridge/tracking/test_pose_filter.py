@@ -5,20 +5,10 @@ import pytest
 
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.chain import make_chain
+from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, Pose, kinematics, on_segments, shifted
+from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA, NEVER
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing
-from highfive.mocap_bridge.tracking.pose_filter import (
-    HINGE,
-    MARKER_SIGMA,
-    NEVER,
-    Pose,
-    State,
-    corrected,
-    expected,
-    kinematics,
-    on_segments,
-    predicted,
-    shifted,
-)
+from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, predicted
 
 SETS = ("paper", "plug_in_gait", "full_body")
 

@@ -8,9 +8,9 @@ import pytest
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA, NEVER
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.joint_angles import ANGLES, angles_between
-from highfive.mocap_bridge.tracking.pose_filter import MARKER_SIGMA, NEVER
 from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.geometry import rotations
 

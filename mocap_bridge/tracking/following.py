@@ -1,0 +1,218 @@
+"""One frame of the tracker: predict, gate, update, and what is to be told of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highfive.mocap_bridge.tracking.chain_kinematics import (
+    Chain,
+    kinematics,
+    on_segments,
+)
+from highfive.mocap_bridge.tracking.filter_settings import (
+    CAUTION,
+    DRIFT,
+    GATE,
+    LOST_SHARE,
+    MARKER_SIGMA,
+    NEVER,
+    RESET_NS,
+    RETURN_NS,
+    RETURN_SPEED,
+    ROUNDS,
+    SLIPPED,
+    SMALL,
+    UNSURE,
+    USABLE_SIGMA,
+)
+from highfive.mocap_bridge.tracking.label_gating import believed, precision_of, taken_up
+from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, marker_covariance, predicted, settled
+from highfive.model.compiled import compiled, compiled_entry
+from highfive.model.geometry.rotations import Array
+
+
+class Followed(NamedTuple):
+    """What one frame made of the markers.
+
+    Attributes:
+        positions: (M, 3) m.
+        velocities: (M, 3) m/s.
+        covariances: (M, 3, 3) m², of the positions.
+        seen: (M,) a point was believed to be the marker.
+        valid: (M,) the marker is known well enough to be used, if need be from the set and the markers beside it.
+        rejected: (M,) the marker's label was at a point that was not believed to be it.
+    """
+
+    positions: Array
+    velocities: Array
+    covariances: Array
+    seen: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
+    rejected: NDArray[np.bool_]
+
+
+@compiled_entry
+def followed(
+    chain: Chain, state: State, points: Array, labelled: NDArray[np.bool_], loose: Array, elapsed_ns: int
+) -> tuple[State, Followed, bool]:
+    """One frame: predict, tell points apart, correct, and say where every marker is; False where the filter failed.
+
+    Args:
+        chain: the skeleton.
+        state: after the frame before.
+        points: (M, 3) m, finite.
+        labelled: (M,) the marker's label has a point.
+        loose: (U, 3) m, points without a label.
+        elapsed_ns: since the frame before.
+    """
+    count, seconds = len(points), 1e-9 * elapsed_ns
+    state = predicted(chain, state, seconds)
+    pose, axes = kinematics(chain, state.offsets, state.pose)
+    markers = on_segments(chain, pose, state.places)
+    precisions, slopes = np.zeros((count, 3, 3)), np.empty((chain.path.shape[1], 3))
+    slides, caution = np.full_like(markers, np.inf), np.zeros(count)
+    for m in range(count):
+        if state.ages[m] == NEVER:
+            continue
+        square = 0.0
+        for i in range(3):
+            square += (points[m, i] - markers[m, i]) ** 2
+        # No variance is below the measurement's own, so that what is this near lies inside the gate.
+        if not labelled[m] or square > GATE * MARKER_SIGMA**2 or state.ages[m] > 0:
+            # Only while its label is nowhere: one that is somewhere else is not believed for staying there.
+            slack = DRIFT * 1e-9 * (state.ages[m] - min(state.disbelieved[m], state.ages[m]))
+            marker_covariance(chain, state, axes, m, markers[m], slopes, precisions[m])
+            if state.ages[m] > 0:
+                for i in range(3):
+                    caution[m] += CAUTION * precisions[m, i, i] / 3.0
+            precision_of(precisions[m], MARKER_SIGMA**2 + state.misfit[m] + slack * slack)
+        if state.ages[m] == 0:
+            for i in range(3):
+                slides[m, i] = markers[m, i]
+                for k in range(3):
+                    slides[m, i] += state.pose.frames[chain.carrier[m], i, k] * state.left[m, k]
+    seen = believed(state, markers, precisions, slides, points, labelled)
+    doubted, rejected, wanting = np.zeros(count, dtype=np.bool_), 0, False
+    for m in range(count):
+        known = state.ages[m] != NEVER
+        doubted[m] = labelled[m] and known and not seen[m]
+        rejected += 1 if doubted[m] else 0
+        wanting = wanting or (known and not seen[m])
+    if wanting and rejected + len(loose) > 0:
+        points = taken_up(state, markers, precisions, points, loose, seen, doubted)
+    state = without_speeds(chain, state, seen)
+    state, worked = corrected(chain, state, points, seen, caution, seconds, ROUNDS, SMALL)
+    state = remembered(
+        chain, settled(chain, state, points, seen, seconds), points, labelled, seen, rejected, elapsed_ns
+    )
+    return state, shown(chain, state, points, seen, doubted), worked
+
+
+@compiled
+def without_speeds(chain: Chain, state: State, seen: NDArray[np.bool_]) -> State:
+    """The state, without the speeds of parts of the body that were out of sight until now.
+
+    The way that a hidden hand was off came about during all the time that it was hidden: taken for its speed, it would
+    throw the hand far beyond.
+    """
+    covariance, copied = state.covariance, False
+    for m in range(len(seen)):
+        if not seen[m] or state.ages[m] < RETURN_NS or state.ages[m] == NEVER:
+            continue
+        j = chain.carrier[m]
+        for a in range(chain.lengths[j]):
+            d = chain.path[j, a]
+            if chain.kind[d] == 0 or covariance[0, d, d] < UNSURE**2:
+                continue
+            if not copied:
+                covariance, copied = covariance.copy(), True
+            for i in range(len(state.speeds)):
+                covariance[1, d, i] = covariance[2, d, i] = covariance[2, i, d] = 0.0
+            covariance[2, d, d] = RETURN_SPEED**2
+    return State(
+        state.pose, state.speeds, covariance, state.offsets, state.places, state.homes, state.doubt, state.misfit,
+        state.left,        state.ages, state.disbelieved, state.last, state.pace, state.astray,
+    )  # fmt: skip
+
+
+@compiled
+def remembered(
+    chain: Chain, state: State, points: Array, labelled: NDArray[np.bool_], seen: NDArray[np.bool_], rejected: int,
+    elapsed_ns: int,
+) -> State:  # fmt: skip
+    """The state with the markers' ages; markers that appear, or have slipped, are put where they are, and are seen."""
+    places, doubt, left = state.places.copy(), state.doubt.copy(), state.left.copy()
+    homes = state.homes.copy()
+    ages, disbelieved, shown = state.ages.copy(), state.disbelieved.copy(), 0
+    last, pace = state.last.copy(), np.empty_like(state.pace)
+    local = np.empty(3)
+    for m in range(len(ages)):
+        shown += 1 if labelled[m] and ages[m] != NEVER else 0
+        disbelieved[m] = disbelieved[m] + elapsed_ns if labelled[m] and not seen[m] else 0
+        if labelled[m] and not seen[m] and disbelieved[m] > RESET_NS:
+            square, j = 0.0, chain.carrier[m]
+            for i in range(3):
+                local[i] = 0.0
+                for k in range(3):
+                    local[i] += state.pose.frames[j, k, i] * (points[m, k] - state.pose.centres[j, k])
+                square += (local[i] - chain.places[m, i]) ** 2
+            if square < SLIPPED**2:
+                places[m], homes[m], left[m], doubt[m], seen[m] = local, local, 0.0, chain.spreads[m] ** 2, True
+        for i in range(3):
+            pace[m, i] = points[m, i] - last[m, i] if seen[m] and ages[m] == 0 else np.nan
+            last[m, i] = points[m, i] if seen[m] else last[m, i]
+        if seen[m]:
+            ages[m] = 0
+        elif ages[m] != NEVER:
+            ages[m] += elapsed_ns
+    astray = state.astray + 1 if shown > 0 and rejected > LOST_SHARE * shown else 0
+    return State(
+        state.pose, state.speeds, state.covariance, state.offsets, places, homes, doubt, state.misfit, left,
+        ages, disbelieved, last, pace, astray,
+    )  # fmt: skip
+
+
+@compiled
+def shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], doubted: NDArray[np.bool_]) -> Followed:
+    """Where every marker is, seen or not."""
+    markers, covariances, velocities = expected(chain, state)
+    valid = np.empty(len(markers), dtype=np.bool_)
+    for m in range(len(markers)):
+        j, own = chain.carrier[m], 0.0
+        if seen[m]:  # what chain and place do not explain is the skin's own motion, for the most part
+            share = state.misfit[m] / (state.misfit[m] + MARKER_SIGMA**2)
+            own = share * MARKER_SIGMA**2
+            for i in range(3):
+                markers[m, i] += share * (points[m, i] - markers[m, i])
+        else:
+            own = state.misfit[m]
+            for i in range(3):
+                for k in range(3):
+                    markers[m, i] += state.pose.frames[j, i, k] * state.left[m, k]
+        variance = 3.0 * own
+        for i in range(3):
+            variance += covariances[m, i, i]
+            covariances[m, i, i] += own
+        valid[m] = variance < 3.0 * USABLE_SIGMA**2
+    return Followed(markers, velocities, covariances, seen, valid, doubted)
+
+
+@compiled_entry
+def misfit_of(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]) -> float:
+    """How badly a pose explains points (M, 3): squares of residuals and of the way from rest, in their deviations."""
+    pose, _ = kinematics(chain, state.offsets, state.pose)
+    markers = on_segments(chain, pose, state.places)
+    total = 0.0
+    for m in range(len(markers)):
+        if seen[m]:
+            square = 0.0
+            for i in range(3):
+                square += (points[m, i] - markers[m, i]) ** 2
+            total += square / (MARKER_SIGMA**2 + state.doubt[m])
+    for d in range(len(chain.kind)):
+        if chain.kind[d] == 2:
+            total += chain.stiffness[d] * (pose.angles[d] - chain.rest[d]) ** 2
+    return total

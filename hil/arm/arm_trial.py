@@ -16,7 +16,8 @@ from highfive.hil.arm.loop import ArmLoop, ArmTick
 from highfive.hil.arm.planner import Retarget, Sacrifice
 from highfive.hil.arm_model.servo_arm import ServoArm, default_arm
 from highfive.hil.drivers.bus.arm_process import Cycle
-from highfive.hil.safety.limits import Limits, load_limits
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED
 from highfive.hil.session.session import RATE_HZ, Tick

@@ -30,7 +30,8 @@ from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.console import Bar, say_aside
-from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, Limits, load_limits, load_safer, lowered, parse_changes
+from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, Limits
+from highfive.hil.safety.limits_file import load_limits, load_safer, lowered, parse_changes
 from highfive.hil.safety.posture import posture_mismatches
 from highfive.hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown, start_up_check
 from highfive.hil.session.session import RATE_HZ

@@ -10,7 +10,8 @@ import numpy as np
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.drivers.bus.arm_process import Cycle, Mode
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
-from highfive.hil.safety.limits import STALL_CURRENTS, load_limits
+from highfive.hil.safety.limits import STALL_CURRENTS
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.model.geometry.rotations import Array
 from highfive.scenes import servo_arm as measures

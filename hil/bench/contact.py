@@ -26,7 +26,7 @@ from highfive.hil.bench.retarget import asked_of_arm
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
-from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import Check
 from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.emotions import EMOTIONS

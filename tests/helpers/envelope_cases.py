@@ -9,7 +9,8 @@ import numpy as np
 
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 from highfive.hil.safety.envelope import Kinematics, step
-from highfive.hil.safety.limits import Limits, load_limits
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.people import Human
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import State

@@ -19,7 +19,7 @@ from highfive.hil.drivers.bus.rig_setup import Difference, configure, difference
 from highfive.hil.drivers.bus.servo_bus import Found, ServoBus
 from highfive.hil.drivers.bus.servo_port import PortError
 from highfive.hil.runtime.console import counted
-from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.limits_file import load_limits
 from highfive.model.errors import HighFiveError
 
 PROBED_IDS = range(1, 21)

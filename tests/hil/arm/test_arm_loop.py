@@ -26,7 +26,7 @@ from highfive.hil.drivers.bus.arm_process import Mode
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
-from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.people import Sighting
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.startup import Check

@@ -17,7 +17,7 @@ from highfive.hil.arm_model.servo_arm import READY, default_arm
 from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
-from highfive.hil.safety.limits import load_limits
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import State
 from highfive.hil.session.session import RATE_HZ, Session

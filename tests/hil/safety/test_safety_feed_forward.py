@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from highfive.hil.drivers.values import JointState
 from highfive.hil.safety import feed_forward
 from highfive.hil.safety.feed_forward import FeedForward
-from highfive.hil.safety.limits import lowered
+from highfive.hil.safety.limits_file import lowered
 from highfive.hil.safety.motion import Motion
 from highfive.hil.safety.people import Human
 from highfive.hil.safety.rules import Rule

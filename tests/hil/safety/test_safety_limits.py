@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from highfive.hil.safety import limits as module
 from highfive.hil.safety.contact_force import contact_force, contact_speed
-from highfive.hil.safety.limits import FILE, JOINTS, LimitsError, load_limits, load_safer, lowered, parse_changes
+from highfive.hil.safety.limits import JOINTS, LimitsError
+from highfive.hil.safety.limits_file import FILE, load_limits, load_safer, lowered, parse_changes
 from highfive.model.errors import HighFiveError
 
 LIMITS = load_limits()

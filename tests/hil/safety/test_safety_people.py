@@ -8,7 +8,7 @@ from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, kinematics, p
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from highfive.hil.safety.limits import lowered
+from highfive.hil.safety.limits_file import lowered
 from highfive.hil.safety.people import Human, allowed_speed
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import State

@@ -6,7 +6,8 @@ import pytest
 from highfive.hil.arm.simulated_driver import mounted_arm
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm
 from highfive.hil.drivers.values import JointState
-from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, load_limits
+from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.posture import posture_mismatches
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.model.geometry.rotations import Array

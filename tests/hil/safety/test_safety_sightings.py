@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, kinematics, plate
 
-from highfive.hil.safety.limits import lowered
+from highfive.hil.safety.limits_file import lowered
 from highfive.hil.safety.people import MEASURED, WIDENING, Human, Points, Remembered, Sighting, slowed
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import State

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from highfive.hil.safety.limits import JOINTS, load_limits
+from highfive.hil.safety.limits import JOINTS
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import (
     Check,
     Room,

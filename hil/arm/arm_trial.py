@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.arm.contact_goal import palm_goal
-from highfive.hil.arm.contact_outcome import Asked, Met, asked_in, judged, notice
+from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
 from highfive.hil.arm.loop import ArmLoop, ArmTick
-from highfive.hil.arm.planner import Retarget, Sacrifice
+from highfive.hil.arm.planner import ConstraintRelaxation, Retarget
 from highfive.hil.arm_model.servo_arm import ServoArm, default_arm
 from highfive.hil.drivers.bus.arm_process import Cycle
 from highfive.hil.safety.limits import Limits
@@ -47,7 +47,7 @@ class ArmTrial:
     ticks: tuple[ArmTick, ...]
     cycles: tuple[Cycle, ...]
     plates: tuple[PalmPose, ...]
-    met: Met
+    met: ContactOutcome
     due: int
     broken_off: bool
 
@@ -130,7 +130,7 @@ class ArmTrial:
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
 
 
-def played_until_stopped(asked: Asked, loop: ArmLoop) -> ArmTrial | None:
+def played_until_stopped(asked: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial | None:
     """Has the arm play one high five as far as it comes; ``loop.trouble`` says why it was stopped, if it was.
 
     Returns:
@@ -146,7 +146,11 @@ def played_until_stopped(asked: Asked, loop: ArmLoop) -> ArmTrial | None:
 
 
 def arm_trial(
-    asked: Asked, retarget: Retarget, ticks: Sequence[ArmTick], cycles: Sequence[Cycle], given_up: Sacrifice
+    asked: ReferenceTrajectory,
+    retarget: Retarget,
+    ticks: Sequence[ArmTick],
+    cycles: Sequence[Cycle],
+    given_up: ConstraintRelaxation,
 ) -> ArmTrial:
     """Puts together what was collected, and judges it.
 
@@ -195,7 +199,7 @@ class ArmWatch:
         self._ticks: list[ArmTick] = []
         self._session: list[Tick] = []
         self._cycles: list[Cycle] = []
-        self._given_up = Sacrifice()
+        self._given_up = ConstraintRelaxation()
 
     def begin(self) -> None:
         """A new trial: the arm is checked again."""
@@ -225,7 +229,11 @@ class ArmWatch:
         if not self._ticks or not self._cycles:
             return None
         return arm_trial(
-            asked_in(self._session, emotion, cell, met), self.loop.retarget, self._ticks, self._cycles, self._given_up
+            reference_in(self._session, emotion, cell, met),
+            self.loop.retarget,
+            self._ticks,
+            self._cycles,
+            self._given_up,
         )
 
 

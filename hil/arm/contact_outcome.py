@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from highfive.hil.arm.contact_goal import palm_goal
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, Sacrifice
+from highfive.hil.arm.planner import ConstraintRelaxation, ExpectedContact, PalmGoal, Retarget
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import solve
 from highfive.hil.safety.people import speed_near_face
@@ -50,7 +50,7 @@ EARLIEST = 0.25
 
 
 @dataclass(frozen=True)
-class Asked:
+class ReferenceTrajectory:
     """What one simulated high five asked of the arm.
 
     Attributes:
@@ -73,7 +73,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Notice:
+class LeadTime:
     """Whether the arm could be there in time.
 
     Attributes:
@@ -96,7 +96,7 @@ class Notice:
 
 
 @dataclass(frozen=True)
-class Met:
+class ContactOutcome:
     """How one high five went.
 
     Attributes:
@@ -117,8 +117,8 @@ class Met:
     late: float
     later: float
     speed: float
-    notice: Notice | None
-    sacrifice: Sacrifice
+    notice: LeadTime | None
+    sacrifice: ConstraintRelaxation
 
     @property
     def possible(self) -> bool:
@@ -126,10 +126,10 @@ class Met:
         return self.notice is None or self.notice.possible
 
 
-def asked_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Asked:
+def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> ReferenceTrajectory:
     """What a session's ticks asked of the arm."""
     touches = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
-    return Asked(
+    return ReferenceTrajectory(
         emotion,
         cell,
         tuple(palm_goal(tick) for tick in ticks),
@@ -141,7 +141,7 @@ def asked_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Asked:
     )
 
 
-def foretold(asked: Asked) -> Asked:
+def with_known_contact(asked: ReferenceTrajectory) -> ReferenceTrajectory:
     """The same, but from when a contact was first foretold the arm knows exactly where and when it will be.
 
     What it then misses by is its own; the rest is what the forecast does not know.
@@ -157,16 +157,16 @@ def foretold(asked: Asked) -> Asked:
     return replace(asked, goals=tuple(goals))
 
 
-def avatar_met(asked: Asked) -> Met:
+def avatar_outcome(asked: ReferenceTrajectory) -> ContactOutcome:
     """The avatar itself, judged as the arm is."""
-    return judged(asked, asked.avatar, asked.avatar_normals, None, Sacrifice())
+    return judged(asked, asked.avatar, asked.avatar_normals, None, ConstraintRelaxation())
 
 
-def notice(asked: Asked, retarget: Retarget) -> Notice:
+def notice(asked: ReferenceTrajectory, retarget: Retarget) -> LeadTime:
     """What the arm could do about this high five, and how long before it knew."""
     place, goal = asked.person[asked.due], asked.goals[asked.due].contact
     if goal is None:
-        return Notice(False, np.inf, 0.0, 0.0)
+        return LeadTime(False, np.inf, 0.0, 0.0)
     off = [
         np.inf if one.contact is None else float(np.linalg.norm(one.contact.point - place))
         for one in asked.goals[: asked.due]
@@ -176,10 +176,10 @@ def notice(asked: Asked, retarget: Retarget) -> Notice:
     given, known = (asked.due - began) * TICK - retarget.settings.lag, (asked.due - 1 - astray) * TICK
     joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)
     if miss >= REACHED:
-        return Notice(False, np.inf, given, known)
+        return LeadTime(False, np.inf, given, known)
     seconds, head = float(dynamics.quickest(retarget.arm.packed, retarget.ready, joints)), asked.goals[asked.due].head
     longer = 1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)
-    return Notice(True, seconds * longer, given, known)
+    return LeadTime(True, seconds * longer, given, known)
 
 
 def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: Array) -> float:
@@ -197,7 +197,9 @@ def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: A
     return float(np.mean(longer))
 
 
-def judged(asked: Asked, places: Array, normals: Array, had: Notice | None, sacrifice: Sacrifice) -> Met:
+def judged(
+    asked: ReferenceTrajectory, places: Array, normals: Array, had: LeadTime | None, sacrifice: ConstraintRelaxation
+) -> ContactOutcome:
     """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand.
 
     Where it was stopped there are fewer places than ticks: three at least.
@@ -211,4 +213,4 @@ def judged(asked: Asked, places: Array, normals: Array, had: Notice | None, sacr
     tick = first + int(touching[0] if touched else distance[first : last + 1].argmin())
     speed = float(np.linalg.norm(apart[tick] - apart[tick - 1]) / TICK)
     late, later = ((tick - asked.due) * TICK, (tick - asked.met) * TICK) if touched else (np.nan, np.nan)
-    return Met(asked.emotion, asked.cell, float(distance[tick]), touched, late, later, speed, had, sacrifice)
+    return ContactOutcome(asked.emotion, asked.cell, float(distance[tick]), touched, late, later, speed, had, sacrifice)

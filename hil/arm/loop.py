@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from highfive.hil.arm.planner import ArmStep, PalmGoal, Retarget, RetargetState, Sacrifice
+from highfive.hil.arm.planner import ArmStep, ConstraintRelaxation, PalmGoal, Retarget, RetargetState
 from highfive.hil.drivers.bus.arm_process import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
@@ -175,9 +175,9 @@ class ArmLoop:
         return self.state is State.STOPPING and self._arm.mode not in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED)
 
     @property
-    def sacrifice(self) -> Sacrifice:
+    def sacrifice(self) -> ConstraintRelaxation:
         """What the high five that is on, or was last, had to give up."""
-        return Sacrifice() if self._state is None else self._state.sacrifice
+        return ConstraintRelaxation() if self._state is None else self._state.sacrifice
 
     def timed(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
         """The frames, each with a note of when it came."""

@@ -147,7 +147,7 @@ class PalmGoal:
 
 
 @dataclass(frozen=True)
-class Sacrifice:
+class ConstraintRelaxation:
     """What a high five had to give up.
 
     Attributes:
@@ -198,7 +198,7 @@ class RetargetState:
     given: float = 0.0
     late: float = 0.0
     together: float = 0.0
-    sacrifice: Sacrifice = Sacrifice()
+    sacrifice: ConstraintRelaxation = ConstraintRelaxation()
     said: ExpectedContact | None = None
     unsaid: float = 0.0
 
@@ -308,7 +308,7 @@ class Retarget:
         theirs = np.linalg.norm(goal.palm.position - goal.contact.point)
         scale = float(np.clip(ours / max(theirs, 1e-3), 0.1, 1.0))
         given = max(goal.contact.time, self.settings.tick)
-        sacrifice = Sacrifice(scale)
+        sacrifice = ConstraintRelaxation(scale)
         return replace(state, scale=scale, given=given, guess=state.joints, late=0.0, together=0.0, sacrifice=sacrifice)
 
     def _task(self, state: RetargetState, goal: PalmGoal) -> Task:
@@ -369,7 +369,7 @@ class Retarget:
 
     def _accounted(
         self, state: RetargetState, goal: PalmGoal, task: Task, plan: Planned
-    ) -> tuple[float, float, Sacrifice]:
+    ) -> tuple[float, float, ConstraintRelaxation]:
         """Notes what had to be given up: s since contact was due, s since the plate is there, and the sacrifice."""
         s, known, contact = self.settings, state.sacrifice, goal.contact
         if contact is None:

@@ -21,7 +21,7 @@ WARM, SUPPLY = 35.0, 12.0
 """°C and V that its servos say."""
 
 
-class TwinArm:
+class SimulatedDriver:
     """An arm that is driven as :class:`highfive.hil.drivers.bus.arm_process.ArmProcess` is; time goes on by
     :meth:`pause`.
     """

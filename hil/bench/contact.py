@@ -16,11 +16,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.arm.arm_trial import MS, ArmTrial, percentiles, played_until_stopped
-from highfive.hil.arm.contact_outcome import Asked, Met, avatar_met, foretold, notice
+from highfive.hil.arm.contact_outcome import (
+    ContactOutcome,
+    ReferenceTrajectory,
+    avatar_outcome,
+    notice,
+    with_known_contact,
+)
 from highfive.hil.arm.lifecycle import ArmOptions, full_errors, ready_arm, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
-from highfive.hil.arm.planner import Retarget, Sacrifice
-from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
+from highfive.hil.arm.planner import ConstraintRelaxation, Retarget
+from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm
 from highfive.hil.bench.retarget import asked_of_arm
 from highfive.hil.drivers.bus.rig import load_rig
@@ -83,7 +89,7 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
         raise HighFiveError("the map shows what an arm can do; let twin or rig play too")
     before = {} if options.baseline is None else read_baseline(options.baseline)
     asked = asked_of_arm(model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar)
-    asked = [foretold(it) for it in asked] if options.foretold else asked
+    asked = [with_known_contact(it) for it in asked] if options.foretold else asked
     result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed, "foretold": options.foretold}
     rows: list[dict[str, Any]] = []
     for player in options.players:
@@ -100,13 +106,13 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
 def twin_loop() -> ArmLoop:
     """The twin at rest, ready to play."""
     rig = load_rig()
-    twin = TwinArm(mounted_arm(), full_errors(rig))
+    twin = SimulatedDriver(mounted_arm(), full_errors(rig))
     limits = load_limits()
     retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits, on_the_way=0.0))
     return ArmLoop(twin, retarget, limits, lambda: Check(twin.clock(), ()), Latch(), twin.clock, twin.pause)
 
 
-def contact_figures(met: Sequence[Met]) -> dict[str, Any]:
+def contact_figures(met: Sequence[ContactOutcome]) -> dict[str, Any]:
     """Of one player, over the high fives that are possible."""
     able = [one for one in met if one.possible]
     touched = [one for one in able if one.touched]
@@ -184,11 +190,11 @@ def print_contact(result: Mapping[str, Any]) -> None:
 class Played:
     """How one high five went, and why the arm was stopped in it; '' where it was not."""
 
-    met: Met
+    met: ContactOutcome
     stopped: str = ""
 
 
-def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
+def played(asked: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial:
     """Has the arm play one high five to its end.
 
     Raises:
@@ -200,7 +206,7 @@ def played(asked: Asked, loop: ArmLoop) -> ArmTrial:
     return trial
 
 
-def played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+def played_by(player: str, asked: Sequence[ReferenceTrajectory], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
     """How each high five went, and figures of all: speeds, m/s, planning, ms, and for the rig which were stopped.
 
     Args:
@@ -212,7 +218,7 @@ def played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Playe
         HighFiveError: the twin stopped by itself, or the rig cannot be made ready.
     """
     if player == "avatar":
-        return [Played(avatar_met(it)) for it in asked], {}
+        return [Played(avatar_outcome(it)) for it in asked], {}
     advance = bar(player, len(asked))
     trials: list[ArmTrial] = []
     if player == "twin":
@@ -235,10 +241,12 @@ def played_by(player: str, asked: Sequence[Asked], bar: Bar) -> tuple[list[Playe
     return results, {**_commanded(trials), "stops": len(stops), "stopped": stops}
 
 
-def _not_met(asked: Asked, retarget: Retarget) -> Met:
+def _not_met(asked: ReferenceTrajectory, retarget: Retarget) -> ContactOutcome:
     """A high five in which the arm was stopped before it met the hand; how near it came says nothing."""
     nan = float("nan")
-    return Met(asked.emotion, asked.cell, nan, False, nan, nan, nan, notice(asked, retarget), Sacrifice())
+    return ContactOutcome(
+        asked.emotion, asked.cell, nan, False, nan, nan, nan, notice(asked, retarget), ConstraintRelaxation()
+    )
 
 
 def _commanded(trials: Sequence[ArmTrial]) -> dict[str, Any]:

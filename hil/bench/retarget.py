@@ -17,12 +17,12 @@ from highfive.model.hgpdm.trained import HGPDM
 
 if TYPE_CHECKING:
     from highfive.hil.runtime.console import Bar
-from highfive.hil.arm.contact_outcome import Asked, asked_in
+from highfive.hil.arm.contact_outcome import ReferenceTrajectory, reference_in
 
 
 def asked_of_arm(
     model: HGPDM, emotions: Sequence[str], cells: Sequence[str], seed: int, bar: Bar, repeats: int = 1
-) -> list[Asked]:
+) -> list[ReferenceTrajectory]:
     """Runs the sessions."""
     count = repeats * len(emotions) * len(cells)
     partners = simulated_partners(count, emotions, cells, seed, lambda total: bar("people", total))
@@ -34,8 +34,8 @@ def asked_of_arm(
     return asked
 
 
-def _asked(session: Session, partner: Partner) -> Asked:
+def _asked(session: Session, partner: Partner) -> ReferenceTrajectory:
     session.set_style({partner.emotion: 1.0})
     session.reset()
     ticks = [session.step(frame) for frame in C3DSource(partner.recording, RATE_HZ)]
-    return asked_in(ticks, partner.emotion, partner.cell, partner.contact_frame)
+    return reference_in(ticks, partner.emotion, partner.cell, partner.contact_frame)

@@ -16,7 +16,7 @@ from highfive.hil.sim.avatar import PALM_IN_RIGHT_WRIST, avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation import baselines
 from highfive.model.evaluation import scores as evaluation
-from highfive.model.evaluation.predictions import Answer, Body, Method, online, regressed
+from highfive.model.evaluation.predictions import Body, Method, Prediction, online, regressed
 from highfive.model.evaluation.splits import Fold, leave_out
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.optimise import ProgressCallback
@@ -45,7 +45,7 @@ class Run:
     fitted: Fitted
     trials: list[Trial]
     folds: list[str]
-    answers: dict[str, list[Answer]]
+    answers: dict[str, list[Prediction]]
     held: evaluation.HeldOut
     scores: Scored
     seen: dict[str, Array]
@@ -140,10 +140,10 @@ class _Scored:
     fold: Fold
     fitted: Fitted
     indices: list[int]
-    answers: dict[str, list[Answer]]
+    answers: dict[str, list[Prediction]]
 
 
-def _answered(fold: Fold, fitted: Fitted, indices: Sequence[int]) -> dict[str, list[Answer]]:
+def _answered(fold: Fold, fitted: Fitted, indices: Sequence[int]) -> dict[str, list[Prediction]]:
     """Each method's answers to some trials of the fold."""
     return {name: [method(fold.trials[i]) for i in indices] for name, method in methods(fitted).items()}
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from highfive.hil.arm.contact_outcome import Asked
+from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.planner import ExpectedContact, PalmGoal
 from highfive.hil.recording.recording import RecordedMessage, SessionRecording
 from highfive.hil.session.session import RATE_HZ
@@ -29,7 +29,7 @@ UNIT = 0.01
 """How far a direction's or a rotation's length may be from 1: recordings are rounded."""
 
 
-def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, Asked]:
+def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, ReferenceTrajectory]:
     """What each high five of a recording asks of the arm, by the trial's number; those without contact are left out.
 
     The recording knows when and where palms met, so that the arm is told :data:`FORESEEN` s before.
@@ -173,7 +173,7 @@ def _theirs(people: list[_Message]) -> list[_Seen]:
     return [_Seen(palm, it.place("head"), it.yes("valid")) for palm, it in zip(palms, people, strict=True)]
 
 
-def _asked(emotion: str, cell: str, due: int, ours: list[PalmPose], theirs: list[_Seen]) -> Asked:
+def _asked(emotion: str, cell: str, due: int, ours: list[PalmPose], theirs: list[_Seen]) -> ReferenceTrajectory:
     due = min(due, len(ours) - 1)
     goals = []
     for tick, (our, their) in enumerate(zip(ours, theirs, strict=True)):
@@ -183,7 +183,7 @@ def _asked(emotion: str, cell: str, due: int, ours: list[PalmPose], theirs: list
             at = theirs[due].palm if left > 0.0 else their.palm
             contact = ExpectedContact(at.position, SURE**2 * np.eye(3), -at.normal, max(left, 0.0))
         goals.append(PalmGoal(our, their.palm if their.valid else None, their.head if their.valid else None, contact))
-    return Asked(
+    return ReferenceTrajectory(
         emotion, cell, tuple(goals), np.array([their.palm.position for their in theirs]),
         np.array([palm.position for palm in ours]), np.array([palm.normal for palm in ours]), due, due,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageColor, ImageDraw, ImageFont
 
-from highfive.hil.arm.contact_outcome import Met
+from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.report.colours import colour_of
 from highfive.hil.sim.rendering import Image
 from highfive.hil.trials.trial import TrialResult
@@ -40,7 +40,7 @@ class Captions:
         return np.array(page)
 
     def caption(
-        self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool, arm: Met | None = None
+        self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool, arm: ContactOutcome | None = None
     ) -> None:
         """Style and kind of person below on the left; speed, and how near the palms came, below on the right.
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmTrial
-from highfive.hil.arm.contact_outcome import Met
+from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.report.captions import Captions
 from highfive.hil.report.stage import Stage, arm_stage, avatar_stage
 from highfive.hil.session.session import RATE_HZ
@@ -73,7 +73,7 @@ class Shot:
     ticks: range
     contact: int
     slow: bool
-    arm: Met | None = None
+    arm: ContactOutcome | None = None
 
 
 @dataclass(frozen=True)

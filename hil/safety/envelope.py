@@ -24,7 +24,7 @@ from highfive.hil.safety.retract import retracting
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import MOVING, Event, State
 from highfive.hil.safety.transitions import entered, happened
-from highfive.hil.safety.values import Inputs, Report, Standing
+from highfive.hil.safety.values import EnvelopeState, Inputs, Report
 from highfive.model.geometry.rotations import Array
 
 Kinematics = Callable[[Array], tuple[Array, Array]]
@@ -42,8 +42,8 @@ BY_EVENT = {Event.STALE: Rule.STALE_HOLD, Event.LOST: Rule.STALE_RETRACT, Event.
 
 
 def step(
-    limits: Limits, kinematics: Kinematics, before: Standing, inputs: Inputs, now_ns: int
-) -> tuple[Standing, JointCommand | None, Report]:
+    limits: Limits, kinematics: Kinematics, before: EnvelopeState, inputs: Inputs, now_ns: int
+) -> tuple[EnvelopeState, JointCommand | None, Report]:
     """One tick: what to carry on, what to send (None: nothing), and what happened.
 
     Args:
@@ -93,7 +93,7 @@ def step(
         acted |= leading
         then = motion.moved(then, within * sent.reference, wanted, dt)
         offset = feed_forward.moved(limits, offset, within * sent.offset, then.positions, dt)
-    now = Standing(now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point, offset)
+    now = EnvelopeState(now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point, offset)
 
     gap = None
     if points is not None and goals is not None and human is not None:
@@ -174,7 +174,7 @@ def known(limits: Limits, human: Human | None) -> Human | None:
 
 
 def led(
-    limits: Limits, now: Standing, told: Motion, wanted: Array | None, dt: float
+    limits: Limits, now: EnvelopeState, told: Motion, wanted: Array | None, dt: float
 ) -> tuple[Array, Array | None, int, set[Rule]]:
     """What the state asks for: velocities (J,), rad/s, within the limits of the joints.
 
@@ -255,7 +255,7 @@ def commanded(
     return JointCommand(goals, limits.contact_current), {Rule.CURRENT}
 
 
-def unchecked(now: Standing, inputs: Inputs, reasons: dict[Rule, str]) -> str:
+def unchecked(now: EnvelopeState, inputs: Inputs, reasons: dict[Rule, str]) -> str:
     """Why the arm does not start."""
     if now.state is not State.UNCHECKED:
         return ""

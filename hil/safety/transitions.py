@@ -11,10 +11,10 @@ from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.motion import Motion, at_rest
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import Event, State, after
-from highfive.hil.safety.values import Inputs, Standing
+from highfive.hil.safety.values import EnvelopeState, Inputs
 
 
-def happened(limits: Limits, now: Standing, inputs: Inputs, faulty: bool, age_s: float) -> Event | None:
+def happened(limits: Limits, now: EnvelopeState, inputs: Inputs, faulty: bool, age_s: float) -> Event | None:
     """The first of :class:`highfive.hil.safety.states.Event` that happened, if it leads anywhere.
 
     Args:
@@ -35,7 +35,7 @@ def happened(limits: Limits, now: Standing, inputs: Inputs, faulty: bool, age_s:
     return event if after(now.state, event) is not now.state else None
 
 
-def without_fault(limits: Limits, now: Standing, inputs: Inputs, age_s: float) -> Event | None:
+def without_fault(limits: Limits, now: EnvelopeState, inputs: Inputs, age_s: float) -> Event | None:
     """What happened, if nothing is wrong."""
     # The next tick would be too late to hold in time.
     next_s = age_s + limits.timing.period_s
@@ -60,7 +60,7 @@ def without_fault(limits: Limits, now: Standing, inputs: Inputs, age_s: float) -
     return event
 
 
-def start_up(now: Standing, inputs: Inputs) -> bool:
+def start_up(now: EnvelopeState, inputs: Inputs) -> bool:
     """The start-up check found nothing, was made since the arm has been unchecked, and the joints have answered.
 
     A check from before a stop does not count after it.
@@ -72,8 +72,8 @@ def start_up(now: Standing, inputs: Inputs) -> bool:
 
 
 def entered(
-    limits: Limits, now: Standing, event: Event | None, inputs: Inputs, reasons: dict[Rule, str], now_ns: int
-) -> Standing:
+    limits: Limits, now: EnvelopeState, event: Event | None, inputs: Inputs, reasons: dict[Rule, str], now_ns: int
+) -> EnvelopeState:
     """The envelope in the state that the event leads to."""
     state, told = after(now.state, event), now.motion
     if event is None:

@@ -44,7 +44,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Standing:
+class EnvelopeState:
     """What the envelope carries from tick to tick.
 
     Attributes:
@@ -119,10 +119,10 @@ class Report:
         }
 
 
-def standing(now_ns: int, feed_forward: FeedForward | None = None) -> Standing:
+def standing(now_ns: int, feed_forward: FeedForward | None = None) -> EnvelopeState:
     """Where the envelope begins: nothing is checked, nothing is known, nothing is sent.
 
     An arm that is held from before goes on from its ``feed_forward``: without it, it would sag.
     """
     kept = FeedForward() if feed_forward is None else FeedForward(feed_forward.offsets)
-    return Standing(State.UNCHECKED, now_ns, "", None, watch_from(now_ns), Remembered(), now_ns, feed_forward=kept)
+    return EnvelopeState(State.UNCHECKED, now_ns, "", None, watch_from(now_ns), Remembered(), now_ns, feed_forward=kept)

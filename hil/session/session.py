@@ -27,7 +27,7 @@ from highfive.model.online.responder import HAND_VARIANCE, Responder, Response
 
 RATE_HZ = 120.0
 
-UNFAMILIAR = 0.18
+OUT_OF_DISTRIBUTION = 0.18
 """Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
 
 0.14 to 0.17 with people like those it was trained on, 0.19 and more with a taller person who walks by.
@@ -123,7 +123,7 @@ class Session:
         person = self._steady(self._arm(markers))
         doubt = HAND_COVARIANCE + person.hand_covariance
         response = self._responder.step(person.hand_points if person.valid else None, doubt)
-        familiar = float(np.trace(response.latent_covariance)) < UNFAMILIAR**2
+        familiar = float(np.trace(response.latent_covariance)) < OUT_OF_DISTRIBUTION**2
         generated = self._pose(response, familiar)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None

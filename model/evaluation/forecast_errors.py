@@ -8,7 +8,7 @@ import numpy as np
 
 from highfive.model.evaluation import metrics
 from highfive.model.evaluation.baselines import RIDGE_PENALTY
-from highfive.model.evaluation.predictions import Answer
+from highfive.model.evaluation.predictions import Prediction
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import REGION
 from highfive.model.hgpdm.dataset import Channels, hand_history
@@ -26,7 +26,7 @@ Errors = dict[str, Array]
 """Method → (H,) median error, m, at each horizon; NaN where no trial has it."""
 
 
-def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Answer]]) -> Errors:
+def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
     """Errors of the contact point as each method says it :data:`BEFORE` contact.
 
     ``constant_velocity`` is where the person's palm would be at contact if it went on as it does, told when contact is.
@@ -43,7 +43,7 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Answer
     return {name: _over_trials(rows) for name, rows in found.items()}
 
 
-def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Answer]]) -> Errors:
+def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
     """Share of contacts inside the 90 % region that each method that doubts gives :data:`BEFORE` contact."""
     found: Errors = {}
     for name, given in answers.items():
@@ -139,7 +139,7 @@ def _ridge_ahead(task: Problem, trials: Sequence[Trial], ahead: float) -> Callab
     return predict
 
 
-def _nearest(answer: Answer, trial: Trial, before: float) -> int | None:
+def _nearest(answer: Prediction, trial: Trial, before: float) -> int | None:
     """Which of the answer's frames is that long before contact; None if the trial begins later."""
     frame = trial.contact_frame - before * trial.rate_hz
     return None if frame < 0 else int(np.argmin(np.abs(answer.frames - frame)))

@@ -74,7 +74,7 @@ def _kinematics(skeleton: Skeleton, turns: Array, outputs: Array) -> tuple[Array
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Uncertainty:
     """How sure a method says it is at the frames that count.
 
     Attributes:
@@ -89,7 +89,7 @@ class Doubt:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Prediction:
     """What a method says to one trial.
 
     Attributes:
@@ -102,10 +102,10 @@ class Answer:
     frames: NDArray[np.int64]
     outputs: Array
     palm: Array
-    doubt: Doubt | None
+    doubt: Uncertainty | None
 
 
-Method = Callable[[Trial], Answer]
+Method = Callable[[Trial], Prediction]
 
 
 def scored_frames(trial: Trial) -> NDArray[np.int64]:
@@ -136,7 +136,7 @@ def online(model: HGPDM, body: Body) -> Method:
     """The model, tick by tick at the trial's rate."""
     responders: dict[float, Responder] = {}
 
-    def answer(trial: Trial) -> Answer:
+    def answer(trial: Trial) -> Prediction:
         one_hot(trial, model.emotions)  # known?
         if trial.rate_hz not in responders:
             responders[trial.rate_hz] = Responder(model, trial.emotion, trial.rate_hz)
@@ -146,14 +146,14 @@ def online(model: HGPDM, body: Body) -> Method:
         responses = [responder.step(hand) for hand in trial.hand_points]
         outputs, frames = np.array([to_channels(r) for r in responses]), scored_frames(trial)
         counted, said = [responses[frame] for frame in frames], outputs[frames]
-        doubt = Doubt(
+        doubt = Uncertainty(
             np.array([response.generated.avatar_deviations for response in counted]),
             np.array([response.generated.covariance(where.palm) for response in counted]),
             np.array([response.generated.covariance(where.contact) for response in counted]),
         )
         for row, response in enumerate(counted):
             _forecast(response, where, said[row], doubt.deviations[row], doubt.contact[row])
-        return Answer(frames, said, body.palm(outputs), doubt)
+        return Prediction(frames, said, body.palm(outputs), doubt)
 
     return answer
 
@@ -179,20 +179,20 @@ def regressed(regression: Regression, task: Problem, body: Body, posterior: Post
     """
     layer = None if posterior is None else packed(posterior, len(task.data.emotions))
 
-    def answer(trial: Trial) -> Answer:
+    def answer(trial: Trial) -> Prediction:
         style = one_hot(trial, task.data.emotions)
         times = np.arange(len(trial.joints)) / trial.rate_hz
         features = task.feature_map(hand_history(trial, times, task.preset.history))
         outputs = regression(features, np.tile(style, (len(features), 1)))
         frames = scored_frames(trial)
         doubt = None if layer is None else _doubt(layer, features[frames], style)
-        return Answer(frames, outputs[frames], body.palm(outputs), doubt)
+        return Prediction(frames, outputs[frames], body.palm(outputs), doubt)
 
     return answer
 
 
-def _doubt(layer: Array, features: Array, style: Array) -> Doubt:
+def _doubt(layer: Array, features: Array, style: Array) -> Uncertainty:
     variances = np.array([predict_layer(layer, point, style)[2] for point in features])
     where = Channels(variances.shape[1] - AUXILIARY)
     palm, contact = (variances[:, part, None] * np.eye(3) for part in (where.palm, where.contact))
-    return Doubt(np.sqrt(variances), palm, contact)
+    return Uncertainty(np.sqrt(variances), palm, contact)

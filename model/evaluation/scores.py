@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation import baselines, metrics
-from highfive.model.evaluation.predictions import Answer, Body
+from highfive.model.evaluation.predictions import Body, Prediction
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.dataset import CLOCK_SCALE, STILL, Channels, output_channels
@@ -45,7 +45,7 @@ class HeldOut:
     moving: NDArray[np.bool_]
 
 
-def held_out(trials: Sequence[Trial], answers: Sequence[Answer], body: Body) -> HeldOut:
+def held_out(trials: Sequence[Trial], answers: Sequence[Prediction], body: Body) -> HeldOut:
     """Gathers what was recorded where the answers count; any method's answers will do."""
     if not trials:
         raise HighFiveError("no held-out trials; give at least one trial whose split is 'test'")
@@ -57,7 +57,7 @@ def held_out(trials: Sequence[Trial], answers: Sequence[Answer], body: Body) -> 
     return HeldOut(outputs, joints, to_go == 0.0, (to_go > 0.0) & (to_go <= SOON), moving)
 
 
-def surprises(answers: Sequence[Answer], held: HeldOut) -> dict[str, Array]:
+def surprises(answers: Sequence[Prediction], held: HeldOut) -> dict[str, Array]:
     """Squared normalised errors of each kind of :data:`CALIBRATED`; nothing for a method without doubt."""
     doubts = [answer.doubt for answer in answers if answer.doubt is not None]
     if len(doubts) < len(answers):
@@ -75,7 +75,7 @@ def surprises(answers: Sequence[Answer], held: HeldOut) -> dict[str, Array]:
     }
 
 
-def score(trials: Sequence[Trial], answers: Sequence[Answer], held: HeldOut, body: Body) -> dict[str, float]:
+def score(trials: Sequence[Trial], answers: Sequence[Prediction], held: HeldOut, body: Body) -> dict[str, float]:
     """Scores of one method's answers to held-out trials, by metric."""
     palms = [np.linalg.norm(answer.palm - trial.palm, axis=1) for trial, answer in zip(trials, answers, strict=True)]
     palm = np.concatenate([error[answer.frames] for error, answer in zip(palms, answers, strict=True)])
@@ -97,7 +97,7 @@ def score(trials: Sequence[Trial], answers: Sequence[Answer], held: HeldOut, bod
     return {**scores, **smoothness(trials, tracks), **_lag(trials, tracks)}
 
 
-def contact_errors(trials: Sequence[Trial], answers: Sequence[Answer]) -> Array:
+def contact_errors(trials: Sequence[Trial], answers: Sequence[Prediction]) -> Array:
     """Distance (n,), m, of generated and recorded palm at each trial's contact."""
     apart = [(a.palm - t.palm)[t.contact_frame] for t, a in zip(trials, answers, strict=True)]
     return np.linalg.norm(np.array(apart), axis=1)

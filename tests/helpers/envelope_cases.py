@@ -14,7 +14,7 @@ from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.people import Human
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import State
-from highfive.hil.safety.values import Inputs, Report, Standing, standing
+from highfive.hil.safety.values import EnvelopeState, Inputs, Report, standing
 from highfive.model.geometry.rotations import Array
 
 TICK_NS = 8_333_333
@@ -94,7 +94,7 @@ class Loop:
     now_ns: int = 10**9
     human: Human | None = FAR
     run: bool = True
-    before: Standing = field(init=False)
+    before: EnvelopeState = field(init=False)
     measured: Array = field(init=False)
     told: list[Array] = field(default_factory=list)
     times: list[int] = field(default_factory=list)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from highfive.hil.arm.busy import too_busy
-from highfive.hil.arm.contact_outcome import Asked
+from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
 from highfive.hil.arm.lifecycle import ArmOptions, check_asked, ready_arm
 from highfive.hil.drivers.priority import going_first
@@ -108,7 +108,7 @@ class _End:
     whole: int
 
 
-def _wanted(options: PlayOptions, asked: Mapping[int, Asked], path: Path) -> tuple[int, ...]:
+def _wanted(options: PlayOptions, asked: Mapping[int, ReferenceTrajectory], path: Path) -> tuple[int, ...]:
     """Numbers of the trials that are to be played."""
     begin = options.begin
     wanted = tuple(number for number in options.trials or asked if begin is None or number >= begin)[: options.most]
@@ -117,7 +117,7 @@ def _wanted(options: PlayOptions, asked: Mapping[int, Asked], path: Path) -> tup
     return wanted
 
 
-def _duration(wanted: Sequence[Asked]) -> str:
+def _duration(wanted: Sequence[ReferenceTrajectory]) -> str:
     """How long that takes, for people."""
     seconds = sum(len(asked.goals) / RATE_HZ + BACK_S for asked in wanted)
     return (
@@ -126,7 +126,7 @@ def _duration(wanted: Sequence[Asked]) -> str:
 
 
 def _played(
-    wanted: Sequence[Asked],
+    wanted: Sequence[ReferenceTrajectory],
     about: SessionSettings,
     arm: ArmOptions,
     folder: Path,

@@ -14,12 +14,12 @@ import pytest
 from paths import HELPERS
 
 from highfive.hil.arm.arm_trial import arm_summary, arm_trial
-from highfive.hil.arm.contact_outcome import Asked
+from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.lifecycle import full_errors, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget
 from highfive.hil.arm.reachability import cell_point, facing
-from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
+from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm, solve
 from highfive.hil.bench.contact import contact_figures, played, played_by, twin_loop
 from highfive.hil.drivers.bus.arm_process import Mode
@@ -46,18 +46,18 @@ def loop() -> ArmLoop:
     return twin_loop()
 
 
-def over(twin: TwinArm, estop: Latch | None = None, mismatches: tuple[str, ...] = ()) -> ArmLoop:
+def over(twin: SimulatedDriver, estop: Latch | None = None, mismatches: tuple[str, ...] = ()) -> ArmLoop:
     retarget = Retarget(default_arm(), READY, retarget_settings(load_rig(), load_limits(), on_the_way=0.0))
     return ArmLoop(
         twin, retarget, LIMITS, lambda: Check(twin.clock(), mismatches), estop or Latch(), twin.clock, twin.pause
     )
 
 
-def new_twin() -> TwinArm:
-    return TwinArm(mounted_arm(), full_errors(load_rig()))
+def new_twin() -> SimulatedDriver:
+    return SimulatedDriver(mounted_arm(), full_errors(load_rig()))
 
 
-def still_hand(cell: str, seconds: float = 1.2) -> Asked:
+def still_hand(cell: str, seconds: float = 1.2) -> ReferenceTrajectory:
     """A hand that waits at a cell, and an avatar that comes to it from 0.4 m away."""
     normal, place, goals = facing(), cell_point(cell), []
     count = round(seconds * RATE_HZ) + 20
@@ -68,7 +68,7 @@ def still_hand(cell: str, seconds: float = 1.2) -> Asked:
         contact = ExpectedContact(place, 1e-6 * np.eye(3), normal, left) if left < 1.0 else None
         goals.append(PalmGoal(ours, theirs, HEAD, contact))
     palms, due = np.array([goal.palm.position for goal in goals]), round(seconds * RATE_HZ)
-    return Asked(
+    return ReferenceTrajectory(
         "neutral", cell, tuple(goals), np.tile(place, (count, 1)), palms, np.tile(normal, (count, 1)), due, due
     )
 
@@ -280,7 +280,7 @@ def test_a_high_five_that_was_stopped_is_counted_and_the_next_one_played(monkeyp
     """What the bench does with the emulated rig, over twins: the first arm is stopped in its second high five."""
     estop, done = Latch(), []
 
-    class Stopped(TwinArm):
+    class Stopped(SimulatedDriver):
         """Somebody pulls the emergency stop in the second high five, before the palms meet."""
 
         count = 0

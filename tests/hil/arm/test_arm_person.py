@@ -12,7 +12,7 @@ from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.lifecycle import ArmOptions, check_person, full_errors, ready_arm, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
-from highfive.hil.arm.simulated_driver import TwinArm, mounted_arm
+from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm
 from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.drivers.bus.rig import load_rig
@@ -36,7 +36,7 @@ def test_the_arm_holds_in_time_after_the_last_marker_was_measured(part: str) -> 
     """Every marker of hand or head is hidden at once, while the hand comes up; the tracker carries it on for longer."""
     partner = simulated_partners(1, ["neutral"], ["B2"], 0, lambda _: lambda *_: None)[0]
     marker_set, limits, rig = partner.marker_set, load_limits(), load_rig()
-    twin = TwinArm(mounted_arm(), full_errors(rig))
+    twin = SimulatedDriver(mounted_arm(), full_errors(rig))
     retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits, on_the_way=0.0))
     loop = ArmLoop(twin, retarget, limits, lambda: Check(twin.clock(), ()), Latch(), twin.clock, twin.pause)
     arm = marker_set.arm

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from highfive.hil.arm.contact_outcome import foretold, notice
+from highfive.hil.arm.contact_outcome import notice, with_known_contact
 from highfive.hil.bench.contact import ContactOptions, bench_contact, twin_loop
 from highfive.hil.bench.retarget import asked_of_arm
 from highfive.hil.session.session import RATE_HZ
@@ -118,7 +118,7 @@ def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
 def test_a_contact_that_is_foretold_exactly_is_so_from_when_it_was_first_spoken_of() -> None:
     asked = asked_of_arm(load_model(DEFAULT_MODEL), ["happy"], ["B2"], 3, quiet)[0]
     began = next(i for i, goal in enumerate(asked.goals) if goal.contact is not None)
-    exact = foretold(asked)
+    exact = with_known_contact(asked)
     assert exact.goals[:began] == asked.goals[:began]
     assert exact.goals[asked.due :] == asked.goals[asked.due :]
     for i, goal in enumerate(exact.goals[began : asked.due], began):

@@ -6,7 +6,7 @@ import pytest
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation import baselines
 from highfive.model.evaluation import scores as evaluation
-from highfive.model.evaluation.predictions import Answer, Body, Doubt, online, regressed, scored_frames
+from highfive.model.evaluation.predictions import Body, Prediction, Uncertainty, online, regressed, scored_frames
 from highfive.model.geometry import rotations
 from highfive.model.hgpdm.dataset import CLOCK_SCALE, Channels, output_channels, training_set
 from highfive.model.hgpdm.hierarchy import problem
@@ -23,14 +23,14 @@ def held(trials: list[Trial]) -> list[Trial]:
     return [trial for trial in trials if trial.test]
 
 
-def recorded(trial: Trial, doubt: float | None = None) -> Answer:
+def recorded(trial: Trial, doubt: float | None = None) -> Prediction:
     """An answer that is what was recorded."""
     frames = scored_frames(trial)
     outputs = output_channels(trial, frames / trial.rate_hz)
     if doubt is None:
-        return Answer(frames, outputs, trial.palm, None)
+        return Prediction(frames, outputs, trial.palm, None)
     spread = np.tile(doubt**2 * np.eye(3), (len(frames), 1, 1))
-    return Answer(frames, outputs, trial.palm, Doubt(np.full(outputs.shape, doubt), spread, spread))
+    return Prediction(frames, outputs, trial.palm, Uncertainty(np.full(outputs.shape, doubt), spread, spread))
 
 
 def test_what_was_recorded_has_no_error(held: list[Trial], body: Body):

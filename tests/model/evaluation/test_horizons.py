@@ -7,7 +7,7 @@ import pytest
 from made_up import made_up_trial
 
 from highfive.model.evaluation.forecast_errors import BEFORE, contact_point_coverage, contact_point_errors
-from highfive.model.evaluation.predictions import Answer, Doubt
+from highfive.model.evaluation.predictions import Prediction, Uncertainty
 from highfive.model.hgpdm.dataset import Channels
 from highfive.model.hgpdm.trials import Trial
 
@@ -21,14 +21,14 @@ def trial() -> Trial:
     return replace(made, contact_frame=round(0.4 * RATE))
 
 
-def answered(trial: Trial, rng: np.random.Generator, exaggeration: float = 1.0) -> Answer:
+def answered(trial: Trial, rng: np.random.Generator, exaggeration: float = 1.0) -> Prediction:
     """Contact points whose errors grow with the time before contact; their doubt is ``exaggeration`` times right."""
     frames, where = np.arange(len(trial.joints)), Channels(trial.joints.shape[1])
     deviation = 0.01 + 0.05 * np.abs(trial.contact_frame - frames)[:, None] / trial.rate_hz
     outputs = np.zeros((len(frames), where.size))
     outputs[:, where.contact] = trial.palm[trial.contact_frame] + deviation * rng.normal(size=(len(frames), 3))
     contact = (exaggeration * deviation[:, :, None]) ** 2 * np.eye(3)
-    return Answer(frames, outputs, trial.palm, Doubt(np.ones_like(outputs), contact, contact))
+    return Prediction(frames, outputs, trial.palm, Uncertainty(np.ones_like(outputs), contact, contact))
 
 
 def test_medians_are_those_of_the_errors_that_were_made(trial: Trial):

@@ -28,7 +28,7 @@ def too_busy(trial: ArmTrial | None, cycles: Sequence[Cycle] = (), why: str = ""
         why: the reason it was stopped for, in words: between two high fives no tick of a trial has it.
     """
     acted = set() if trial is None else {rule for tick in trial.ticks for rule in tick.report.acted}
-    last = [*(() if trial is None else trial.cycles[-_AT_THE_END:]), *cycles[-_AT_THE_END:]]
+    last = [*(() if trial is None else trial.cycles[-_AT_THE_END:]), *cycles[:_AT_THE_END]]
     late = any(cycle.begun_ns - cycle.due_ns > LATE_NS for cycle in last)
     paused = Rule.DEADLINE in acted or _PAUSED.search(why)
     silent = Rule.SILENT_SERVO in acted or _SILENT.search(why)

@@ -30,6 +30,7 @@ from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.interrupts import answered_by_a_stop
 from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, Limits
 from highfive.hil.safety.limits_file import load_limits, load_safer, lowered, parse_changes
 from highfive.hil.safety.posture import posture_mismatches
@@ -140,6 +141,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
         _refuse_unless_ready(port, rig, limits)
         terminal = 0 if sys.stdin.isatty() else None
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
+        stack.enter_context(answered_by_a_stop())
         if not options.emulated:
             stack.callback(tell_torque, options.port, rig, options.rig)
         allowance = PATIENCE_MS if options.emulated else ALLOWANCE_MS

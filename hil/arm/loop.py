@@ -235,14 +235,15 @@ class ArmLoop:
         self.begin()
         ticks: list[ArmTick] = []
         cycles: list[Cycle] = []
-        due = self._clock()
+        due, period = self._clock(), round(1e9 * self._limits.timing.period_s)
         for goal in goals:
             self._pause(max(0.0, 1e-9 * (due - self._clock())))
-            due = max(due, self._clock())  # after a pause of the machine no tick is made up for: the arm would race
+            if (now := self._clock()) - due > period // 4:  # a pause of the machine: no tick is made up for in a hurry
+                due = now
             self.note_frame()
             ticks.append(self.tick(goal))
             cycles += self.cycles()
-            due += round(1e9 * self._limits.timing.period_s)
+            due += period
             if self.trouble and not self._braking:
                 break
         self.rest()

@@ -26,15 +26,19 @@ def next_folder(kind: str, base: Path = Path("out")) -> Path:
 @contextmanager
 def results_folder(
     folder: Path, overwrite: bool = False, resumed: Callable[[Path], bool] = lambda entry: False
-) -> Iterator[None]:
+) -> Iterator[bool]:
     """Keeps a folder for one command's results: it is made, can be written to, and nobody else's work is in it.
 
     Meanwhile no other command may write there. If the command leaves nothing in a folder that was made, it goes.
 
     Args:
         folder: where results are to go; need not be there.
-        overwrite: let it hold something; of that the command replaces files of the names that it writes, no others.
+        overwrite: let it hold something; of that the command replaces or removes files of the names that it can write,
+            no others.
         resumed: whether what lies there is the command's own unfinished work, with which it goes on.
+
+    Yields:
+        whether nobody else can be writing there: some file systems have no locks.
 
     Raises:
         HighFiveError: the folder holds something, is another command's, is none, or cannot be written to.
@@ -46,7 +50,8 @@ def results_folder(
         try:
             folder.mkdir(parents=True, exist_ok=True)
             stack.callback(_remove_empty, made)
-            if not stack.enter_context(_locked(folder)):
+            locked = stack.enter_context(_locked(folder))
+            if locked is False:
                 raise HighFiveError(f"another command is writing to {folder}; give another --out")
             taken = any(not (entry.name.startswith(UNFINISHED) or resumed(entry)) for entry in folder.iterdir())
             if taken and not overwrite:
@@ -55,7 +60,7 @@ def results_folder(
                 pass
         except OSError as error:
             raise HighFiveError(f"cannot write to {folder}: {error.strerror}; give another --out") from None
-        yield
+        yield bool(locked)
 
 
 def check_file(path: Path, overwrite: bool, option: str = "--out") -> None:
@@ -79,20 +84,20 @@ def check_file(path: Path, overwrite: bool, option: str = "--out") -> None:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[bool]:
-    """Whether the folder is this process's until this is left; a killed process holds nothing."""
+def _locked(folder: Path) -> Iterator[bool | None]:
+    """Whether the folder is this process's until this is left; None where there are no locks. The killed hold none."""
     if fcntl is None:
-        yield True
+        yield None
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        free = True
+        free: bool | None = True
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             free = False
         except OSError:  # a file system without locks
-            pass
+            free = None
         yield free
     finally:
         os.close(descriptor)

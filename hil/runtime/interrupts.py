@@ -9,6 +9,8 @@ import ctypes
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,6 +18,19 @@ if TYPE_CHECKING:
 
 AGAIN_S = 0.05
 """s after which a swallowed Ctrl-C is raised again: whoever swallowed it has returned by then, or swallows it again."""
+
+
+_answered: list[None] = []
+
+
+@contextmanager
+def answered_by_a_stop() -> Iterator[None]:
+    """In here Ctrl-C has pulled an emergency stop, which ends the session in order: nothing is raised again."""
+    _answered.append(None)
+    try:
+        yield
+    finally:
+        _answered.pop()
 
 
 def raise_swallowed_interrupts() -> None:
@@ -28,6 +43,8 @@ def raise_swallowed_interrupts() -> None:
     def hook(unraisable: UnraisableHookArgs, /) -> None:
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
             earlier(unraisable)
+            return
+        if _answered:
             return
         # Not from here: what is raised before the hook returns would be swallowed, too.
         threading.Thread(target=_raise_in_main_thread, daemon=True).start()

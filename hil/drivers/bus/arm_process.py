@@ -42,8 +42,8 @@ STANDS, BRAKING_NS = 0.05, 300_000_000
 SAGGED = 0.03
 """rad, as far as a joint stands off its goal by its own load; further off, a hand or a thing may be in its way."""
 
-PATIENCE = 0.5
-"""Of a period: so long a cycle that is due waits for a command that is late."""
+PATIENCE = 0.4
+"""Of a period: so long a cycle waits for a command that is late. From half of one on it counts as missed."""
 
 WAITED_NS, NEARER = 1_000_000, 0.02
 """ns: a command that was there longer before its cycle brings the next cycle nearer, by so much of a period."""
@@ -341,6 +341,11 @@ class _Loop:
         held = self._braking is None or self._newest[0] is None
         return self._ending and self._mode is not Mode.DRIVING and held
 
+    @property
+    def _alone(self) -> bool:
+        """No command comes any more."""
+        return self._ending or os.getppid() != self._parent
+
     def _wait(self, due: int) -> None:
         left = 1e-9 * (due - time.monotonic_ns())
         if left <= 0.0:
@@ -356,14 +361,14 @@ class _Loop:
         if self._mode is not Mode.DRIVING:
             return due
         until = due + round(PATIENCE * self._period_ns)
-        while int(given[0]) == self._sent_ns and time.monotonic_ns() < until and not self._ending:
+        while int(given[0]) == self._sent_ns and time.monotonic_ns() < until and not self._alone:
             if self._estop.wait(_LOOK_S):
                 return due
         arrived = int(given[0])
         if arrived == self._sent_ns:
-            return until
+            return min(until, time.monotonic_ns())
         if arrived > due:
-            return arrived
+            return min(arrived, until)  # later than that is this process's own lateness
         return due - (round(NEARER * self._period_ns) if due - arrived > WAITED_NS else 0)
 
     def _cycle(self, due: int) -> None:

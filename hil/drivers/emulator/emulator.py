@@ -180,7 +180,9 @@ class Emulator:
             target = os.readlink(link)
             left = _PSEUDO.fullmatch(target) and not os.path.exists(target)  # by an emulator that was killed
             if not left and target != os.ttyname(self._slave):
-                raise HighFiveError(f"{link} leads to {target}, and is no link to a port of ours; choose another path")
+                raise HighFiveError(
+                    f"{link} leads to {target}, which somebody uses; choose another path, or remove the link"
+                )
             link.unlink()
         elif os.path.lexists(link):
             raise HighFiveError(f"{link} is there and is no link to a port; choose another path for the port")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ from highfive.model.files import UNFINISHED, unfinished
 from highfive.model.geometry.rotations import Array
 
 PERSON_SET, AVATAR_SET = "paper", "full_body"
+
+_LEFT = re.compile(rf"{re.escape(UNFINISHED)}[0-9a-f]{{8}}-capture")  # what :func:`_beside` makes
 
 
 @dataclass(frozen=True)
@@ -147,8 +150,8 @@ def capture(
     Raises:
         HighFiveError: an unknown emotion, nothing to capture, or a folder that holds something or cannot be written.
     """
-    with results_folder(folder, overwrite):
-        return _capture(folder, emotions, repetitions, test_repetitions, seed, progress)
+    with results_folder(folder, overwrite) as locked:
+        return _capture(folder, emotions, repetitions, test_repetitions, seed, progress, locked)
 
 
 def _capture(
@@ -158,6 +161,7 @@ def _capture(
     test_repetitions: int,
     seed: int,
     progress: Callable[[int], Callable[[], None]],
+    locked: bool,
 ) -> int:
     for emotion in emotions:
         emotion_style(emotion)
@@ -166,7 +170,7 @@ def _capture(
             f"{repetitions} repetitions of which {test_repetitions} held out leave nothing to learn from; "
             "at least one repetition has to be for training"
         )
-    with _beside(folder) as beside:
+    with _beside(folder, locked) as beside:
         jobs = _jobs(beside, emotions, repetitions, test_repetitions, seed)
         for _ in parallel_map(_write_trial, jobs, progress):
             pass
@@ -185,12 +189,14 @@ def _jobs(folder: Path, emotions: Sequence[str], repetitions: int, test_repetiti
 
 
 @contextmanager
-def _beside(folder: Path) -> Iterator[Path]:
+def _beside(folder: Path, locked: bool) -> Iterator[Path]:
     """A folder inside ``folder`` for recordings until all are there; gone in the end."""
     beside = unfinished(folder / "capture")
-    for left in sorted(folder.glob(f"{UNFINISHED}*-capture")):  # nobody else's: this process has the folder's lock
-        rmtree(left, ignore_errors=True)
-        say_aside(f"{left.name} removed from {folder}, which a killed capture left unfinished")
+    for left in sorted(folder.iterdir()) if locked else ():  # nobody else's: this process has the folder's lock
+        if _LEFT.fullmatch(left.name) and left.is_dir() and not left.is_symlink():
+            rmtree(left, ignore_errors=True)
+            done = "could not be removed" if left.exists() else "removed"
+            say_aside(f"{left.name} {done} from {folder}, which a killed capture left unfinished")
     try:
         beside.mkdir()
         yield beside

@@ -4,7 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -46,10 +46,21 @@ def loop() -> ArmLoop:
     return twin_loop()
 
 
-def over(twin: SimulatedDriver, estop: Latch | None = None, mismatches: tuple[str, ...] = ()) -> ArmLoop:
+def over(
+    twin: SimulatedDriver,
+    estop: Latch | None = None,
+    mismatches: tuple[str, ...] = (),
+    pause: Callable[[float], None] | None = None,
+) -> ArmLoop:
     retarget = Retarget(default_arm(), READY, retarget_settings(load_rig(), load_limits(), on_the_way=0.0))
     return ArmLoop(
-        twin, retarget, LIMITS, lambda: Check(twin.clock(), mismatches), estop or Latch(), twin.clock, twin.pause
+        twin,
+        retarget,
+        LIMITS,
+        lambda: Check(twin.clock(), mismatches),
+        estop or Latch(),
+        twin.clock,
+        pause or twin.pause,
     )
 
 
@@ -316,3 +327,22 @@ def test_the_way_back_is_clear_of_everything() -> None:
     ways = [(start, path[0]) for start in starts] + list(itertools.pairwise(path))
     least = min(arm.clearance(a + s * (b - a)) for a, b in ways for s in np.linspace(0.0, 1.0, 41))
     assert least > 0.09
+
+
+def test_no_tick_is_made_up_for_after_a_pause_and_late_wake_ups_do_not_add_up() -> None:
+    """After a pause the plan would run ahead of the arm; sleeps that end a little late must not stretch the motion."""
+    twin = new_twin()
+    pauses = 0
+
+    def pause(seconds: float) -> None:
+        nonlocal pauses
+        pauses += 1
+        twin.pause(seconds + (0.03 if pauses == 40 else 0.0002))
+
+    loop = over(twin, pause=pause)
+    ticks, _ = loop.play(still_hand("B2").goals[:100])
+    assert len(ticks) == 100, loop.trouble
+    apart = 1e-9 * np.diff([tick.frame_ns for tick in ticks]) * RATE_HZ  # periods
+    assert apart.max() > 3.0
+    assert (apart > 0.7).all()
+    assert np.delete(apart, apart.argmax()).mean() < 1.01

@@ -180,7 +180,7 @@ def test_a_link_of_the_users_own_is_left_alone(tmp_path: Path) -> None:
     try:
         for target in ("/dev/null", "/dev/ttyS-none", os.ttyname(slave)):
             link.symlink_to(target)
-            with pytest.raises(HighFiveError, match=rf"leads to {target}, and is no link to a port of ours; choose"):
+            with pytest.raises(HighFiveError, match=rf"leads to {target}, which somebody uses; choose"):
                 Emulator(make_bus(EmulatorOptions()), link=link)
             assert os.readlink(link) == target
             link.unlink()

@@ -11,7 +11,7 @@ from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 
 SWALLOWED = """
 import gc, sys
-from highfive.hil import cli
+from highfive.hil.cli import main as cli
 def work():
     def callback(phase, info):
         gc.callbacks.remove(callback)

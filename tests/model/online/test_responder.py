@@ -109,7 +109,7 @@ def test_forecast_begins_at_the_belief_and_spreads(responder: Responder, trials:
         ([0.7, 0.7], "must sum to 1"),
         ([1.5, -0.5], "none may be negative"),
         ([1.0], "neutral, angry"),
-        ([0.5, float("nan")], "negative"),
+        ([0.5, float("nan")], "finite numbers"),
     ],
 )
 def test_bad_style_weights_are_named(responder: Responder, weights, message: str):

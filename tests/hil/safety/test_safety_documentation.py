@@ -8,11 +8,12 @@ import pytest
 from paths import ROOT
 
 from highfive.hil.safety import limits as module
+from highfive.hil.safety import limits_file
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import TABLE, State
 
 TEXT = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-LIMITS = module.load_limits()
+LIMITS = limits_file.load_limits()
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -66,7 +67,7 @@ def test_the_picture_is_the_table() -> None:
 def test_every_limit_is_listed_with_its_value() -> None:
     listed = {name: row[1] for row in rows("Limits") for name in re.findall(r"`([^`]+)`", row[0])}
     expected = {f"joint.*.{field.name}": "by joint" for field in fields(module.Joint)}
-    for section, kind in module.SECTIONS.items():
+    for section, kind in limits_file.SECTIONS.items():
         for field in fields(kind):
             value, unit = getattr(getattr(LIMITS, section), field.name), field.metadata["span"].unit
             expected[f"{section}.{field.name}"] = f"{value:.10g} {unit}"

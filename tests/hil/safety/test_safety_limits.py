@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from highfive.hil.safety import limits as module
+from highfive.hil.safety import limits_file
 from highfive.hil.safety.contact_force import contact_force, contact_speed
 from highfive.hil.safety.limits import JOINTS, LimitsError
 from highfive.hil.safety.limits_file import FILE, load_limits, load_safer, lowered, parse_changes
@@ -19,7 +20,7 @@ from highfive.model.errors import HighFiveError
 
 LIMITS = load_limits()
 ENTRIES = [
-    *(f"{section}.{f.name}" for section, kind in module.SECTIONS.items() for f in fields(kind)),
+    *(f"{section}.{f.name}" for section, kind in limits_file.SECTIONS.items() for f in fields(kind)),
     *(f"joint.{joint}.{f.name}" for joint in JOINTS for f in fields(module.Joint)),
 ]
 
@@ -34,7 +35,7 @@ def value_of(name: str) -> float:
 
 def span_of(name: str) -> module.Span:
     section, _, rest = name.partition(".")
-    kind = module.Joint if section == "joint" else module.SECTIONS[section]
+    kind = module.Joint if section == "joint" else limits_file.SECTIONS[section]
     return next(f.metadata["span"] for f in fields(kind) if f.name == rest.rpartition(".")[2])
 
 
@@ -199,11 +200,11 @@ def test_what_is_no_limits_file_is_refused(tmp_path: Path, content: bytes) -> No
 SCRAPS = st.none() | st.integers() | st.text(max_size=3) | st.dictionaries(st.sampled_from(JOINTS), st.none())
 
 
-@given(st.dictionaries(st.sampled_from(["joint", "x", "retract", *module.SECTIONS]), SCRAPS))
+@given(st.dictionaries(st.sampled_from(["joint", "x", "retract", *limits_file.SECTIONS]), SCRAPS))
 @settings(deadline=None)
 def test_any_data_are_limits_or_refused(data: dict[str, Any]) -> None:
     with pytest.raises(LimitsError):
-        module._parsed(data)
+        limits_file._parsed(data)
 
 
 @given(st.sampled_from(ENTRIES), st.floats(allow_nan=True, allow_infinity=True))

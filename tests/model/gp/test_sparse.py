@@ -6,8 +6,8 @@ import pytest
 from highfive.model.gp import exact, kernels, sparse
 from highfive.model.gp.kernels import initial_style, motion_kernel
 from highfive.model.gp.sparse import Layer, Targets
-from highfive.model.online import tick
 from highfive.model.online.belief import packed
+from highfive.model.online.layer import predict_layer
 
 NOISE = 0.05
 
@@ -62,7 +62,7 @@ def test_all_points_inducing_is_the_exact_process(setting):
     means, variances = exact.predict(full, cross, own, NOISE, values)
     np.testing.assert_allclose(sparse.means(posterior, jnp.asarray(new), jnp.asarray(weights)), means, atol=1e-4)
     ready = packed(posterior)
-    doubts = [tick.predict_layer(ready, *pair)[2] for pair in zip(new, weights, strict=True)]
+    doubts = [predict_layer(ready, *pair)[2] for pair in zip(new, weights, strict=True)]
     np.testing.assert_allclose(doubts, np.tile(variances[:, None] + NOISE, 5), atol=1e-4)
 
 

@@ -56,7 +56,7 @@ def test_filter_equals_conditioning_the_joint_gaussian(linear: HGPDM):
     filtered, spread, moving = mean, covariance, Filter(linear, 60.0)
     for value, noise in zip(values, noises, strict=True):
         filtered, spread = moving.predict(filtered, spread, linear.lag)
-        filtered, spread = tick.updated(filtered, spread, value, noise)
+        filtered, spread = tick.update(filtered, spread, value, noise)
 
     matrix = transition(linear)
     process = np.diag(np.concatenate([np.full(dims, NOISE), np.zeros(dims)]))
@@ -144,7 +144,7 @@ def test_update_is_josephs_form():
     measured = np.eye(3, 6)
     gain = covariance @ measured.T @ np.linalg.inv(measured @ covariance @ measured.T + noise)
     remaining = np.eye(6) - gain @ measured
-    _, got = tick.updated(np.zeros(6), covariance, np.ones(3), noise)
+    _, got = tick.update(np.zeros(6), covariance, np.ones(3), noise)
     np.testing.assert_allclose(got, remaining @ covariance @ remaining.T + gain @ noise @ gain.T, atol=1e-9)
 
 

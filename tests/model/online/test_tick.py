@@ -13,8 +13,8 @@ from highfive.model.gp.sparse import Layer, Posterior
 from highfive.model.hgpdm.features import fit_feature_map
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
-from highfive.model.online import tick
 from highfive.model.online.belief import Filter, packed
+from highfive.model.online.layer import predict_layer
 
 STYLES = {"plain": None, "styled": np.array([0.25, 0.75])}
 RATE = 60.0
@@ -51,14 +51,14 @@ def test_layer_is_that_of_the_batch_prediction(style: np.ndarray | None):
     posterior = posterior_of(3, 5, style is not None)
     layer = packed(posterior)
     for point in np.random.default_rng(5).normal(size=(4, 3)):
-        got = tick.predict_layer(layer, point, np.ones(1) if style is None else style)
+        got = predict_layer(layer, point, np.ones(1) if style is None else style)
         for ours, plain in zip(got, naive_filter.predicted(posterior, point, style), strict=True):
             np.testing.assert_allclose(ours, plain, atol=1e-10)
 
 
 def test_a_layer_without_styles_does_not_mind_their_weights():
     posterior, point = posterior_of(3, 5), np.array([0.3, -0.2, 0.5])
-    got = tick.predict_layer(packed(posterior, 3), point, np.array([0.2, 0.5, 0.3]))
+    got = predict_layer(packed(posterior, 3), point, np.array([0.2, 0.5, 0.3]))
     for ours, plain in zip(got, naive_filter.predicted(posterior, point), strict=True):
         np.testing.assert_allclose(ours, plain, atol=1e-10)
 

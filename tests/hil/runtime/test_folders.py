@@ -149,7 +149,7 @@ def test_a_link_that_is_no_port_is_not_replaced(
     link = tmp_path / "arm"
     for target in (tmp_path, tmp_path / "absent"):
         link.symlink_to(target)
-        assert "no link to a port" in refused(monkeypatch, capsys, "rig", "emulate", "--port-link", link)
+        assert "which somebody uses" in refused(monkeypatch, capsys, "rig", "emulate", "--port-link", link)
         assert link.readlink() == target
         link.unlink()
 

@@ -98,11 +98,14 @@ def test_what_cannot_be_captured_is_one_line(tmp_path: Path) -> None:
 
 
 def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name in (".highfive-0123abcd-capture", "mine"):
+    left, others = ".highfive-0123abcd-capture", {"mine", ".highfive-my-capture"}
+    for name in (left, *others):
         (tmp_path / name).mkdir()
         (tmp_path / name / "angry_A1_1.c3d").write_bytes(b"half")
-    with _beside(tmp_path) as beside:
-        assert {path.name for path in tmp_path.iterdir()} == {beside.name, "mine"}
+    with _beside(tmp_path, locked=False) as beside:  # another capture may be at work in it
+        assert {path.name for path in tmp_path.iterdir()} == {beside.name, left, *others}
+    with _beside(tmp_path, locked=True) as beside:
+        assert {path.name for path in tmp_path.iterdir()} == {beside.name, *others}
     told = " ".join(capsys.readouterr().err.split())
     assert ".highfive-0123abcd-capture removed" in told and "which a killed capture left" in told
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+    assert {path.name for path in tmp_path.iterdir()} == others

@@ -9,7 +9,7 @@ from paths import ROOT
 
 PACKAGE = "highfive"
 OURS = ("calibration", "hil", "mocap_bridge", "model", "scenes")
-ERRORS = {"model.errors", "model.files"}
+ERRORS = {"model.errors", "model.files", "model.plugins"}
 MODEL = {"model"}  # with every room of it
 BRIDGE = {"mocap_bridge"}
 SIM = {"hil.sim", "hil.arm_model", "hil.runtime", "scenes"}

@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     | {"mocap_bridge.wire", "mocap_bridge.files"},
     "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},
-    "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.files"},
+    "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.wire", "mocap_bridge.files"},
     "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry"}
     | {"mocap_bridge.frames", "mocap_bridge.markers", "mocap_bridge.files"},
     "mocap_bridge.body": {"model.errors", "model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},

@@ -16,7 +16,7 @@ from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed, refuse_two_people
-from highfive.hil.runtime.console import STDERR, counted, print_json, progress_bars
+from highfive.hil.runtime.console import STDERR, counted, print_json, progress_bars, show_log
 from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from highfive.hil.arm.lifecycle import ArmOptions
 
 app = typer.Typer(
-    help="Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -38,6 +37,24 @@ app.add_typer(cli_rig.app, name="rig")
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from highfive import __version__  # noqa: PLC0415 (reads the installed package's metadata)
+
+        print(f"highfive {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def begin(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose."""
+    show_log()
 
 
 @app.command()

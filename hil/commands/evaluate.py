@@ -39,16 +39,16 @@ MODELS = "models"
 class EvaluateOptions:
     """What to score and how; see ``highfive evaluate --help``."""
 
-    data: Path | None
-    windows: Path | None
-    model: Path | None
-    preset: str
-    inducing: int
-    seeds: int
-    human: str
-    avatar: str
-    human_set: str | None
-    avatar_set: str | None
+    data: Path | None = None
+    windows: Path | None = None
+    model: Path | None = None
+    preset: str = "default"
+    inducing: int = 200
+    seeds: int = 3
+    human: str = "human"
+    avatar: str = "avatar"
+    human_set: str | None = None
+    avatar_set: str | None = None
     leave_out: str | None = None
     out: Path | None = None
     overwrite: bool = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import shlex
 import signal
 import sys
@@ -300,7 +301,7 @@ def _run(
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
                         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
-                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
                     _advise(remedy)
                     return replace(played, interrupted=True)
                 result = replace(result, style=called)
@@ -311,7 +312,7 @@ def _run(
                     played.arm[number] = arm
                 advance()
                 if watch is not None and watch.loop.trouble:
-                    say_aside(f"the arm was stopped: {watch.loop.trouble}")
+                    say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
                     _advise(_remedy(watch, arm, watch.loop.trouble))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize
 
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_settings import RetargetSettings
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import JOINTS, Mount, ServoArm, solve
 from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z

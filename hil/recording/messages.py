@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.arm.loop import ArmTick
-from highfive.hil.drivers.bus.arm_process import Cycle
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.trials.trial import TrialResult
 from highfive.mocap_bridge.frames import HumanArm

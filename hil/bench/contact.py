@@ -35,8 +35,8 @@ from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import Check
-from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.trained import HGPDM
 

@@ -32,7 +32,7 @@ from highfive.hil.safety.people import Sighting
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import State
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.errors import HighFiveError
 

@@ -17,7 +17,7 @@ from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve
 from highfive.hil.safety.people import speed_near_face
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 

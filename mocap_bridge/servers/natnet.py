@@ -6,13 +6,13 @@ import contextlib
 import select
 import socket
 import struct
-import threading
 import time
 from collections.abc import Sequence
 
 import numpy as np
 
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.live_server import LiveServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, Version, decode, encode, encode_server_info
@@ -35,7 +35,7 @@ _ANNOUNCED = 3  # frames that say that the descriptions changed, as one may get 
 _MOST_CLIENTS = 64
 
 
-class NatNetServer:
+class NatNetServer(LiveServer):
     """See :class:`highfive.mocap_bridge.servers.serving.Server`.
 
     Every person is a marker set; a hidden marker is zero and flagged. The set 'all' is there as well, as in Motive.
@@ -67,29 +67,12 @@ class NatNetServer:
         Raises:
             LinkError: the port is taken, or the group is none.
         """
-        self._host, self._rate_hz, self._y_up, self._version = host, rate_hz, y_up, version
+        self._rate_hz, self._y_up, self._version = rate_hz, y_up, version
         self._group, self._data_port = multicast, data_port
         self._clients: dict[tuple[str, int], float] = {}  # address -> when heard of last
-        self._lock = threading.Lock()
-        self._closing = threading.Event()
-        self._sent_ns = 0
         self._frame_names: tuple[str, ...] = ()
         self._name(tuple(names))
-        self._sock = self._bound(port)
-        self._port = self._sock.getsockname()[1]
-        self._up = True
-        self._thread = threading.Thread(target=self._run, name=f"NatNet server {self._port}", daemon=True)
-        self._thread.start()
-
-    @property
-    def port(self) -> int:
-        """The command port."""
-        return self._port
-
-    @property
-    def sent_ns(self) -> int:
-        """When the last frame went out; see :class:`highfive.mocap_bridge.servers.serving.Server`."""
-        return self._sent_ns
+        super().__init__(host, port, "NatNet")
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame; what a client does not take at once is lost, as datagrams are."""
@@ -107,41 +90,20 @@ class NatNetServer:
                 with contextlib.suppress(OSError):
                     self._sock.sendto(datagram, address)
 
-    def hang_up(self) -> None:
-        """Forgets every client, and is not there."""
-        with self._lock:
-            self._up = False
-            self._clients = {}
-            self._sock.close()
-
-    def answer(self) -> None:
-        """Is there again."""
-        with self._lock:
-            if not self._up and not self._closing.is_set():
-                self._sock = self._bound(self._port)
-                self._up = True
-
-    def close(self) -> None:
-        """Ends everything; a second call does nothing."""
-        self._closing.set()
-        self._thread.join(timeout=5.0)
-        with self._lock:
-            self._sock.close()
-
-    def _bound(self, port: int) -> socket.socket:
+    def _socket(self) -> socket.socket:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            if self._group:
+        if self._group:
+            try:
                 socket.inet_aton(self._group)
                 sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self._host or "0.0.0.0"))
                 sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
-            sock.bind((self._host, port))
-            sock.setblocking(False)
-        except (OSError, OverflowError) as error:
-            sock.close()
-            reason = getattr(error, "strerror", None) or error
-            raise LinkError(f"cannot listen at {self._host}:{port}: {reason}") from None
+            except OSError as error:
+                sock.close()
+                raise LinkError(f"cannot send to multicast group {self._group}: {error}") from None
         return sock
+
+    def _drop_all(self) -> None:
+        self._clients = {}
 
     def _rename(self, names: tuple[str, ...]) -> None:
         """Takes the names of a frame; the same in another order are no other sets."""

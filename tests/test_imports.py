@@ -48,7 +48,7 @@ ALLOWED: dict[str, set[str]] = {
     "hil.drivers": {"model.errors"},
     "hil.drivers.bus": {"model.errors", "hil.drivers", "hil.runtime"},
     "hil.drivers.emulator": {"model.errors", "hil.drivers", "hil.runtime"},
-    "hil.safety": {"model.errors", "model.geometry", "hil.drivers.values"},
+    "hil.safety": {"model.errors", "model.geometry", "hil.drivers.values", "hil.drivers.servo_errors"},
     "hil.arm": MODEL | BRIDGE | SIM | ARM | {"hil.session", "calibration"},
     "hil.datasets": MODEL | BRIDGE | {"calibration", "hil.runtime", "hil.sim.avatar"},
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.safety.people import Sighting
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
 from highfive.hil.session.session import RATE_HZ, Tick

@@ -19,8 +19,8 @@ from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import RATE_HZ, Session, Tick
-from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners

@@ -9,7 +9,7 @@ from paths import ROOT
 
 PACKAGE = "highfive"
 OURS = ("calibration", "hil", "mocap_bridge", "model", "scenes")
-ERRORS = {"model.errors", "model.files"}
+ERRORS = {"model.errors", "model.files", "model.plugins"}
 MODEL = {"model"}  # with every room of it
 BRIDGE = {"mocap_bridge"}
 SIM = {"hil.sim", "hil.arm_model", "hil.runtime", "scenes"}
@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "mocap_bridge": {"model.errors"},
     "mocap_bridge.wire": {"model.errors", "model.geometry"},
     "mocap_bridge.files": ERRORS | {"model.geometry", "mocap_bridge.frames", "mocap_bridge.wire"},
-    "mocap_bridge.sources": {"model.errors", "model.geometry", "mocap_bridge.frames"}
+    "mocap_bridge.sources": {"model.errors", "model.plugins", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files"},
     "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},

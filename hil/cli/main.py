@@ -54,7 +54,16 @@ def simulate(
         str | None, typer.Option("--human", "--person", help="Prefix of that person's markers, such as A or human.")
     ] = None,
     marker_set: Annotated[str | None, typer.Option(help="That person's marker set: a name or a TOML file.")] = None,
-    model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Model file (default: the one that comes with High Five), or FILE.py:FUNCTION, your own.",
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Data folder that a model of your own learns from.")
+    ] = None,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/session-1, -2, …).")] = None,
     physics: Annotated[
@@ -88,6 +97,7 @@ def simulate(
 ) -> None:
     """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
     from highfive.hil.commands.simulate import SimulateOptions, simulate  # noqa: PLC0415
+    from highfive.hil.evaluation.reaction_models import is_plugin  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     options = SimulateOptions(
@@ -98,7 +108,8 @@ def simulate(
         source=source,
         human=human,
         marker_set=marker_set,
-        model=model or DEFAULT_MODEL,
+        model=DEFAULT_MODEL if model is None else model if is_plugin(model) else Path(model),
+        data=data,
         seed=seed,
         physics=physics,
         correct=not no_correction,

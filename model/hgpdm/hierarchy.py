@@ -9,6 +9,7 @@ Source: Taubert et al. 2013. The preset decides what is free and what is a funct
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -246,7 +247,8 @@ def dynamics_input(now: jax.Array, before: jax.Array, lag: float) -> jax.Array:
 
     An invertible linear change of (i_{n−1}, i_{n−2}) whose lengthscales are not tied by their strong correlation.
     """
-    return jnp.concatenate([now, (now - before) * (VELOCITY_UNIT / lag)], axis=-1)
+    xp = now.__array_namespace__()  # NumPy's arrays stay NumPy's: JAX would compile for one line
+    return xp.concatenate([now, (now - before) * (VELOCITY_UNIT / lag)], axis=-1)
 
 
 def dynamics_mean(now: jax.Array, before: jax.Array, lag: float, preset: Preset) -> jax.Array:
@@ -256,8 +258,8 @@ def dynamics_mean(now: jax.Array, before: jax.Array, lag: float, preset: Preset)
     comes to rest.
     """
     if preset.velocity_decay == 0.0:
-        return jnp.zeros_like(now)
-    return now + jnp.exp(-lag / preset.velocity_decay) * (now - before)
+        return 0.0 * now
+    return now + math.exp(-lag / preset.velocity_decay) * (now - before)
 
 
 def noises(parameters: Parameters, preset: Preset) -> dict[str, jax.Array]:

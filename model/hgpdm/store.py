@@ -6,7 +6,6 @@ import json
 from dataclasses import asdict, fields
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
@@ -138,7 +137,7 @@ def _layer(name: str, arrays: dict[str, Array]) -> Posterior:
     for field in Posterior._fields:
         key = f"{name}.{field}"
         if field != "kernel":
-            rest[field] = None if field in optional and key not in arrays else jnp.asarray(arrays[key])
+            rest[field] = None if field in optional and key not in arrays else arrays[key]
     return Posterior(kernel_of(f"{name}.kernel", arrays), **rest)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -96,7 +95,7 @@ class Filter:
         preset, dims = model.preset, model.preset.interaction_dims
         self.lag, self._seconds = model.lag, 1.0 / rate_hz
         self._coordinates, self._styles = len(model.human.offset), len(model.emotions)
-        now, before = jnp.split(jnp.eye(2 * dims), 2, axis=1)
+        now, before = np.split(np.eye(2 * dims), 2, axis=1)
         # Both are linear in (I now, I one lag ago): these are their matrices.
         inputs = np.asarray(dynamics_input(now, before, model.lag)).T
         self._carry_on = np.asarray(dynamics_mean(now, before, model.lag, preset)).T

@@ -8,6 +8,11 @@ BIN := .venv/bin
 READY := .venv/.ready
 # What goes by the clock fails now and then on a machine that is busy: once more, and the summary says so.
 CLOCK := --reruns 1 -r R
+# Only files with such tests are read, which takes a while for all of them.
+REALTIME = $(shell grep -rlE --include='test_*.py' 'mark\.realtime' tests)
+SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
+# Tests start many processes: what Python compiles is kept, also where the surroundings forbid it.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test slow check model format
 
@@ -16,11 +21,11 @@ demo: $(READY)  ## one simulated session: report, film and recording in out/
 
 test: $(READY)  ## fast tests
 	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow and not realtime"
-	$(BIN)/python -m pytest $(CLOCK) -m "realtime and not slow"
+	$(BIN)/python -m pytest $(CLOCK) -m "realtime and not slow" $(REALTIME)
 
 slow: $(READY)  ## tests that take long
-	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime"
-	$(BIN)/python -m pytest $(CLOCK) -m "slow and realtime"
+	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime" $(SLOW)
+	$(BIN)/python -m pytest $(CLOCK) -m "slow and realtime" $(REALTIME)
 
 check: $(READY)  ## style, types and fast tests
 	$(BIN)/ruff check .

@@ -17,15 +17,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # hundreds of small ones, too
 
-# The shapes that the values at the seams declare are checked while the tests run.
+# The shapes that the values at the seams declare are checked while the tests run, from when they are first imported.
 CHECKED = [
     "highfive.mocap_bridge.frames",
     "highfive.hil.sim.avatar",
     "highfive.hil.session.reach",
     "highfive.hil.trials.trial",
 ]
-with install_import_hook(CHECKED, "beartype.beartype"):
-    import highfive.hil.trials.trial  # noqa: F401
+install_import_hook(CHECKED, "beartype.beartype")
 
 from highfive.hil.runtime.threads import use_one_blas_thread  # noqa: E402
 

@@ -11,28 +11,16 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from highfive.calibration.registration import load_registration
-from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch, arm_summary
-from highfive.hil.arm.busy import too_busy
-from highfive.hil.arm.emergency_stop import uninterrupted
-from highfive.hil.arm.lifecycle import ArmOptions, at_their_time, check_arm, ready_arm
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.recording.recording import SessionRecorder
-from highfive.hil.report.arm_report import draw_arm
-from highfive.hil.report.film import Arms, Strip, make_film, picture_strips
-from highfive.hil.report.report import FILM, write_report
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import RATE_HZ, Session, Tick
-from highfive.hil.sim.arm_body import arm_in_scene
 from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
-from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.sim.scene import Scene, build_scene
-from highfive.hil.trials.live_partner import LivePerson, live_source
 from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.hil.trials.trial import TrialResult, run_trial, style_name
@@ -46,6 +34,15 @@ from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
+    from highfive.hil.arm.lifecycle import ArmOptions
+    from highfive.hil.report.film import Strip
+    from highfive.hil.sim.rendering import NoPictures
+    from highfive.hil.trials.live_partner import LivePerson
+
+# What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
 
 @dataclass(frozen=True)
@@ -107,17 +104,27 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
     with ExitStack() as stack:
         stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
+            from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
+            from highfive.hil.arm.lifecycle import check_arm  # noqa: PLC0415
+
             arm = replace(options.arm, person=str(options.source) if live else "")
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         model, person = load_model(options.model), None
         if live:
-            source = stack.enter_context(closing(live_source(str(options.source), options.human)))
-            file = None if options.arm is None else options.arm.registration
-            registered = None if file is None else load_registration(file).placement
-            person = LivePerson(source, str(options.source), _marker_set(options), registered)
+            person = _live_person(options, stack)
         return _simulate(options, model, folder, bar, person)
+
+
+def _live_person(options: SimulateOptions, stack: ExitStack) -> LivePerson:
+    from highfive.calibration.registration import load_registration  # noqa: PLC0415
+    from highfive.hil.trials.live_partner import LivePerson, live_source  # noqa: PLC0415
+
+    source = stack.enter_context(closing(live_source(str(options.source), options.human)))
+    file = None if options.arm is None else options.arm.registration
+    registered = None if file is None else load_registration(file).placement
+    return LivePerson(source, str(options.source), _marker_set(options), registered)
 
 
 def _simulate(
@@ -127,18 +134,37 @@ def _simulate(
     scene = build_scene()
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
-        worn = partners[0].marker_set
-        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar, worn)))
+        watch = None if options.arm is None else _arm_watch(options.arm, bar, partners[0].marker_set, stack)
         # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
         session = _session(options, model, scene, partners[0])
         recorder = SessionRecorder(folder / "session.mcap", settings)
         played = _run(options, session, scene, partners, person, recorder, bar, watch)
-    lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
-    arm = None if watch is None else arm_summary(list(played.arm.values()), lag)
-    results = played.results
-    summary = summarise(results, settings, interrupted=played.interrupted, arm=arm)
+    return _report(options, played, settings, folder, bar, 0.0 if watch is None else watch.loop.retarget.settings.lag)
+
+
+def _arm_watch(options: ArmOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch:
+    from highfive.hil.arm.arm_trial import ArmWatch  # noqa: PLC0415
+    from highfive.hil.arm.lifecycle import ready_arm  # noqa: PLC0415
+
+    return ArmWatch(stack.enter_context(ready_arm(options, bar, worn)))
+
+
+def _report(
+    options: SimulateOptions, played: _Played, settings: SessionSettings, folder: Path, bar: Bar, lag: float
+) -> dict[str, Any]:
+    """Writes report, figures and film; the summary."""
+    from highfive.hil.report.report import write_report  # noqa: PLC0415
+
+    arm, drawings = None, []
+    if options.arm is not None:
+        from highfive.hil.arm.arm_trial import arm_summary  # noqa: PLC0415
+        from highfive.hil.report.arm_report import draw_arm  # noqa: PLC0415
+
+        trials = list(played.arm.values())
+        arm, drawings = arm_summary(trials, lag), draw_arm(trials, lag)
+    summary = summarise(played.results, settings, interrupted=played.interrupted, arm=arm)
     strips, film = _pictures(options, played, folder, bar)
-    write_report(folder, summary, results, settings, strips, film, draw_arm(list(played.arm.values()), lag))
+    write_report(folder, summary, played.results, settings, strips, film, drawings)
     return summary
 
 
@@ -159,11 +185,18 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
 def _pictures(
     options: SimulateOptions, played: _Played, folder: Path, bar: Bar
 ) -> tuple[Sequence[Strip] | NoPictures, Path | NoPictures]:
+    from highfive.hil.sim.rendering import NoPictures  # noqa: PLC0415
+
     results = played.results
     if not options.pictures or not results:
         none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
         return none, none
     try:
+        from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT  # noqa: PLC0415
+        from highfive.hil.report.film import Arms, make_film, picture_strips  # noqa: PLC0415
+        from highfive.hil.report.report import FILM  # noqa: PLC0415
+        from highfive.hil.sim.arm_body import arm_in_scene  # noqa: PLC0415
+
         visible = build_scene(visible=True)
         arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
         film = folder / FILM
@@ -238,7 +271,7 @@ def _run(
                 called = style_name(style)
                 result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    remedy = "" if watch is None else too_busy(None, watch.loop.cycles(), trouble)
+                    remedy = "" if watch is None else _remedy(watch, None, trouble)
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
                         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
@@ -254,13 +287,19 @@ def _run(
                 advance()
                 if watch is not None and watch.loop.trouble:
                     say_aside(f"the arm was stopped: {watch.loop.trouble}")
-                    _advise(too_busy(arm, watch.loop.cycles(), watch.loop.trouble))
+                    _advise(_remedy(watch, arm, watch.loop.trouble))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
         finally:
             gc.unfreeze()
     return played
+
+
+def _remedy(watch: ArmWatch, arm: ArmTrial | None, trouble: str) -> str:
+    from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
+
+    return too_busy(arm, watch.loop.cycles(), trouble)
 
 
 def _advise(remedy: str) -> None:
@@ -287,6 +326,8 @@ def _trial(
         return None, str(error)
     if person is None:
         assert watch is not None
+        from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
+
         frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
         return run_trial(number, partner, session, playout, frames, watch.watch), ""
     say_aside(f"high five {number + 1}, {style}: raise the right hand")

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -25,7 +25,6 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from zstandard import ZstdError
 
-from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.recording import messages
 from highfive.hil.session.session import Tick
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
@@ -35,6 +34,9 @@ from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 from highfive.model.errors import HighFiveError
 from highfive.model.files import unfinished
 from highfive.model.geometry.rotations import Array
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_trial import ArmTrial
 
 CHUNK_NS = 500_000_000
 PAUSE_NS = 1_000_000_000

@@ -20,6 +20,7 @@ from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import FARTHEST_M
 from highfive.model.errors import HighFiveError
+from highfive.model.plugins import fault
 
 STALLED_S = 0.25
 """Without a frame for so long a source counts as stalled, s."""
@@ -188,7 +189,8 @@ class LiveSource:
             try:
                 self._follow()
             except Exception as error:  # a source whose thread has died would be silent for ever
-                self._trouble, self._hopeless = str(error) or type(error).__name__, False
+                told = str(error) if isinstance(error, HighFiveError) else f"{self._title}: {fault(error)}"
+                self._trouble, self._hopeless = told, False
             self._linked = False
             pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
             self._closing.wait(pause)
@@ -244,7 +246,9 @@ class LiveSource:
             self._own_names = tuple(frame.names[m].rpartition(":")[2] for m in columns)
             self._columns = np.array(columns, dtype=np.intp)
         self._names = frame.names
+        _check(frame, self._title)
         points, valid = frame.positions[self._columns], frame.valid[self._columns]
+        valid = valid & np.isfinite(points).all(axis=1)  # a plug-in may forget that missing is a mask
         if frame.impossible > frame.valid.sum():
             raise HighFiveError(
                 f"most markers are further than {FARTHEST_M:g} m away: "
@@ -256,3 +260,11 @@ class LiveSource:
                 f"{self._title} sends another unit than its protocol says; set it right there"
             )
         return replace(frame, names=self._own_names, positions=points, valid=valid)
+
+
+def _check(frame: MarkerFrame, title: str) -> None:
+    """Refuses arrays that do not fit the names: a wrong plug-in would put one marker in another's place."""
+    count = len(frame.names)
+    for name, values, shape in (("positions", frame.positions, (count, 3)), ("valid", frame.valid, (count,))):
+        if np.shape(values) != shape:
+            raise HighFiveError(f"{title} gives {name} of shape {np.shape(values)}; expected {shape}, one a name")

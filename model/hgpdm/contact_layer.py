@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
@@ -152,5 +152,5 @@ def _scales(time: Array, squares: Array, trials: int) -> Array:
         distance = np.abs(time - knot)
         near = distance <= max(SPAN, np.sort(distance)[min(MINIMUM, len(distance)) - 1])
         for column, part in enumerate((squares[near, :3], squares[near, 3:])):
-            scales[row, column] = np.quantile(part.sum(axis=1), level) / chi2.ppf(REGION, part.shape[1])
+            scales[row, column] = np.quantile(part.sum(axis=1), level) / chdtri(part.shape[1], 1.0 - REGION)
     return np.maximum(scales, 1e-3)

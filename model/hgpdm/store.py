@@ -11,7 +11,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
+from highfive.model.files import DEFAULT_MODEL, write_whole
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.sparse import Posterior
 from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ContactLayer
@@ -62,11 +62,11 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
         raise HighFiveError(f"cannot write the model to {path}: {error.strerror or error}") from None
 
 
-def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
+def load_model(path: Path | str = DEFAULT_MODEL, skeleton_hash: str | None = None) -> HGPDM:
     """Reads a model.
 
     Args:
-        path: a file written by :func:`save_model`.
+        path: a file written by :func:`save_model`; the model that ships with the project by default.
         skeleton_hash: hash that the model's skeleton must have; None accepts any.
 
     Raises:

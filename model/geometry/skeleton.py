@@ -155,6 +155,21 @@ class Skeleton:
             positions[..., joints, :] = positions[..., parents, :] + bones
         return positions, orientations
 
+    def joint_in_world(self, joint: int, root_in_world: Array, quaternions: Array) -> tuple[Array, Array]:
+        """Position (..., 3), m, and orientation (..., 4) of one joint: those of :meth:`forward_kinematics`, to the bit.
+
+        Args:
+            joint: its number.
+            root_in_world: (..., 3) m, position of the root joint.
+            quaternions: (..., J, 4) rotation of each joint relative to its parent; the root's is relative to the world.
+        """
+        above = self.parents[joint]
+        if above < 0:
+            return root_in_world, quaternions[..., joint, :]
+        position, orientation = self.joint_in_world(above, root_in_world, quaternions)
+        moved = position + rotations.rotate(orientation, self.offsets[joint])
+        return moved, rotations.multiply(orientation, quaternions[..., joint, :])
+
 
 def skeleton_from_table(
     table: Sequence[tuple[str, str | None, tuple[float, float, float]]],

@@ -390,8 +390,7 @@ class _Body:
         """Position (3,) m and orientation (4,) of the right clavicle joint."""
         times = np.array([time])
         quaternions = self.skeleton.from_hinges(self.without_arm(times))
-        positions, orientations = self.skeleton.forward_kinematics(self.root(times), quaternions)
-        return positions[0, self._clavicle], orientations[0, self._clavicle]
+        return self.skeleton.joint_in_world(self._clavicle, self.root(times)[0], quaternions[0])
 
     def _posture(self) -> Array:
         style, skeleton = self.role.style, self.skeleton
@@ -453,6 +452,7 @@ def _arm_motion(role: _Role, body: _Body) -> Callable[[Array], Array]:
     first, last = hanging + role.individual.rest_arm
     start, contact, bounce = role.onset_s, role.contact_s, 0.05
     strike = style.contact_speed * palm.normal
+    coming, going = velocity(contact, strike), velocity(contact + bounce, -strike)
     # Drawn back early for a strike, late for a plain reach, whose hand then follows one minimum-jerk curve.
     wind_up_s = start + (0.80 - 2.0 * style.wind_up) * (contact - start)
     # Both swing wide of the face.
@@ -461,7 +461,7 @@ def _arm_motion(role: _Role, body: _Body) -> Callable[[Array], Array]:
         [start, wind_up_s, contact],
         [first, solve(wind_up_s, back), solve(contact, np.zeros(3))],
         k=5,
-        bc_type=([(1, np.zeros(9)), (2, np.zeros(9))], [(1, velocity(contact, strike)), (2, np.zeros(9))]),
+        bc_type=([(1, np.zeros(9)), (2, np.zeros(9))], [(1, coming), (2, np.zeros(9))]),
     )
     follow_s = contact + bounce + 0.25 * (role.end_s - 0.25 - contact - bounce)
     follow = style.follow_through * np.array([-0.3, -1.0, -1.2]) - 0.10 * palm.normal + wobble
@@ -470,15 +470,15 @@ def _arm_motion(role: _Role, body: _Body) -> Callable[[Array], Array]:
         [solve(contact + bounce, np.zeros(3)), solve(follow_s, follow), last],
         k=5,
         bc_type=(
-            [(1, velocity(contact + bounce, -strike)), (2, np.zeros(9))],
+            [(1, going), (2, np.zeros(9))],
             [(1, np.zeros(9)), (2, np.zeros(9))],
         ),
     )
     touch = BPoly.from_derivatives(
         [contact, contact + bounce],
         [
-            [middle(contact), velocity(contact, strike), np.zeros(9)],
-            [after(contact + bounce), velocity(contact + bounce, -strike), np.zeros(9)],
+            [middle(contact), coming, np.zeros(9)],
+            [after(contact + bounce), going, np.zeros(9)],
         ],
     )
 

@@ -17,6 +17,17 @@ def random_hinges(count: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, *low.shape))
 
 
+@pytest.mark.parametrize("shape", [(), (4,)])
+def test_one_joint_in_the_world_is_that_of_the_whole_body_to_the_bit(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(2)
+    root, quaternions = rng.normal(size=(*shape, 3)), rng.normal(size=(*shape, len(SKELETON), 4))
+    positions, orientations = SKELETON.forward_kinematics(root, quaternions)
+    for joint in range(len(SKELETON)):
+        position, orientation = SKELETON.joint_in_world(joint, root, quaternions)
+        np.testing.assert_array_equal(position, positions[..., joint, :])
+        np.testing.assert_array_equal(orientation, orientations[..., joint, :])
+
+
 def test_forward_kinematics_is_the_chain_of_matrices() -> None:
     angles = random_hinges(1)[0]
     root = np.array([0.3, -0.2, 1.1])

@@ -13,7 +13,7 @@ import numpy as np
 from highfive.hil.arm.loop import ArmTick
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm
 from highfive.model.geometry.rotations import Array
 

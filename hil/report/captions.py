@@ -14,7 +14,7 @@ from PIL import ImageColor, ImageDraw, ImageFont
 from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.report.colours import colour_of
 from highfive.hil.sim.rendering import Image
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 
 _FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 _INK = (255, 255, 255)

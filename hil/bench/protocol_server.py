@@ -19,7 +19,7 @@ from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording, resample
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.serving import Server, serve
-from highfive.mocap_bridge.sources.address import Address
+from highfive.mocap_bridge.sources.scheme import Address
 from highfive.mocap_bridge.sources.source import RATE_HZ
 
 

@@ -23,8 +23,9 @@ from highfive.mocap_bridge.files.recording import make_recording
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.recognise import find_marker_set
-from highfive.mocap_bridge.sources.address import SCHEMES, open_source, parse_address
+from highfive.mocap_bridge.sources.address import open_source, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.registry import BUILT_IN
 from highfive.mocap_bridge.sources.source import RATE_HZ
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.tracker import Tracker
@@ -53,13 +54,13 @@ class ProtocolBenchOptions:
 
     Attributes:
         file: what is sent; None makes a simulated person.
-        protocols: of :data:`highfive.mocap_bridge.sources.address.SCHEMES`.
+        protocols: of :data:`highfive.mocap_bridge.sources.registry.BUILT_IN`.
         seconds: how long each is listened to.
         person: prefix of the person who is followed; None takes the only one there is.
     """
 
     file: Path | None = None
-    protocols: tuple[str, ...] = tuple(SCHEMES)
+    protocols: tuple[str, ...] = tuple(BUILT_IN)
     seconds: float = 60.0
     person: str | None = None
 
@@ -71,8 +72,8 @@ def bench_protocols(options: ProtocolBenchOptions, bar: Bar) -> dict[str, Any]:
         HighFiveError: no such file, person or protocol; no marker set fits; a server does not start or send.
     """
     for name in options.protocols:
-        if name not in SCHEMES:
-            raise HighFiveError(f"unknown protocol {name!r}; there are {', '.join(SCHEMES)}")
+        if name not in BUILT_IN:
+            raise HighFiveError(f"unknown protocol {name!r}; there are {', '.join(BUILT_IN)}")
     use_one_blas_thread()
     with tempfile.TemporaryDirectory() as folder:
         file = options.file or _simulated(Path(folder) / "simulated.c3d")

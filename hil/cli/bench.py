@@ -97,9 +97,9 @@ def bench_protocols(
 ) -> None:
     """Time frames from a server's wire to the tracked palm, and a slow reader, for each live protocol on loopback."""
     from highfive.hil.bench.protocols import ProtocolBenchOptions, bench_protocols, print_protocol_bench  # noqa: PLC0415
-    from highfive.mocap_bridge.sources.address import SCHEMES  # noqa: PLC0415
+    from highfive.mocap_bridge.sources.registry import BUILT_IN  # noqa: PLC0415
 
-    options = ProtocolBenchOptions(file, tuple(protocol or SCHEMES), seconds, person)
+    options = ProtocolBenchOptions(file, tuple(protocol or BUILT_IN), seconds, person)
     with progress_bars() as bar:
         result = bench_protocols(options, bar)
     print_result(result, json, print_protocol_bench)

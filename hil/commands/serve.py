@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from highfive.hil.datasets.one_person import shows_right_arm
 from highfive.hil.runtime.shutdown import until_told
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording, columns_of_person, resample
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.one_person import shows_right_arm
 from highfive.mocap_bridge.servers.faults import Fault, Faults, parse_fault
 from highfive.mocap_bridge.servers.serving import LOOPBACK, Server, serve
-from highfive.mocap_bridge.sources.address import SCHEMES, Address
+from highfive.mocap_bridge.sources.registry import BUILT_IN, scheme_named
+from highfive.mocap_bridge.sources.scheme import Address
 from highfive.model.errors import HighFiveError
 
 STREAM_NAME = "HighFive"
@@ -30,7 +31,7 @@ class ServeOptions:
     """What to send, and how.
 
     Attributes:
-        protocol: one of :data:`highfive.mocap_bridge.sources.address.SCHEMES`.
+        protocol: one of :data:`highfive.mocap_bridge.sources.registry.BUILT_IN`.
         file: the recording.
         loop: begin again at the end, until told to end.
         port: where to listen; None is the protocol's own, 0 any that is free.
@@ -60,8 +61,8 @@ def serve_recording(options: ServeOptions, say: Callable[[str], None]) -> dict[s
     Raises:
         HighFiveError: no such file, protocol, person, marker or fault; the port is taken.
     """
-    if options.protocol not in SCHEMES:
-        raise HighFiveError(f"unknown protocol {options.protocol!r}; there are {', '.join(SCHEMES)}")
+    if options.protocol not in BUILT_IN:
+        raise HighFiveError(f"unknown protocol {options.protocol!r}; there are {', '.join(BUILT_IN)}")
     if not options.host:
         raise HighFiveError("--host is empty; give an address, or 0.0.0.0 to let in the whole network")
     faults = [parse_fault(text) for text in options.faults]
@@ -130,7 +131,7 @@ def make_server(options: ServeOptions, recording: Recording) -> Server:
     Raises:
         HighFiveError: the port is taken or not allowed.
     """
-    port = SCHEMES[options.protocol].port if options.port is None else options.port
+    port = scheme_named(options.protocol).port if options.port is None else options.port
     rate = recording.rate_hz
     if options.protocol == "vicon":
         from highfive.mocap_bridge.servers.vicon import ViconServer  # noqa: PLC0415

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import shlex
 import signal
 import sys
@@ -11,28 +12,17 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from highfive.calibration.registration import load_registration
-from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch, arm_summary
-from highfive.hil.arm.busy import too_busy
-from highfive.hil.arm.emergency_stop import uninterrupted
-from highfive.hil.arm.lifecycle import ArmOptions, at_their_time, check_arm, ready_arm
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.recording import SessionRecorder
-from highfive.hil.report.arm_report import draw_arm
-from highfive.hil.report.film import Arms, Strip, make_film, picture_strips
-from highfive.hil.report.report import FILM, write_report
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import RATE_HZ, Session, Tick
-from highfive.hil.sim.arm_body import arm_in_scene
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
-from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.sim.scene import Scene, build_scene
-from highfive.hil.trials.live_partner import LivePerson, live_source
 from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.hil.trials.trial import run_trial, style_name
@@ -44,9 +34,20 @@ from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
-from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.reaction import ReactionModel
+from highfive.model.plugins import PluginError
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
+    from highfive.hil.arm.lifecycle import ArmOptions
+    from highfive.hil.report.film import Strip
+    from highfive.hil.sim.rendering import NoPictures
+    from highfive.hil.trials.live_partner import LivePerson
+
+# What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,8 @@ class SimulateOptions:
         source: a C3D file of a real person, or the address of a live system; None simulates a person.
         human: prefix of that person's markers.
         marker_set: name or path of that person's marker set; None finds one.
-        model: the model's file.
+        model: the model's file, or the name of a model of one's own.
+        data: folder that such a model learns from.
         seed: seed of the simulated people.
         physics: drive the avatar by actuators against contact forces.
         correct: correct the palm.
@@ -77,7 +79,8 @@ class SimulateOptions:
     source: str | None = None
     human: str | None = None
     marker_set: str | None = None
-    model: Path = DEFAULT_MODEL
+    model: Path | str = DEFAULT_MODEL
+    data: Path | None = None
     seed: int = 0
     physics: bool = False
     correct: bool = True
@@ -108,45 +111,92 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
     with ExitStack() as stack:
         stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
+            from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
+            from highfive.hil.arm.lifecycle import check_arm  # noqa: PLC0415
+
             arm = replace(options.arm, person=str(options.source) if live else "")
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
-        model, person = load_model(options.model), None
+        model, person = _model(options, bar), None
         if live:
-            source = stack.enter_context(closing(live_source(str(options.source), options.human)))
-            file = None if options.arm is None else options.arm.registration
-            registered = None if file is None else load_registration(file).placement
-            person = LivePerson(source, str(options.source), _marker_set(options), registered)
+            person = _live_person(options, stack)
         return _simulate(options, model, folder, bar, person)
 
 
+def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
+    """The model that answers; one of the user's own learns here."""
+    if not is_plugin(options.model):
+        if options.data is not None:
+            raise HighFiveError(f"--data is what a model of your own learns from; {options.model} has learned")
+        return open_model(options.model)
+    data = options.data
+    if data is None:
+        return open_model(options.model)
+    from highfive.hil.datasets.training_data import load_trials  # noqa: PLC0415
+
+    def trials() -> list[Trial]:
+        pairs = load_trials(data, progress=lambda total: bar("solving markers", total), learn_only=True)
+        return [pair.trial for pair in pairs]
+
+    return open_model(options.model, trials)
+
+
+def _live_person(options: SimulateOptions, stack: ExitStack) -> LivePerson:
+    from highfive.calibration.registration import load_registration  # noqa: PLC0415
+    from highfive.hil.trials.live_partner import LivePerson, live_source  # noqa: PLC0415
+
+    source = stack.enter_context(closing(live_source(str(options.source), options.human)))
+    file = None if options.arm is None else options.arm.registration
+    registered = None if file is None else load_registration(file).placement
+    return LivePerson(source, str(options.source), _marker_set(options), registered)
+
+
 def _simulate(
-    options: SimulateOptions, model: HGPDM, folder: Path, bar: Bar, person: LivePerson | None
+    options: SimulateOptions, model: HGPDM | ReactionModel, folder: Path, bar: Bar, person: LivePerson | None
 ) -> dict[str, Any]:
     partners = _partners(options, model, bar, person)
     scene = build_scene()
     settings = _settings(options, len(partners))
     with ExitStack() as stack:
-        worn = partners[0].marker_set
-        watch = None if options.arm is None else ArmWatch(stack.enter_context(ready_arm(options.arm, bar, worn)))
+        watch = None if options.arm is None else _arm_watch(options.arm, bar, partners[0].marker_set, stack)
         # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
         session = _session(options, model, scene, partners[0])
         recorder = SessionRecorder(folder / "session.mcap", settings)
         played = _run(options, session, scene, partners, person, recorder, bar, watch)
-    lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
-    arm = None if watch is None else arm_summary(list(played.arm.values()), lag)
-    results = played.results
-    summary = summarise(results, settings, interrupted=played.interrupted, arm=arm)
+    return _report(options, played, settings, folder, bar, 0.0 if watch is None else watch.loop.retarget.settings.lag)
+
+
+def _arm_watch(options: ArmOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch:
+    from highfive.hil.arm.arm_trial import ArmWatch  # noqa: PLC0415
+    from highfive.hil.arm.lifecycle import ready_arm  # noqa: PLC0415
+
+    return ArmWatch(stack.enter_context(ready_arm(options, bar, worn)))
+
+
+def _report(
+    options: SimulateOptions, played: _Played, settings: SessionSettings, folder: Path, bar: Bar, lag: float
+) -> dict[str, Any]:
+    """Writes report, figures and film; the summary."""
+    from highfive.hil.report.report import write_report  # noqa: PLC0415
+
+    arm, drawings = None, []
+    if options.arm is not None:
+        from highfive.hil.arm.arm_trial import arm_summary  # noqa: PLC0415
+        from highfive.hil.report.arm_report import draw_arm  # noqa: PLC0415
+
+        trials = list(played.arm.values())
+        arm, drawings = arm_summary(trials, lag), draw_arm(trials, lag)
+    summary = summarise(played.results, settings, interrupted=played.interrupted, arm=arm)
     strips, film = _pictures(options, played, folder, bar)
-    write_report(folder, summary, results, settings, strips, film, draw_arm(list(played.arm.values()), lag))
+    write_report(folder, summary, played.results, settings, strips, film, drawings)
     return summary
 
 
 def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
     return SessionSettings(
         seed=options.seed,
-        model=options.model.name,
+        model=options.model if isinstance(options.model, str) else options.model.name,
         trials=trials,
         style=None if options.style is None else dict(options.style),
         corrected=options.correct,
@@ -160,11 +210,18 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
 def _pictures(
     options: SimulateOptions, played: _Played, folder: Path, bar: Bar
 ) -> tuple[Sequence[Strip] | NoPictures, Path | NoPictures]:
+    from highfive.hil.sim.rendering import NoPictures  # noqa: PLC0415
+
     results = played.results
     if not options.pictures or not results:
         none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
         return none, none
     try:
+        from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT  # noqa: PLC0415
+        from highfive.hil.report.film import Arms, make_film, picture_strips  # noqa: PLC0415
+        from highfive.hil.report.report import FILM  # noqa: PLC0415
+        from highfive.hil.sim.arm_body import arm_in_scene  # noqa: PLC0415
+
         visible = build_scene(visible=True)
         arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
         film = folder / FILM
@@ -174,7 +231,9 @@ def _pictures(
         return none, none
 
 
-def _partners(options: SimulateOptions, model: HGPDM, bar: Bar, person: LivePerson | None) -> list[Partner]:
+def _partners(
+    options: SimulateOptions, model: HGPDM | ReactionModel, bar: Bar, person: LivePerson | None
+) -> list[Partner]:
     emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:
@@ -239,11 +298,11 @@ def _run(
                 called = style_name(style)
                 result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    remedy = "" if watch is None else too_busy(None, watch.loop.cycles(), trouble)
+                    remedy = "" if watch is None else _remedy(watch, None, trouble)
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
                         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
-                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
                     _advise(remedy)
                     return replace(played, interrupted=True)
                 result = replace(result, style=called)
@@ -254,14 +313,20 @@ def _run(
                     played.arm[number] = arm
                 advance()
                 if watch is not None and watch.loop.trouble:
-                    say_aside(f"the arm was stopped: {watch.loop.trouble}")
-                    _advise(too_busy(arm, watch.loop.cycles(), watch.loop.trouble))
+                    say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
+                    _advise(_remedy(watch, arm, watch.loop.trouble))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
         finally:
             gc.unfreeze()
     return played
+
+
+def _remedy(watch: ArmWatch, arm: ArmTrial | None, trouble: str) -> str:
+    from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
+
+    return too_busy(arm, watch.loop.cycles(), trouble)
 
 
 def _advise(remedy: str) -> None:
@@ -279,6 +344,21 @@ def _trial(
     watch: ArmWatch | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
+    try:
+        return _played_trial(number, partner, style, session, playout, person, watch)
+    except PluginError as error:
+        return None, str(error)
+
+
+def _played_trial(
+    number: int,
+    partner: Partner,
+    style: str,
+    session: Session,
+    playout: PlayOut,
+    person: LivePerson | None,
+    watch: ArmWatch | None,
+) -> tuple[TrialResult | None, str]:
     if person is None and watch is None:
         return run_trial(number, partner, session, playout), ""
     try:
@@ -288,6 +368,8 @@ def _trial(
         return None, str(error)
     if person is None:
         assert watch is not None
+        from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
+
         frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
         return run_trial(number, partner, session, playout, frames, watch.watch), ""
     say_aside(f"high five {number + 1}, {style}: raise the right hand")
@@ -308,6 +390,6 @@ def _trial(
     return replace(result, notes=(*result.notes, note)), ""
 
 
-def _session(options: SimulateOptions, model: HGPDM, scene: Scene, partner: Partner) -> Session:
+def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:
     style = options.style or {partner.emotion: 1.0}
     return Session(model, style, partner.marker_set, scene, correct=options.correct)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageColor, ImageDraw, ImageFont
 
-from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.report.colours import colour_of
 from highfive.hil.sim.rendering import Image
 from highfive.hil.trials.trial_result import TrialResult
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.contact_outcome import ContactOutcome
 
 _FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 _INK = (255, 255, 255)

@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from highfive.hil.arm.arm_trial import ArmTrial
-from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.report.captions import Captions
 from highfive.hil.report.stage import Stage, arm_stage, avatar_stage
 from highfive.hil.session.session import RATE_HZ
@@ -28,6 +27,10 @@ from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 from highfive.model.files import written_whole
 from highfive.model.geometry.rotations import Array
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_trial import ArmTrial
+    from highfive.hil.arm.contact_outcome import ContactOutcome
 
 
 @dataclass(frozen=True)

@@ -2,78 +2,17 @@
 
 from __future__ import annotations
 
-import ipaddress
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
-from urllib.parse import parse_qsl, quote, unquote, urlsplit
+from collections.abc import Callable
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.sources.live import Link, LiveSource
+from highfive.mocap_bridge.sources.registry import examples, scheme_named, scheme_names
+from highfive.mocap_bridge.sources.scheme import FILE, Address, Scheme
 from highfive.mocap_bridge.sources.source import C3DSource, Source
 from highfive.mocap_bridge.sources.tap import Tap, tapped
 from highfive.model.errors import HighFiveError
-
-FILE = "file"
-"""Scheme of an address that is the path of a C3D file."""
-
-
-@dataclass(frozen=True)
-class Scheme:
-    """One kind of address.
-
-    Attributes:
-        example: how one is written.
-        port: where the system listens if the address does not say; 0 for none.
-        options: what may follow a question mark: each with the values it may have; none listed: see :func:`_checked`.
-    """
-
-    example: str
-    port: int
-    options: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-
-SCHEMES: Mapping[str, Scheme] = MappingProxyType(
-    {
-        "vicon": Scheme("vicon://192.168.10.1:801?mode=pull", 801, {"mode": ("push", "pull")}),
-        "qtm": Scheme("qtm://192.168.10.1:22223", 22223),
-        "natnet": Scheme(
-            "natnet://192.168.10.1?up=z&multicast=239.255.42.99",
-            1510,
-            {"up": ("y", "z"), "multicast": (), "data_port": ()},
-        ),
-        "lsl": Scheme("lsl://name", 0, {"up": ("y", "z")}),
-    }
-)
-"""Every live system that can be listened to."""
-
-
-@dataclass(frozen=True)
-class Address:
-    """An address, checked.
-
-    Attributes:
-        scheme: one of :data:`SCHEMES`, or :data:`FILE`.
-        host: name or number of the machine; of an LSL stream its name; of a file its path.
-        port: TCP or UDP port; 0 where there is none.
-        options: what followed the question mark.
-    """
-
-    scheme: str
-    host: str
-    port: int = 0
-    options: Mapping[str, str] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        """The address as it is written; :func:`parse_address` reads it back."""
-        if self.scheme == FILE:
-            return self.host
-        host = quote(self.host, safe="") if self.scheme == "lsl" else self.host
-        host = f"[{host}]" if ":" in host else host
-        port = f":{self.port}" if self.port else ""
-        options = "&".join(f"{key}={value}" for key, value in self.options.items())
-        return f"{self.scheme}://{host}{port}{'?' + options if options else ''}"
 
 
 def is_live(text: str) -> bool:
@@ -94,21 +33,19 @@ def parse_address(text: str) -> Address:
     scheme, separator, rest = text.strip().partition("://")
     if not separator:
         if not text.strip():
-            raise HighFiveError(f"an address is empty; expected {_examples()} or the path of a C3D file")
+            raise HighFiveError(f"an address is empty; expected {examples()} or the path of a C3D file")
         return Address(FILE, text.strip())
     scheme = scheme.lower()
-    if scheme not in SCHEMES:
-        raise HighFiveError(f"unknown address {text!r}: there are {_examples()} and the paths of C3D files")
-    kind = SCHEMES[scheme]
-    if scheme == "lsl":  # a name may be anything, where a host may not
+    if scheme not in scheme_names():
+        raise HighFiveError(f"unknown address {text!r}: there are {examples()} and the paths of C3D files")
+    kind = scheme_named(scheme)
+    if not kind.port:  # a stream's name may be anything, where a host may not
         name, _, query = rest.partition("?")
         host, port = unquote(name.removesuffix("/")).strip(), 0
     else:
         host, port, query = _host(text, rest, kind)
-    if not host or any(c in "'\"" or (c.isspace() and scheme != "lsl") for c in host):
-        raise HighFiveError(
-            f"address {text!r} names no {'stream' if scheme == 'lsl' else 'host'}; as in {kind.example}"
-        )
+    if not host or any(c in "'\"" or (c.isspace() and kind.port) for c in host):
+        raise HighFiveError(f"address {text!r} names no {'host' if kind.port else 'stream'}; as in {kind.example}")
     options = parse_qsl(query, keep_blank_values=True)
     if len(dict(options)) != len(options):
         raise HighFiveError(f"address {text!r} gives an option twice")
@@ -136,20 +73,9 @@ def _checked(text: str, kind: Scheme, key: str, value: str) -> str:
         raise HighFiveError(f"address {text!r}: unknown option {key!r}; there are: {known}")
     if kind.options[key] and value not in kind.options[key]:
         raise HighFiveError(f"address {text!r}: {key} is {value!r}; expected {' or '.join(kind.options[key])}")
-    if key == "data_port" and not (value.isdecimal() and 1 <= int(value) <= 65535):
-        raise HighFiveError(f"address {text!r}: data_port is {value!r}; expected 1 to 65535")
-    if key == "multicast":
-        try:
-            good = ipaddress.ip_address(value).is_multicast
-        except ValueError:
-            good = False
-        if not good:
-            raise HighFiveError(f"address {text!r}: {value!r} is no multicast group, such as 239.255.42.99")
+    if wrong := kind.check(key, value):
+        raise HighFiveError(f"address {text!r}: {wrong}")
     return value
-
-
-def _examples() -> str:
-    return ", ".join(scheme.example for scheme in SCHEMES.values())
 
 
 def _lower(message: str) -> str:
@@ -182,23 +108,6 @@ def open_source(
 
 def connector(address: Address) -> Callable[[], Link]:
     """What connects to a live system; each protocol's library is imported only where it is wanted."""
-    host, port, options = address.host, address.port, address.options
-    if address.scheme == "vicon":
-        from highfive.mocap_bridge.sources.vicon import connect_vicon  # noqa: PLC0415
-
-        return lambda: connect_vicon(host, port, pull=options.get("mode") == "pull")
-    if address.scheme == "qtm":
-        from highfive.mocap_bridge.sources.qtm import connect_qtm  # noqa: PLC0415
-
-        return lambda: connect_qtm(host, port)
-    if address.scheme == "natnet":
-        from highfive.mocap_bridge.sources.natnet import DATA_PORT, connect_natnet  # noqa: PLC0415
-
-        data_port, y_up = int(options.get("data_port", DATA_PORT)), options.get("up", "y") == "y"
-        return lambda: connect_natnet(host, port, data_port, options.get("multicast"), y_up, options=options)
-    if address.scheme == "lsl":
-        from highfive.mocap_bridge.sources.lsl import FrameCounter, connect_lsl  # noqa: PLC0415
-
-        counter = FrameCounter()  # of all connections
-        return lambda: connect_lsl(host, y_up=options.get("up") == "y", counter=counter)
-    raise HighFiveError(f"{address} is no live system")
+    if address.scheme == FILE:
+        raise HighFiveError(f"{address} is no live system")
+    return scheme_named(address.scheme).connector(address)

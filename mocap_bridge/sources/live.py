@@ -12,14 +12,14 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_person
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.wire.errors import LinkError
-from highfive.mocap_bridge.wire.plausible import FARTHEST_M
+from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, spans
 from highfive.model.errors import HighFiveError
+from highfive.model.plugins import fault
 
 STALLED_S = 0.25
 """Without a frame for so long a source counts as stalled, s."""
@@ -35,21 +35,6 @@ LONGEST_GAP = 100_000
 
 REORDERED = 10
 """A frame number that is so little behind the newest says that the network changed the order."""
-
-SPAN = (0.01, 50.0)
-"""Between these, m, lies the span of a person's markers, whatever the room; outside the unit is wrong."""
-
-
-def spans(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Largest extent along an axis, m, of each frame's (…, M, 3) valid markers; NaN where fewer than three are."""
-    low = np.where(valid[..., None], points, np.inf).min(axis=-2)
-    high = np.where(valid[..., None], points, -np.inf).max(axis=-2)
-    return np.where(valid.sum(axis=-1) > 2, (high - low).max(axis=-1), np.nan)
-
-
-def of_another_unit(span: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Spans, m, that no person's markers have: the numbers were of another unit."""
-    return (span < SPAN[0]) | (span > SPAN[1])
 
 
 class Link(Protocol):
@@ -188,7 +173,8 @@ class LiveSource:
             try:
                 self._follow()
             except Exception as error:  # a source whose thread has died would be silent for ever
-                self._trouble, self._hopeless = str(error) or type(error).__name__, False
+                told = str(error) if isinstance(error, HighFiveError) else f"{self._title}: {fault(error)}"
+                self._trouble, self._hopeless = told, False
             self._linked = False
             pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
             self._closing.wait(pause)
@@ -244,7 +230,9 @@ class LiveSource:
             self._own_names = tuple(frame.names[m].rpartition(":")[2] for m in columns)
             self._columns = np.array(columns, dtype=np.intp)
         self._names = frame.names
+        _check(frame, self._title)
         points, valid = frame.positions[self._columns], frame.valid[self._columns]
+        valid = valid & np.isfinite(points).all(axis=1)  # a plug-in may forget that missing is a mask
         if frame.impossible > frame.valid.sum():
             raise HighFiveError(
                 f"most markers are further than {FARTHEST_M:g} m away: "
@@ -256,3 +244,11 @@ class LiveSource:
                 f"{self._title} sends another unit than its protocol says; set it right there"
             )
         return replace(frame, names=self._own_names, positions=points, valid=valid)
+
+
+def _check(frame: MarkerFrame, title: str) -> None:
+    """Refuses arrays that do not fit the names: a wrong plug-in would put one marker in another's place."""
+    count = len(frame.names)
+    for name, values, shape in (("positions", frame.positions, (count, 3)), ("valid", frame.valid, (count,))):
+        if np.shape(values) != shape:
+            raise HighFiveError(f"{title} gives {name} of shape {np.shape(values)}; expected {shape}, one a name")

@@ -13,7 +13,8 @@ import contextlib
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ import pylsl
 
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import Link
+from highfive.mocap_bridge.sources.scheme import UP, Address, Scheme
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.lsl import FrameCounter, checked_times, library_settings, markers_of, parse_description
 from highfive.model.errors import HighFiveError
@@ -167,3 +169,15 @@ def _monotonic_minus_lsl() -> float:
         after = time.monotonic()
         readings.append((after - before, 0.5 * (before + after) - lsl))
     return min(readings)[1]
+
+
+@dataclass(frozen=True)
+class _LslScheme(Scheme):
+    def connector(self, address: Address) -> Callable[[], Link]:
+        """Connections that number their frames on from one to the next."""
+        counter = FrameCounter()
+        return lambda: connect_lsl(address.host, y_up=address.options.get("up") == "y", counter=counter)
+
+
+SCHEME = _LslScheme("lsl://name", lambda address: connect_lsl(address.host), options=UP)
+"""Names of LSL streams."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import select
 import socket
 import struct
@@ -12,6 +13,7 @@ from types import MappingProxyType
 
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.natnet_columns import Columns, marker_frame
+from highfive.mocap_bridge.sources.scheme import UP, Address, Scheme
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.natnet import Kind, decode, decode_server_info, encode_request
 from highfive.mocap_bridge.wire.natnet_frame import Frame, decode_frame
@@ -279,3 +281,32 @@ def _multicast_advice(group: str, port: int, options: Mapping[str, str]) -> str:
         else:
             more += f"&data_port={port}"
     return f"{change}put {more} behind the address, all in quotation marks"
+
+
+def _connect(address: Address) -> NatNetLink:
+    options = address.options
+    data_port, y_up = int(options.get("data_port", DATA_PORT)), options.get("up", "y") == "y"
+    return connect_natnet(address.host, address.port, data_port, options.get("multicast"), y_up, options=options)
+
+
+def _wrong(option: str, value: str) -> str:
+    """What is wrong with an option's value; '' where nothing is."""
+    if option == "data_port" and not (value.isdecimal() and 1 <= int(value) <= 65535):
+        return f"data_port is {value!r}; expected 1 to 65535"
+    if option == "multicast":
+        try:
+            good = ipaddress.ip_address(value).is_multicast
+        except ValueError:
+            good = False
+        return "" if good else f"{value!r} is no multicast group, such as 239.255.42.99"
+    return ""
+
+
+SCHEME = Scheme(
+    "natnet://192.168.10.1?up=z&multicast=239.255.42.99",
+    _connect,
+    port=1510,
+    options={**UP, "multicast": (), "data_port": ()},
+    check=_wrong,
+)
+"""Addresses of Motive."""

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.scheme import Scheme
 from highfive.mocap_bridge.wire import qtm as wire
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
@@ -224,3 +225,7 @@ def marker_frame(data: wire.Data, parameters: wire.Parameters) -> MarkerFrame:
         plausible_only(loose),
         impossible=int(impossible),
     )
+
+
+SCHEME = Scheme("qtm://192.168.10.1:22223", lambda address: connect_qtm(address.host, address.port), port=22223)
+"""Addresses of QTM."""

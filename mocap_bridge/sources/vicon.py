@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.scheme import Scheme
 from highfive.mocap_bridge.wire import vicon as wire
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
@@ -268,3 +269,12 @@ class ViconLink:
             self._latency_ns = before + _SMOOTHING * (latency - before)
         time_ns = (packet.number or 0) * self._period_ns if self._period_ns else arrival
         return round(time_ns - max(0.0, self._latency_ns))
+
+
+SCHEME = Scheme(
+    "vicon://192.168.10.1:801?mode=pull",
+    lambda address: connect_vicon(address.host, address.port, pull=address.options.get("mode") == "pull"),
+    port=wire.PORT,
+    options={"mode": ("push", "pull")},
+)
+"""Addresses of Vicon systems."""

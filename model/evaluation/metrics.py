@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from highfive.model.geometry.rotations import Array
 
@@ -43,7 +43,7 @@ def region_surprise(error: Array, covariance: Array) -> Array:
 
 def levels(squares: Array, dims: int) -> Array:
     """The smallest central region, as its probability, that holds each value: uniform on 0–1 if calibrated."""
-    return np.asarray(chi2.cdf(squares, dims))
+    return np.asarray(chdtr(dims, squares))
 
 
 def calibration(squares: Array, dims: int) -> Calibration:

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
-from highfive.model.gp.kernels import motion_kernel
+from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.optimise import ProgressCallback, minimise
 from highfive.model.gp.sparse import Layer, Posterior, Targets
 from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
@@ -110,8 +110,7 @@ def fit_contact_layer(
     targets = Targets(jnp.asarray(values), CHANNELS, 0.0)
     share = np.sqrt(counts) / np.sqrt(counts).sum()
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(inducing, count), replace=False, p=share))
-    kernel = motion_kernel(jnp.full(dims, np.sqrt(dims)))
-    start = Layer(kernel, jnp.asarray(features[chosen]), sparse.raw_noise(0.2, NOISE))
+    start = Layer(MotionKernel.initial(dims), jnp.asarray(features[chosen]), sparse.raw_noise(0.2, NOISE))
 
     points, weights = jnp.asarray(features), jnp.asarray(counts)
 
@@ -152,5 +151,5 @@ def _scales(time: Array, squares: Array, trials: int) -> Array:
         distance = np.abs(time - knot)
         near = distance <= max(SPAN, np.sort(distance)[min(MINIMUM, len(distance)) - 1])
         for column, part in enumerate((squares[near, :3], squares[near, 3:])):
-            scales[row, column] = np.quantile(part.sum(axis=1), level) / chi2.ppf(REGION, part.shape[1])
+            scales[row, column] = np.quantile(part.sum(axis=1), level) / chdtri(part.shape[1], 1.0 - REGION)
     return np.maximum(scales, 1e-3)

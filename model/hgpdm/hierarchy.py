@@ -20,8 +20,8 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from numpy.typing import NDArray
 
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import kernels, sparse
-from highfive.model.gp.kernels import MotionKernel
+from highfive.model.gp import sparse
+from highfive.model.gp.kernels import Kernel, add_jitter
 from highfive.model.gp.likelihood import from_blocks, in_blocks, over_shards
 from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.dataset import TrainingSet
@@ -45,7 +45,7 @@ class BackConstraint(NamedTuple):
         avatar: (M, q) whitened weights of X¹.
     """
 
-    kernel: MotionKernel
+    kernel: Kernel
     inducing: jax.Array
     interaction: jax.Array
     human: jax.Array
@@ -204,7 +204,7 @@ def standardised(latent: jax.Array, counts: jax.Array | None = None) -> jax.Arra
 
 def back_weights(back: BackConstraint) -> jax.Array:
     """Weights (M, q_I + q_2 + q_1) of the kernel functions, from the whitened ones: K_uu^{-T/2} V."""
-    lower = jnp.linalg.cholesky(kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing)))
+    lower = jnp.linalg.cholesky(add_jitter(back.kernel.cross(back.inducing, back.inducing)))
     whitened = jnp.concatenate([back.interaction, back.human, back.avatar], axis=1)
     return solve_triangular(lower.T, whitened, lower=False)
 
@@ -215,7 +215,7 @@ def _learned(back: BackConstraint, features: jax.Array, shards: int) -> jax.Arra
 
     @jax.checkpoint
     def block(part: jax.Array) -> jax.Array:
-        return kernels.cross(back.kernel, part, back.inducing) @ weights
+        return back.kernel.cross(part, back.inducing) @ weights
 
     found = over_shards(lambda part: jax.lax.map(block, part), in_blocks(features, shards), shards)
     return from_blocks(found, features.shape[0])

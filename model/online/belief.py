@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
+from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.sparse import Posterior
 from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
@@ -53,8 +54,13 @@ def packed(posterior: Posterior, styles: int = 1) -> Array:
     One argument a layer: compiled code counts the references to every array that it is given, which at eleven arrays a
     layer took longer than some layers do. The first number is the vector's length. A layer without styles has
     ``styles`` equal ones.
+
+    Raises:
+        HighFiveError: a layer with another kernel than :class:`MotionKernel`.
     """
     kernel, inducing = posterior.kernel, np.asarray(posterior.inducing).T
+    if not isinstance(kernel, MotionKernel):
+        raise HighFiveError(f"the online tick computes MotionKernel only, this layer has a {type(kernel).__name__}")
     (dims, size), channels = inducing.shape, len(posterior.offset)
     shares, between = np.ones((styles, size)), np.ones((styles, styles))
     if posterior.style is not None and posterior.style_covariance is not None:

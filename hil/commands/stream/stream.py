@@ -21,8 +21,9 @@ from highfive.hil.commands.stream.statistics import StreamStatistics
 from highfive.hil.runtime.console import STDERR
 from highfive.hil.runtime.shutdown import Told, until_told
 from highfive.mocap_bridge.frames import MarkerFrame
-from highfive.mocap_bridge.sources.address import FILE, Address, open_source, parse_address
+from highfive.mocap_bridge.sources.address import open_source, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.scheme import FILE, Address
 from highfive.mocap_bridge.sources.source import Connection, Source, SourceHealth
 from highfive.model.errors import HighFiveError
 

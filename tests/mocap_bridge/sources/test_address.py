@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.files.recording import make_recording
-from highfive.mocap_bridge.sources.address import FILE, SCHEMES, Address, connector, open_source, parse_address
+from highfive.mocap_bridge.sources.address import connector, open_source, parse_address
+from highfive.mocap_bridge.sources.registry import BUILT_IN
+from highfive.mocap_bridge.sources.scheme import FILE, Address
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model.errors import HighFiveError
 
@@ -73,7 +75,7 @@ def test_addresses_that_are_none(text: str, says: str) -> None:
     assert "\n" not in str(error.value)
 
 
-@given(st.one_of(st.text(max_size=40), st.builds(lambda s, r: f"{s}://{r}", st.sampled_from([*SCHEMES]), st.text())))
+@given(st.one_of(st.text(max_size=40), st.builds(lambda s, r: f"{s}://{r}", st.sampled_from([*BUILT_IN]), st.text())))
 def test_any_text_is_an_address_or_our_own_error(text: str) -> None:
     try:
         address = parse_address(text)
@@ -100,7 +102,7 @@ def test_a_file_is_replayed_in_real_time(tmp_path: Path) -> None:
 
 
 def test_every_scheme_has_a_connection() -> None:
-    for name in SCHEMES:
+    for name in BUILT_IN:
         assert callable(connector(parse_address(f"{name}://here")))
     with pytest.raises(HighFiveError, match="no live system"):
         connector(Address(FILE, "a.c3d"))

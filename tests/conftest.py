@@ -22,7 +22,9 @@ CHECKED = [
     "highfive.mocap_bridge.frames",
     "highfive.hil.sim.avatar",
     "highfive.hil.session.reach",
+    "highfive.hil.trials.trial_result",
     "highfive.hil.trials.trial",
+    "highfive.hil.trials.judging",
 ]
 install_import_hook(CHECKED, "beartype.beartype")
 

@@ -25,7 +25,8 @@ from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
 from highfive.hil.trials.summary import SessionSettings, summarise
-from highfive.hil.trials.trial import TrialResult, run_trial, style_name
+from highfive.hil.trials.trial import run_trial, style_name
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set

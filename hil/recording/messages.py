@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm
 from highfive.model.geometry.rotations import Array
 

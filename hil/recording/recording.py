@@ -31,7 +31,7 @@ from highfive.hil.recording.arrays import message_arrays, message_table
 from highfive.hil.session.session import Tick
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.trials.summary import SessionSettings, versions
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 from highfive.model.errors import HighFiveError
 from highfive.model.files import unfinished

@@ -17,7 +17,7 @@ from highfive.hil.sim.people.grid import CELLS, GRID_Z
 from highfive.hil.sim.people.role import RATE_HZ
 from highfive.hil.trials.key_frames import contact_tick, moments_of
 from highfive.hil.trials.summary import MM, style_of, styles_of
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.geometry.rotations import Array
 
 _TRACES = 12

@@ -23,7 +23,7 @@ from highfive.hil.sim.rendering import Image, NoPictures, Renderer, open_rendere
 from highfive.hil.sim.scene import Scene
 from highfive.hil.sim.video import write_video
 from highfive.hil.trials.key_frames import moments_of, showpieces
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 from highfive.model.files import written_whole
 from highfive.model.geometry.rotations import Array

@@ -22,7 +22,7 @@ from highfive.hil.runtime.console import counted
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.trials.summary import FAR_OFF_MM, SessionSettings, kind
 from highfive.hil.trials.targets import Target, targets
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 
 PAGE, DATA, FIGURES, FILM = "report.html", "report.json", "figures", "highfive.mp4"

@@ -15,7 +15,7 @@ from highfive.hil.sim.arm_body import ArmTwin
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.sim.person import PersonBodies
 from highfive.hil.sim.scene import Scene
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial

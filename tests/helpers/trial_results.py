@@ -12,7 +12,7 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.role import RATE_HZ
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator

@@ -14,7 +14,7 @@ from highfive.model.evaluation.baselines import Predictor as Regression
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
-from highfive.model.gp.sparse import Posterior
+from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm.dataset import AUXILIARY, CLOCK_SCALE, Channels, hand_history
 from highfive.model.hgpdm.hierarchy import Problem
 from highfive.model.hgpdm.trained import HGPDM

@@ -14,10 +14,9 @@ from numpy.typing import ArrayLike
 
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp.kernels import MotionKernel
-from highfive.model.gp.sparse import Posterior
+from highfive.model.gp.posterior import Posterior, motion_parameters
 from highfive.model.hgpdm.dataset import KNUCKLES
-from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
+from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.tick import forecast, generate, observe, predict, step
@@ -55,11 +54,9 @@ def packed(posterior: Posterior, styles: int = 1) -> Array:
     ``styles`` equal ones.
 
     Raises:
-        HighFiveError: a layer with another kernel than :class:`MotionKernel`.
+        HighFiveError: a layer with another kernel than ``MotionKernel``.
     """
-    kernel, inducing = posterior.kernel, np.asarray(posterior.inducing).T
-    if not isinstance(kernel, MotionKernel):
-        raise HighFiveError(f"the online tick computes MotionKernel only, this layer has a {type(kernel).__name__}")
+    kernel, inducing = motion_parameters(posterior.kernel), np.asarray(posterior.inducing).T
     (dims, size), channels = inducing.shape, len(posterior.offset)
     shares, between = np.ones((styles, size)), np.ones((styles, styles))
     if posterior.style is not None and posterior.style_covariance is not None:

@@ -40,11 +40,19 @@ FULL_WIDTH = 9.0
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure with its name (for a file) and the sentence below it."""
+    """A figure.
+
+    Attributes:
+        name: of its file, and what a page finds it by.
+        caption: the sentence below it.
+        figure: matplotlib's.
+        section: heading of a session's page that it stands under.
+    """
 
     name: str
     caption: str
     figure: Figure
+    section: str = "Movement"
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
+import sys
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from highfive.model.errors import HighFiveError
@@ -43,21 +47,36 @@ def load_plugin(group: str, name: str, built_in: str | None = None) -> Any:
 
 
 def load_object(reference: str, title: str) -> Any:
-    """The object that ``module:attribute`` names; importing the module runs its code.
+    """The object that ``module:attribute`` or ``file.py:attribute`` names; importing the module runs its code.
 
     Raises:
         PluginError: the reference is not of that form, or the import fails, in whatever way.
     """
-    module, colon, attribute = (part.strip() for part in reference.partition(":"))
+    module, colon, attribute = (part.strip() for part in reference.rpartition(":"))
     if not (module and colon and attribute):
-        raise PluginError(f"{title}: {reference!r} is no reference to an object; expected module:attribute")
+        raise PluginError(
+            f"{title}: {reference!r} is no reference to an object; expected module:attribute or file.py:attribute"
+        )
     try:
-        found: Any = importlib.import_module(module)
+        found: Any = _module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
     except Exception as error:  # somebody else's code: whatever it raises is told in one line
         raise PluginError(f"{title} cannot be loaded ({reference}): {fault(error)}") from error
     return found
+
+
+def _module(name: str) -> ModuleType:
+    """A module by its dotted name, or by the path of its file."""
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    spec = importlib.util.spec_from_file_location(Path(name).stem, name)
+    assert spec is not None  # of a name that ends so
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault(spec.name, module)  # dataclasses look their module up by name
+    spec.loader.exec_module(module)
+    return module
 
 
 def fault(error: BaseException) -> str:

@@ -9,7 +9,7 @@ from paths import ROOT
 
 PACKAGE = "highfive"
 OURS = ("calibration", "hil", "mocap_bridge", "model", "scenes")
-ERRORS = {"model.errors", "model.files"}
+ERRORS = {"model.errors", "model.files", "model.plugins"}
 MODEL = {"model"}  # with every room of it
 BRIDGE = {"mocap_bridge"}
 SIM = {"hil.sim", "hil.arm_model", "hil.runtime", "scenes"}
@@ -20,7 +20,8 @@ ALLOWED: dict[str, set[str]] = {
     "scenes": set(),
     "model": {"model.geometry.rotations"},  # the type of an array
     "model.geometry": ERRORS | {"model.compiled"},
-    "model.gp": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry"},
+    "model.gp": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry", "model.gp.kernels"},
+    "model.gp.kernels": {"model.errors"},
     "model.hgpdm": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry", "model.gp"},
     "model.online": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry", "model.gp", "model.hgpdm"},
     "model.evaluation": ERRORS | {"model.geometry", "model.gp", "model.hgpdm", "model.online"},
@@ -31,7 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     | {"mocap_bridge.wire", "mocap_bridge.files"},
     "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},
-    "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.files"},
+    "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.wire", "mocap_bridge.files"},
     "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry"}
     | {"mocap_bridge.frames", "mocap_bridge.markers", "mocap_bridge.files"},
     "mocap_bridge.body": {"model.errors", "model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
@@ -48,7 +49,7 @@ ALLOWED: dict[str, set[str]] = {
     "hil.drivers": {"model.errors"},
     "hil.drivers.bus": {"model.errors", "hil.drivers", "hil.runtime"},
     "hil.drivers.emulator": {"model.errors", "hil.drivers", "hil.runtime"},
-    "hil.safety": {"model.errors", "model.geometry", "hil.drivers.values"},
+    "hil.safety": {"model.errors", "model.geometry", "hil.drivers.values", "hil.drivers.servo_errors"},
     "hil.arm": MODEL | BRIDGE | SIM | ARM | {"hil.session", "calibration"},
     "hil.datasets": MODEL | BRIDGE | {"calibration", "hil.runtime", "hil.sim.avatar"},
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},

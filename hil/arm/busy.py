@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 
 from highfive.hil.arm.arm_trial import ArmTrial
-from highfive.hil.drivers.bus.arm_process import Cycle
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.drivers.priority import PRIORITY, may_go_first
 from highfive.hil.safety.rules import Rule
 

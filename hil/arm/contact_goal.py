@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.safety.people import Sighting
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
-from highfive.hil.session.session import OUT_OF_DISTRIBUTION, RATE_HZ, Tick
+from highfive.hil.session.session import RATE_HZ, Tick
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import BEGIN, END
@@ -82,9 +82,8 @@ def _forecast(tick: Tick) -> ContactForecast | None:
     The clock of the avatar's layer does not know hands that come up fast; the contact layer does.
     """
     r = tick.response
-    familiar = float(np.trace(r.latent_covariance)) < OUT_OF_DISTRIBUTION**2
     coming = r.time_to_contact > END and (r.time_to_contact < BEGIN or r.time_to_contact_std > LOST)
-    return r.contact if familiar and coming else None
+    return r.contact if r.in_distribution and coming else None
 
 
 def until_touch(target: ReachTarget, forecast: ContactForecast | None) -> float:

@@ -18,15 +18,17 @@ import numpy as np
 from highfive.calibration.registration import load_registration
 from highfive.hil.arm.emergency_stop import SIGNALS, check_pipe, listening
 from highfive.hil.arm.loop import ArmLoop, first_of
-from highfive.hil.arm.planner import Retarget, RetargetSettings
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, READY, ServoArm, default_arm
-from highfive.hil.drivers.bus.arm_process import ArmProcess, Mode
+from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.control_table import load_table, to_si
+from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.ports import too_slow
 from highfive.hil.drivers.bus.rig import COUNTS, Rig, load_rig, wanted_registers
 from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
 from highfive.hil.drivers.bus.servo_bus import ServoBus
-from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
+from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS, PATIENCE_MS
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.console import Bar, say_aside
@@ -49,9 +51,6 @@ EMULATED = "emulated"
 
 PLANT = "highfive.hil.arm.simulated_driver:mounted_arm"
 """The body that emulated servos move."""
-
-PATIENCE_MS = 50.0
-"""How long an answer may be late before anything moves."""
 
 START_S = 30.0
 """So long the driver's process may take to begin, s."""

@@ -12,8 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
-from highfive.hil.arm.planner import ArmStep, ConstraintRelaxation, PalmGoal, Retarget, RetargetState
-from highfive.hil.drivers.bus.arm_process import Cycle, Mode
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import ArmStep, ConstraintRelaxation, PalmGoal, RetargetState
+from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety import envelope

@@ -16,7 +16,7 @@ from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed, refuse_two_people
-from highfive.hil.runtime.console import STDERR, counted, print_json, progress_bars
+from highfive.hil.runtime.console import STDERR, counted, print_json, progress_bars, show_log
 from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from highfive.hil.arm.lifecycle import ArmOptions
 
 app = typer.Typer(
-    help="Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -38,6 +37,24 @@ app.add_typer(cli_rig.app, name="rig")
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from highfive import __version__  # noqa: PLC0415 (reads the installed package's metadata)
+
+        print(f"highfive {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def begin(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose."""
+    show_log()
 
 
 @app.command()
@@ -54,7 +71,16 @@ def simulate(
         str | None, typer.Option("--human", "--person", help="Prefix of that person's markers, such as A or human.")
     ] = None,
     marker_set: Annotated[str | None, typer.Option(help="That person's marker set: a name or a TOML file.")] = None,
-    model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Model file (default: the one that comes with High Five), or FILE.py:FUNCTION, your own.",
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Data folder that a model of your own learns from.")
+    ] = None,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/session-1, -2, …).")] = None,
     physics: Annotated[
@@ -88,6 +114,7 @@ def simulate(
 ) -> None:
     """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
     from highfive.hil.commands.simulate import SimulateOptions, simulate  # noqa: PLC0415
+    from highfive.hil.evaluation.reaction_models import is_plugin  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     options = SimulateOptions(
@@ -98,7 +125,8 @@ def simulate(
         source=source,
         human=human,
         marker_set=marker_set,
-        model=model or DEFAULT_MODEL,
+        model=DEFAULT_MODEL if model is None else model if is_plugin(model) else Path(model),
+        data=data,
         seed=seed,
         physics=physics,
         correct=not no_correction,

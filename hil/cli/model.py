@@ -99,6 +99,10 @@ def evaluate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for a report with figures; trainings are kept there and used again.")
     ] = None,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FILE.py:FUNCTION", help="A model of your own beside them (docs/extending.md)."),
+    ] = None,
     human: Human = "human",
     avatar: Avatar = "avatar",
     human_set: HumanSet = None,
@@ -130,6 +134,7 @@ def evaluate(
         leave_out=leave_out,
         out=out,
         overwrite=overwrite,
+        also=tuple(also or ()),
     )
     with progress_bars() as bar:
         try:

@@ -20,9 +20,9 @@ from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.session.session import RATE_HZ, Session
 from highfive.hil.sim.avatar import avatar_skeleton
-from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.capture import PERSON_SET
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.mocap_bridge.files.trial_table import TrialRow, read_table

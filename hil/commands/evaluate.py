@@ -13,6 +13,7 @@ import numpy as np
 from highfive.hil.datasets.training_data import load_trials
 from highfive.hil.evaluation.cross_validation import Run, run_protocol, trainings
 from highfive.hil.evaluation.model_cache import fit_windows, is_kept
+from highfive.hil.evaluation.reaction_models import learner
 from highfive.hil.evaluation.score_table import Scored
 from highfive.hil.evaluation.training_progress import TrainingCount
 from highfive.hil.runtime.console import Bar, say_aside
@@ -38,19 +39,20 @@ MODELS = "models"
 class EvaluateOptions:
     """What to score and how; see ``highfive evaluate --help``."""
 
-    data: Path | None
-    windows: Path | None
-    model: Path | None
-    preset: str
-    inducing: int
-    seeds: int
-    human: str
-    avatar: str
-    human_set: str | None
-    avatar_set: str | None
+    data: Path | None = None
+    windows: Path | None = None
+    model: Path | None = None
+    preset: str = "default"
+    inducing: int = 200
+    seeds: int = 3
+    human: str = "human"
+    avatar: str = "avatar"
+    human_set: str | None = None
+    avatar_set: str | None = None
     leave_out: str | None = None
     out: Path | None = None
     overwrite: bool = False
+    also: tuple[str, ...] = ()
 
 
 def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
@@ -76,6 +78,8 @@ def _evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
         if options.model is not None or options.leave_out is not None:
             word = "the model" if options.model is not None else "--leave-out"
             raise HighFiveError(f"a windows file brings its own training part; leave {word} out")
+        if options.also:
+            raise HighFiveError("a model of your own (--also) answers trials of a data folder, not a windows file")
         return _on_windows(options.windows, preset, options, kept, bar)
     if options.model is not None and options.leave_out is not None:
         raise HighFiveError("--leave-out trains models of its own; leave the model out")
@@ -139,10 +143,11 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     trials = [pair.trial for pair in pairs]
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
     runs: list[Run] = []
+    others = {name: learner(name) for name in options.also}
     count = TrainingCount(bar, options.seeds * trainings(folds, options.leave_out), say_aside)
     for seed in range(options.seeds):
         named = partial(_fold_steps, count, seed)
-        runs.append(run_protocol(folds, options.leave_out, preset, options.inducing, seed, kept, named, model))
+        runs.append(run_protocol(folds, options.leave_out, preset, options.inducing, seed, kept, named, model, others))
     about = {
         "data": str(folder),
         "model": None if options.model is None else str(options.model),

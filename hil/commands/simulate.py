@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import shlex
 import signal
 import sys
@@ -13,12 +14,13 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import RATE_HZ, Session, Tick
-from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
@@ -31,9 +33,11 @@ from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
-from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.reaction import ReactionModel
+from highfive.model.plugins import PluginError
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
@@ -57,7 +61,8 @@ class SimulateOptions:
         source: a C3D file of a real person, or the address of a live system; None simulates a person.
         human: prefix of that person's markers.
         marker_set: name or path of that person's marker set; None finds one.
-        model: the model's file.
+        model: the model's file, or the name of a model of one's own.
+        data: folder that such a model learns from.
         seed: seed of the simulated people.
         physics: drive the avatar by actuators against contact forces.
         correct: correct the palm.
@@ -73,7 +78,8 @@ class SimulateOptions:
     source: str | None = None
     human: str | None = None
     marker_set: str | None = None
-    model: Path = DEFAULT_MODEL
+    model: Path | str = DEFAULT_MODEL
+    data: Path | None = None
     seed: int = 0
     physics: bool = False
     correct: bool = True
@@ -111,10 +117,28 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
-        model, person = load_model(options.model), None
+        model, person = _model(options, bar), None
         if live:
             person = _live_person(options, stack)
         return _simulate(options, model, folder, bar, person)
+
+
+def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
+    """The model that answers; one of the user's own learns here."""
+    if not is_plugin(options.model):
+        if options.data is not None:
+            raise HighFiveError(f"--data is what a model of your own learns from; {options.model} has learned")
+        return open_model(options.model)
+    data = options.data
+    if data is None:
+        return open_model(options.model)
+    from highfive.hil.datasets.training_data import load_trials  # noqa: PLC0415
+
+    def trials() -> list[Trial]:
+        pairs = load_trials(data, progress=lambda total: bar("solving markers", total), learn_only=True)
+        return [pair.trial for pair in pairs]
+
+    return open_model(options.model, trials)
 
 
 def _live_person(options: SimulateOptions, stack: ExitStack) -> LivePerson:
@@ -128,7 +152,7 @@ def _live_person(options: SimulateOptions, stack: ExitStack) -> LivePerson:
 
 
 def _simulate(
-    options: SimulateOptions, model: HGPDM, folder: Path, bar: Bar, person: LivePerson | None
+    options: SimulateOptions, model: HGPDM | ReactionModel, folder: Path, bar: Bar, person: LivePerson | None
 ) -> dict[str, Any]:
     partners = _partners(options, model, bar, person)
     scene = build_scene()
@@ -171,7 +195,7 @@ def _report(
 def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
     return SessionSettings(
         seed=options.seed,
-        model=options.model.name,
+        model=options.model if isinstance(options.model, str) else options.model.name,
         trials=trials,
         style=None if options.style is None else dict(options.style),
         corrected=options.correct,
@@ -206,7 +230,9 @@ def _pictures(
         return none, none
 
 
-def _partners(options: SimulateOptions, model: HGPDM, bar: Bar, person: LivePerson | None) -> list[Partner]:
+def _partners(
+    options: SimulateOptions, model: HGPDM | ReactionModel, bar: Bar, person: LivePerson | None
+) -> list[Partner]:
     emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:
@@ -275,7 +301,7 @@ def _run(
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
                         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
-                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
                     _advise(remedy)
                     return replace(played, interrupted=True)
                 result = replace(result, style=called)
@@ -286,7 +312,7 @@ def _run(
                     played.arm[number] = arm
                 advance()
                 if watch is not None and watch.loop.trouble:
-                    say_aside(f"the arm was stopped: {watch.loop.trouble}")
+                    say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
                     _advise(_remedy(watch, arm, watch.loop.trouble))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:
@@ -317,6 +343,21 @@ def _trial(
     watch: ArmWatch | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
+    try:
+        return _played_trial(number, partner, style, session, playout, person, watch)
+    except PluginError as error:
+        return None, str(error)
+
+
+def _played_trial(
+    number: int,
+    partner: Partner,
+    style: str,
+    session: Session,
+    playout: PlayOut,
+    person: LivePerson | None,
+    watch: ArmWatch | None,
+) -> tuple[TrialResult | None, str]:
     if person is None and watch is None:
         return run_trial(number, partner, session, playout), ""
     try:
@@ -348,6 +389,6 @@ def _trial(
     return replace(result, notes=(*result.notes, note)), ""
 
 
-def _session(options: SimulateOptions, model: HGPDM, scene: Scene, partner: Partner) -> Session:
+def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:
     style = options.style or {partner.emotion: 1.0}
     return Session(model, style, partner.marker_set, scene, correct=options.correct)

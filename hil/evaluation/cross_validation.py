@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,17 +14,19 @@ from highfive.hil.evaluation.model_cache import Fitted, fit
 from highfive.hil.evaluation.score_table import Scored
 from highfive.hil.evaluation.step_times import step_times
 from highfive.hil.runtime.console import say_aside
+from highfive.hil.session.open_responder import open_responder
 from highfive.hil.sim.avatar import PALM_IN_RIGHT_WRIST, avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation import baselines
 from highfive.model.evaluation import scores as evaluation
-from highfive.model.evaluation.predictions import Body, Method, Prediction, online, regressed
+from highfive.model.evaluation.predictions import Body, Method, Prediction, online, reacting, regressed
 from highfive.model.evaluation.splits import Fold, leave_out
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.optimise import ProgressCallback
 from highfive.model.hgpdm.presets import Preset
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.reaction import FitReactionModel
 
 Steps = Callable[[str], ProgressCallback]
 """From the name of a fold to what is called after each of its steps."""
@@ -78,6 +82,10 @@ def methods(fitted: Fitted) -> dict[str, Method]:
         "hgpdm": online(fitted.model, avatar),
         "sparse_gp": regressed(baselines.regression(fitted.sparse_gp), task, avatar, fitted.sparse_gp),
         **{name: regressed(regression, task, avatar) for name, regression in plain.items()},
+        **{
+            name: reacting(partial(open_responder, model, patience=None), avatar)
+            for name, model in fitted.others.items()
+        },
     }
 
 
@@ -90,6 +98,7 @@ def run_protocol(
     kept: Path | None,
     steps: Steps,
     model: HGPDM | None = None,
+    others: Mapping[str, FitReactionModel] = MappingProxyType({}),
 ) -> Run:
     """Trains and scores with one seed.
 
@@ -102,6 +111,7 @@ def run_protocol(
         kept: folder of trainings, see :func:`highfive.hil.evaluation.model_cache.fit`.
         steps: makes the progress bars.
         model: a model that is trained already, scored instead.
+        others: learn models of somebody else's, by name, which are scored beside it.
 
     Raises:
         HighFiveError: the data cannot be learned from, or no held-out trial is of an emotion that was learned.
@@ -110,7 +120,7 @@ def run_protocol(
     known = scorable(folds, model)
 
     def train(fold: Fold) -> Fitted:
-        return fit(fold.trials, preset, inducing, seed, kept, steps(fold.name), model)
+        return fit(fold.trials, preset, inducing, seed, kept, steps(fold.name), model, others)
 
     found = [
         _Scored(fold, fitted := train(fold), indices, _answered(fold, fitted, indices))

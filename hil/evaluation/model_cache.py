@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
+from highfive.hil.evaluation.reaction_models import fitted
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation import baselines
@@ -25,6 +27,7 @@ from highfive.model.hgpdm.presets import DEFAULT, Preset
 from highfive.model.hgpdm.store import VERSION, load_layer, load_model, save_layer, save_model
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.reaction import FitReactionModel, ReactionModel
 
 _KEPT = re.compile(r"(hgpdm|sparse_gp|windows)_[0-9a-f]{16}(\.safetensors|\.checkpoint\.npz(\.old(-\d+)?)?)")
 
@@ -37,11 +40,13 @@ class Fitted:
         model: the model.
         task: the training points as the baselines see them, of the emotions that the trials have.
         sparse_gp: the plain sparse GP.
+        others: models of somebody else's, by name.
     """
 
     model: HGPDM
     task: Problem
     sparse_gp: Posterior
+    others: Mapping[str, ReactionModel] = field(default_factory=dict)
 
     @property
     def emotions(self) -> list[str]:
@@ -57,6 +62,7 @@ def fit(
     kept: Path | None = None,
     progress: ProgressCallback | None = None,
     model: HGPDM | None = None,
+    others: Mapping[str, FitReactionModel] = MappingProxyType({}),
 ) -> Fitted:
     """Trains on the trials that are not held out.
 
@@ -68,14 +74,17 @@ def fit(
         kept: folder in which what was trained before is looked for, and to which it goes; None trains afresh.
         progress: called after every step.
         model: a model that is trained already.
+        others: learn models of somebody else's, by name; these are not kept.
 
     Raises:
         HighFiveError: the data cannot be learned from.
+        PluginError: a model of somebody else's fails.
     """
     if model is None:
         model = _model(trials, preset, inducing, seed, kept, progress)
     task = problem(training_set(trials, DEFAULT), DEFAULT)
-    return Fitted(model, task, _sparse_gp(task, model.avatar.inducing.shape[0], seed, kept, progress))
+    plain = _sparse_gp(task, model.avatar.inducing.shape[0], seed, kept, progress)
+    return Fitted(model, task, plain, {name: fitted(name, learn, trials) for name, learn in others.items()})
 
 
 def fit_windows(

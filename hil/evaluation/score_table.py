@@ -107,6 +107,11 @@ def metric_named(name: str, unit: str) -> Metric:
     return Metric("error", action, "cm", 100.0, 2) if unit == "m" else Metric("error", action, unit, 1.0, 4)
 
 
+def method_label(method: str) -> str:
+    """How a method is called in tables; a model of somebody else's by its own name."""
+    return METHODS.get(method, method)
+
+
 def methods_of(result: dict[str, Any]) -> list[str]:
     """The columns: all methods, then what was recorded, if there is something of it."""
     return [*result["scores"], *(["recorded"] if result.get("recorded") else [])]

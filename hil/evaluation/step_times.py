@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from highfive.hil.evaluation.model_cache import Fitted
+from highfive.hil.session.open_responder import open_responder
 from highfive.model.evaluation.baselines import Predictor as Regression
 from highfive.model.evaluation.predictions import one_hot
 from highfive.model.geometry.rotations import Array
@@ -15,6 +16,7 @@ from highfive.model.hgpdm.dataset import hand_history
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.belief import packed
 from highfive.model.online.layer import predict_layer
+from highfive.model.online.reaction import ReactionModel
 from highfive.model.online.responder import Responder
 
 WARM_UP = 30  # steps that do not count
@@ -41,8 +43,14 @@ def step_times(fitted: Fitted, plain: dict[str, Regression], trial: Trial) -> di
         "hgpdm": lambda frame: responder.step(trial.hand_points[frame]).joints_std,
         "sparse_gp": lambda frame: predict_layer(layer, task.feature_map(histories[frame]), style)[2],
         **{name: of(regression) for name, regression in plain.items()},
+        **{name: _reacting(model, trial) for name, model in fitted.others.items()},
     }
     return {name: _times(step, len(times)) for name, step in steps.items()}
+
+
+def _reacting(model: ReactionModel, trial: Trial) -> Callable[[int], object]:
+    responder = open_responder(model, trial.emotion, trial.rate_hz, patience=None)
+    return lambda frame: responder.step(trial.hand_points[frame])
 
 
 def _times(step: Callable[[int], object], frames: int) -> Array:

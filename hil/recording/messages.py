@@ -17,7 +17,7 @@ from highfive.model.geometry.rotations import Array
 
 if TYPE_CHECKING:
     from highfive.hil.arm.loop import ArmTick
-    from highfive.hil.drivers.bus.arm_process import Cycle
+    from highfive.hil.drivers.bus.cycle_ring import Cycle
 
 _NUMBER: dict[str, Any] = {"type": "number"}
 _TEXT: dict[str, Any] = {"type": "string"}

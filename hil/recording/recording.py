@@ -23,9 +23,11 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
+from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from highfive.hil.recording import messages
+from highfive.hil.recording.arrays import message_arrays, message_table
 from highfive.hil.session.session import Tick
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.trials.summary import SessionSettings, versions
@@ -36,6 +38,8 @@ from highfive.model.files import unfinished
 from highfive.model.geometry.rotations import Array
 
 if TYPE_CHECKING:
+    from pandas import DataFrame  # pyright: ignore[reportMissingImports]
+
     from highfive.hil.arm.arm_trial import ArmTrial
 
 CHUNK_NS = 500_000_000
@@ -298,13 +302,33 @@ class SessionRecording:
         poses = (Pose.from_quaternions(np.array(m.data["root"]), np.array(m.data["quaternions"])) for m in messages)
         return np.array([1e-9 * m.time_ns for m in messages]), tuple(poses)
 
+    def arrays(self, topic: str) -> dict[str, NDArray[Any]]:
+        """A topic's messages as one array a field; see :func:`highfive.hil.recording.arrays.message_arrays`.
 
-def read_recording(path: Path) -> SessionRecording:
+        Raises:
+            HighFiveError: recordings have no such topic.
+        """
+        if topic not in self.channels:
+            raise HighFiveError(f"no topic {topic!r} in a recording; there are {', '.join(self.channels)}")
+        messages = self.channels[topic]
+        return message_arrays([m.time_ns for m in messages], [m.data for m in messages])
+
+    def table(self, topic: str) -> DataFrame:
+        """A topic's messages as a pandas table, a row a message.
+
+        Raises:
+            HighFiveError: recordings have no such topic, or pandas is not installed.
+        """
+        return message_table(self.arrays(topic))
+
+
+def read_recording(path: Path | str) -> SessionRecording:
     """Reads a recording, also one whose end is missing.
 
     Raises:
         HighFiveError: there is no such file, or it holds no session. Other values than the session's are not checked.
     """
+    path = Path(path)
     channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in messages.CHANNELS}
     complete = False
     try:

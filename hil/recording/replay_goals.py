@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.recording.recording import RecordedMessage, SessionRecording
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.avatar import Pose, avatar_skeleton, right_palm

@@ -45,7 +45,7 @@ def mark_of(emotion: str) -> str:
 
 def method_look(method: str) -> tuple[str, str]:
     """Hex colour and matplotlib marker of a method that is scored."""
-    return _METHODS[method]
+    return _METHODS.get(method) or _OTHERS[sum(method.encode()) % len(_OTHERS)]
 
 
 def _look(emotion: str) -> tuple[str, str]:

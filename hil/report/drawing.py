@@ -85,5 +85,5 @@ def to_png(figure: Figure) -> bytes:
     """The figure as a PNG on white, twice the size on the page."""
     buffer = io.BytesIO()
     with mpl.rc_context(STYLE):
-        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "high-five"}, pil_kwargs={"optimize": True})
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "high-five"})
     return buffer.getvalue()

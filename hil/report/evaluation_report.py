@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from highfive.hil.evaluation.cross_validation import Run
-from highfive.hil.evaluation.score_table import METHODS, methods_of, metric_named, rows_of
+from highfive.hil.evaluation.score_table import method_label, methods_of, metric_named, rows_of
 from highfive.hil.evaluation.style_mixtures import morphs
 from highfive.hil.report import evaluation_figures, model_figures
 from highfive.hil.report.drawing import Drawing, draw, to_png
@@ -123,7 +123,9 @@ def _headline(result: dict[str, Any]) -> str:
         other, best = min((values[name], method) for method, values in scores.items() if method != "hgpdm")
         state = '<span class="met">not worse</span>' if own <= other else '<span class="unmet">worse</span>'
         shown = f"{metric.show(own)} {metric.unit}".strip()
-        against = f"best regression, {METHODS[best]}, {escape(f'{metric.show(other)} {metric.unit}'.strip())}: {state}"
+        against = (
+            f"best regression, {method_label(best)}, {escape(f'{metric.show(other)} {metric.unit}'.strip())}: {state}"
+        )
         if name == "unseen_over_seen":
             good = "met" if own <= 1.5 else "unmet"
             against = f'target at most 1.5: <span class="{good}">{"met" if own <= 1.5 else "not met"}</span>'
@@ -135,7 +137,7 @@ def _headline(result: dict[str, Any]) -> str:
 
 
 def _scores(result: dict[str, Any]) -> str:
-    heads = ["", *(METHODS[method] for method in methods_of(result))]
+    heads = ["", *(method_label(method) for method in methods_of(result))]
     rows, found, group = [], rows_of(result), ""
     for row in found:
         if row.group != group and len({each.group for each in found}) > 1:
@@ -154,7 +156,7 @@ def _by_fold(result: dict[str, Any]) -> str:
     if not result.get("by_fold"):
         return ""
     methods, metric = list(result["scores"]), metric_named("palm_at_contact", "")
-    heads = [result["leave_out"], *(f"{METHODS[m]}, cm" for m in methods)]
+    heads = [result["leave_out"], *(f"{method_label(m)}, cm" for m in methods)]
     rows = []
     for fold, values in result["by_fold"].items():
         cells = [metric.show(values[m]["palm_at_contact"]) for m in methods]

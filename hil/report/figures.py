@@ -13,7 +13,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 from highfive.hil.report.colours import PARTNER, PERSON, colour_of, mark_of
 from highfive.hil.report.drawing import FAINT, HINGES, INK, Drawing, draw, new_figure
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.sim.people.actors import CELLS, GRID_Z, RATE_HZ
+from highfive.hil.sim.people.grid import CELLS, GRID_Z
+from highfive.hil.sim.people.role import RATE_HZ
 from highfive.hil.trials.key_frames import contact_tick, moments_of
 from highfive.hil.trials.summary import MM, style_of, styles_of
 from highfive.hil.trials.trial import TrialResult

@@ -8,7 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from highfive.hil.evaluation.score_table import METHODS, methods_of, rows_of
+from highfive.hil.evaluation.score_table import method_label, methods_of, rows_of
 
 if TYPE_CHECKING:  # what trains takes seconds to import
     pass
@@ -38,7 +38,7 @@ def _score_table(result: dict[str, Any], title: str, ranges: bool = True) -> Tab
     several = result["seeds"] > 1
     table.add_column(f"median of seeds{' (range)' if ranges else ''}" if several else "one seed", no_wrap=True)
     for method in methods_of(result):
-        table.add_column(METHODS[method], justify="right", no_wrap=True)
+        table.add_column(method_label(method), justify="right", no_wrap=True)
     rows = rows_of(result, ranges)
     for number, row in enumerate(rows):
         if len(rows) > 1 and row.group != "error" and row.group != rows[number - 1].group:

@@ -8,13 +8,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from highfive.hil.drivers.servo_errors import hardware_errors
 from highfive.hil.drivers.values import JointHealth, JointState
 from highfive.hil.safety.limits import JOINTS, Limits, Servo, Timing
 from highfive.hil.safety.rules import Rule
 from highfive.model.geometry.rotations import Array
-
-ERROR_BITS = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
-"""Of the servo's register Hardware Error Status (the maker's manual)."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +83,7 @@ def servo_error(arm: JointState | None) -> str:
     """Errors that servos report, and watchdogs that have tripped."""
     for joint, bits in enumerate([] if arm is None else arm.errors.tolist()):
         if bits:
-            names = [ERROR_BITS.get(bit, f"bit {bit}") for bit in range(8) if bits >> bit & 1]
-            return f"the servo of {JOINTS[joint]} reports {', '.join(names)}"
+            return f"the servo of {JOINTS[joint]} reports {', '.join(hardware_errors(bits))}"
     for joint, tripped in enumerate([] if arm is None else arm.tripped.tolist()):
         if tripped:
             return f"the servo of {JOINTS[joint]} stopped by itself: its watchdog heard nothing for too long"

@@ -10,9 +10,10 @@ import numpy as np
 
 from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.hil.session.contact_correction import ContactCorrection
+from highfive.hil.session.open_responder import open_responder
 from highfive.hil.session.reach import Expectation, Reach, ReachTarget
-from highfive.hil.session.style_timing import Tempo
-from highfive.hil.sim.avatar import Pose, avatar_skeleton, between
+from highfive.hil.session.style_timing import timing_of
+from highfive.hil.sim.avatar import Pose, between
 from highfive.hil.sim.scene import Scene
 from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
@@ -20,18 +21,12 @@ from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.palm_filter import PalmFilter
 from highfive.mocap_bridge.tracking.reacquisition import HandReturn
 from highfive.mocap_bridge.tracking.tracker import Tracker
-from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trained import HGPDM
-from highfive.model.online.responder import HAND_VARIANCE, Responder, Response
+from highfive.model.online.reaction import Reaction, ReactionModel
+from highfive.model.online.responder import HAND_VARIANCE
 
 RATE_HZ = 120.0
-
-OUT_OF_DISTRIBUTION = 0.18
-"""Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
-
-0.14 to 0.17 with people like those it was trained on, 0.19 and more with a taller person who walks by.
-"""
 
 QUICKEST = 30.0
 """No hinge of the generated pose turns faster than this, rad/s; an angry elbow reaches some 20."""
@@ -59,7 +54,7 @@ class Tick:
 
     markers: TrackedMarkers
     person: HumanArm
-    response: Response
+    response: Reaction
     generated: Pose
     generated_palm: PalmPose
     target: ReachTarget
@@ -77,26 +72,27 @@ class Session:
     """The chain from a marker frame to the pose that is played, at 120 Hz."""
 
     def __init__(
-        self, model: HGPDM, style: Mapping[str, float], marker_set: MarkerSet, scene: Scene, *, correct: bool = True
+        self,
+        model: HGPDM | ReactionModel,
+        style: Mapping[str, float],
+        marker_set: MarkerSet,
+        scene: Scene,
+        *,
+        correct: bool = True,
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
 
         Raises:
-            HighFiveError: the model was trained for another skeleton, or the style does not fit it.
+            HighFiveError: the model was trained for another skeleton, or the style does not fit it; a model of
+                somebody else's fails.
         """
-        expected = avatar_skeleton().hash
-        if model.skeleton_hash != expected:
-            raise HighFiveError(
-                f"the model is for skeleton {model.skeleton_hash or '(none given)'}, the avatar is {expected}; "
-                "train a model on this avatar"
-            )
         use_one_blas_thread()
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
         self._return = HandReturn()
         self._palm = PalmFilter()
-        self._responder = Responder(model, style, RATE_HZ)
-        self._tempo = Tempo(model)
+        self._responder = open_responder(model, style, RATE_HZ)
+        self._tempo = timing_of(model)
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
@@ -123,7 +119,7 @@ class Session:
         person = self._steady(self._arm(markers))
         doubt = HAND_COVARIANCE + person.hand_covariance
         response = self._responder.step(person.hand_points if person.valid else None, doubt)
-        familiar = float(np.trace(response.latent_covariance)) < OUT_OF_DISTRIBUTION**2
+        familiar = response.in_distribution
         generated = self._pose(response, familiar)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None
@@ -146,7 +142,7 @@ class Session:
         person = self._return(person, 1.0 / RATE_HZ)
         return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
 
-    def _pose(self, response: Response, familiar: bool) -> Pose:
+    def _pose(self, response: Reaction, familiar: bool) -> Pose:
         """The model's pose at the style's tempo; where the person is a stranger to it, the pose in which it waits."""
         style = self._responder.style
         waiting = self._tempo.waiting(style)
@@ -161,7 +157,7 @@ class Session:
         return between(waiting, pose, self._trust[1])
 
 
-def _expectation(response: Response, familiar: bool) -> Expectation:
+def _expectation(response: Reaction, familiar: bool) -> Expectation:
     """The forecast while a hand approaches by the avatar layer's clock; the contact layer knows nothing else."""
     contact = response.contact if END < response.time_to_contact < BEGIN else None
     if contact is None:

@@ -12,9 +12,10 @@ from highfive.calibration.placement import place_person
 from highfive.hil.datasets.training_data import track_hand
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.avatar import right_palm
-from highfive.hil.sim.people.actors import CELLS, simulate_pair
+from highfive.hil.sim.people.actors import simulate_pair
 from highfive.hil.sim.people.capture import PERSON_SET, Defects, markers_of, record
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording, resample
 from highfive.mocap_bridge.markers.marker_set import MarkerSet

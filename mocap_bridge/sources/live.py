@@ -12,13 +12,12 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_person
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.wire.errors import LinkError
-from highfive.mocap_bridge.wire.plausible import FARTHEST_M
+from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, spans
 from highfive.model.errors import HighFiveError
 from highfive.model.plugins import fault
 
@@ -36,21 +35,6 @@ LONGEST_GAP = 100_000
 
 REORDERED = 10
 """A frame number that is so little behind the newest says that the network changed the order."""
-
-SPAN = (0.01, 50.0)
-"""Between these, m, lies the span of a person's markers, whatever the room; outside the unit is wrong."""
-
-
-def spans(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Largest extent along an axis, m, of each frame's (…, M, 3) valid markers; NaN where fewer than three are."""
-    low = np.where(valid[..., None], points, np.inf).min(axis=-2)
-    high = np.where(valid[..., None], points, -np.inf).max(axis=-2)
-    return np.where(valid.sum(axis=-1) > 2, (high - low).max(axis=-1), np.nan)
-
-
-def of_another_unit(span: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Spans, m, that no person's markers have: the numbers were of another unit."""
-    return (span < SPAN[0]) | (span > SPAN[1])
 
 
 class Link(Protocol):

@@ -27,3 +27,19 @@ def plausible(points: Array, valid: NDArray[np.bool_]) -> tuple[Array, NDArray[n
 def plausible_only(points: Array) -> Array:
     """Those of points (U, 3), m, without a label that can be meant."""
     return points[(np.abs(points) <= FARTHEST_M).all(axis=1)]
+
+
+SPAN = (0.01, 50.0)
+"""Between these, m, lies the span of a person's markers, whatever the room; outside the unit is wrong."""
+
+
+def spans(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Largest extent along an axis, m, of each frame's (…, M, 3) valid markers; NaN where fewer than three are."""
+    low = np.where(valid[..., None], points, np.inf).min(axis=-2)
+    high = np.where(valid[..., None], points, -np.inf).max(axis=-2)
+    return np.where(valid.sum(axis=-1) > 2, (high - low).max(axis=-1), np.nan)
+
+
+def of_another_unit(span: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Spans, m, that no person's markers have: the numbers were of another unit."""
+    return (span < SPAN[0]) | (span > SPAN[1])

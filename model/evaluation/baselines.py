@@ -10,7 +10,8 @@ from scipy.spatial import KDTree
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
-from highfive.model.gp.kernels import initial_style, motion_kernel
+from highfive.model.gp.coregionalisation import initial_style
+from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.optimise import ProgressCallback, minimise
 from highfive.model.gp.sparse import Layer, Posterior
 from highfive.model.hgpdm.hierarchy import Problem
@@ -79,9 +80,8 @@ def sparse_gp(
     """Plain sparse GP regression, motion × style kernel, with as many inducing inputs as a layer of the model."""
     features, styles, targets = jnp.asarray(task.features), jnp.asarray(task.data.styles), task.avatar_targets
     chosen = np.sort(rng.choice(len(features), size=min(inducing, len(features)), replace=False))
-    kernel = motion_kernel(jnp.full(features.shape[1], np.sqrt(features.shape[1])))
     style = initial_style(styles.shape[1], styles[chosen])
-    start = Layer(kernel, features[chosen], sparse.raw_noise(0.2, GP_NOISE), style)
+    start = Layer(MotionKernel.initial(features.shape[1]), features[chosen], sparse.raw_noise(0.2, GP_NOISE), style)
 
     def value(layer: Layer):
         noise = sparse.noise_variance(layer.raw_noise, GP_NOISE)

@@ -21,6 +21,7 @@ from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.belief import packed
 from highfive.model.online.layer import predict_layer
+from highfive.model.online.reaction import OnlineResponder, Reaction
 from highfive.model.online.responder import Responder, Response
 
 SCORED_RATE = 30.0  # Hz, of the frames that count, beside each trial's contact frame
@@ -52,19 +53,7 @@ class Body:
     @cached_property
     def _arm(self) -> tuple[list[int], Skeleton]:
         """Indices of the joints from the root to the right wrist, and the skeleton that they make."""
-        whole, joint, carriers = self.skeleton, self.skeleton.index("right_wrist"), []
-        while joint >= 0:
-            carriers.insert(0, joint)
-            joint = whole.parents[joint]
-        arm = Skeleton(
-            tuple(whole.names[j] for j in carriers),
-            tuple(range(-1, len(carriers) - 1)),
-            whole.offsets[carriers],
-            tuple(whole.hinge_orders[j] for j in carriers),
-            whole.hinge_limits[carriers],
-            whole.rest[carriers],
-        )
-        return carriers, arm
+        return self.skeleton.chain_to("right_wrist")
 
 
 def _kinematics(skeleton: Skeleton, turns: Array, outputs: Array) -> tuple[Array, Array]:
@@ -125,7 +114,7 @@ def one_hot(trial: Trial, emotions: Sequence[str]) -> Array:
     return np.eye(len(emotions))[list(emotions).index(trial.emotion)]
 
 
-def to_channels(response: Response) -> Array:
+def to_channels(response: Reaction) -> Array:
     """A response as the avatar channels (channels,) that it came from."""
     clock = np.tanh(response.time_to_contact / CLOCK_SCALE)
     parts = [response.joints, response.root, [clock], response.palm, response.contact_point]
@@ -154,6 +143,24 @@ def online(model: HGPDM, body: Body) -> Method:
         for row, response in enumerate(counted):
             _forecast(response, where, said[row], doubt.deviations[row], doubt.contact[row])
         return Prediction(frames, said, body.palm(outputs), doubt)
+
+    return answer
+
+
+def reacting(start: Callable[[str, float], OnlineResponder], body: Body) -> Method:
+    """Another model, tick by tick at the trial's rate.
+
+    Args:
+        start: makes its responder in an emotion, at so many ticks a second.
+        body: the avatar's body.
+    """
+
+    def answer(trial: Trial) -> Prediction:
+        responder = start(trial.emotion, trial.rate_hz)
+        responder.reset()
+        outputs = np.array([to_channels(responder.step(hand)) for hand in trial.hand_points])
+        frames = scored_frames(trial)
+        return Prediction(frames, outputs[frames], body.palm(outputs), None)
 
     return answer
 

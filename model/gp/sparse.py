@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 
-from highfive.model.gp import kernels, likelihood
-from highfive.model.gp.kernels import MotionKernel, StyleFactor
+from highfive.model.gp import likelihood
+from highfive.model.gp.coregionalisation import StyleFactor, style_covariance
+from highfive.model.gp.kernels import Kernel, add_jitter
 from highfive.model.gp.likelihood import Covariance, Points
 
 
@@ -26,7 +27,7 @@ class Layer(NamedTuple):
         style: the style factor, or None for a layer without styles.
     """
 
-    kernel: MotionKernel
+    kernel: Kernel
     inducing: jax.Array
     raw_noise: jax.Array
     style: StyleFactor | None = None
@@ -61,7 +62,7 @@ class Posterior(NamedTuple):
         scale: (D,) standard deviation of a channel that has unit variance in the layer's own units.
     """
 
-    kernel: MotionKernel
+    kernel: Kernel
     inducing: jax.Array
     style: jax.Array | None
     style_covariance: jax.Array | None
@@ -87,18 +88,18 @@ def raw_noise(deviation: float, bounds: tuple[float, float]) -> jax.Array:
 
 def inducing_covariance(layer: Layer) -> jax.Array:
     """K_uu (M, M), jitter included."""
-    k_uu = kernels.cross(layer.kernel, layer.inducing, layer.inducing)
+    k_uu = layer.kernel.cross(layer.inducing, layer.inducing)
     if layer.style is not None:
-        k_uu = k_uu * (layer.style.inducing @ kernels.style_covariance(layer.style) @ layer.style.inducing.T)
-    return kernels.add_jitter(k_uu)
+        k_uu = k_uu * (layer.style.inducing @ style_covariance(layer.style) @ layer.style.inducing.T)
+    return add_jitter(k_uu)
 
 
 def cross_covariance(layer: Layer, inputs: jax.Array, styles: jax.Array | None) -> tuple[jax.Array, jax.Array]:
     """K_uf (M, N) and the diagonal of K_ff (N,) at inputs (N, q) and style weights (N, K)."""
-    k_uf, k_ff = kernels.cross(layer.kernel, layer.inducing, inputs), kernels.diagonal(layer.kernel, inputs)
+    k_uf, k_ff = layer.kernel.cross(layer.inducing, inputs), layer.kernel.diagonal(inputs)
     if layer.style is not None:
         assert styles is not None
-        between = kernels.style_covariance(layer.style)
+        between = style_covariance(layer.style)
         k_uf = k_uf * (layer.style.inducing @ between @ styles.T)
         k_ff = k_ff * jnp.sum((styles @ between) * styles, axis=1)
     return k_uf, k_ff
@@ -161,7 +162,7 @@ def fit(
     reduction = inverse.T @ inverse - inner_inverse.T @ inner_inverse
     between = style = None
     if layer.style is not None:
-        between = kernels.style_covariance(layer.style)
+        between = style_covariance(layer.style)
         style = layer.style.inducing @ between
     return Posterior(layer.kernel, layer.inducing, style, between, mean, offset, reduction, noise, scale)
 
@@ -169,7 +170,7 @@ def fit(
 @jax.jit
 def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:
     """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
-    k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
+    k_fu = posterior.kernel.cross(points, posterior.inducing)
     if posterior.style is not None:
         assert styles is not None
         k_fu = k_fu * (styles @ posterior.style.T)
@@ -179,6 +180,6 @@ def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = No
 @jax.jit
 def variances(posterior: Posterior, points: jax.Array) -> jax.Array:
     """Predictive variances (N, D) of a layer without styles at inputs (N, q), noise included."""
-    k_fu = kernels.cross(posterior.kernel, points, posterior.inducing)
-    function = kernels.diagonal(posterior.kernel, points) - jnp.sum((k_fu @ posterior.reduction) * k_fu, axis=1)
+    k_fu = posterior.kernel.cross(points, posterior.inducing)
+    function = posterior.kernel.diagonal(points) - jnp.sum((k_fu @ posterior.reduction) * k_fu, axis=1)
     return (jnp.maximum(function, 0.0)[:, None] + posterior.noise) * posterior.scale**2

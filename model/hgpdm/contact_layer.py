@@ -19,7 +19,7 @@ from scipy.special import chdtri
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
-from highfive.model.gp.kernels import motion_kernel
+from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.optimise import ProgressCallback, minimise
 from highfive.model.gp.sparse import Layer, Posterior, Targets
 from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
@@ -110,8 +110,7 @@ def fit_contact_layer(
     targets = Targets(jnp.asarray(values), CHANNELS, 0.0)
     share = np.sqrt(counts) / np.sqrt(counts).sum()
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(inducing, count), replace=False, p=share))
-    kernel = motion_kernel(jnp.full(dims, np.sqrt(dims)))
-    start = Layer(kernel, jnp.asarray(features[chosen]), sparse.raw_noise(0.2, NOISE))
+    start = Layer(MotionKernel.initial(dims), jnp.asarray(features[chosen]), sparse.raw_noise(0.2, NOISE))
 
     points, weights = jnp.asarray(features), jnp.asarray(counts)
 

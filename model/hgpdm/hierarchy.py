@@ -9,6 +9,7 @@ Source: Taubert et al. 2013. The preset decides what is free and what is a funct
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,8 +21,8 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from numpy.typing import NDArray
 
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import kernels, sparse
-from highfive.model.gp.kernels import MotionKernel
+from highfive.model.gp import sparse
+from highfive.model.gp.kernels import Kernel, add_jitter
 from highfive.model.gp.likelihood import from_blocks, in_blocks, over_shards
 from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.dataset import TrainingSet
@@ -45,7 +46,7 @@ class BackConstraint(NamedTuple):
         avatar: (M, q) whitened weights of X¹.
     """
 
-    kernel: MotionKernel
+    kernel: Kernel
     inducing: jax.Array
     interaction: jax.Array
     human: jax.Array
@@ -204,7 +205,7 @@ def standardised(latent: jax.Array, counts: jax.Array | None = None) -> jax.Arra
 
 def back_weights(back: BackConstraint) -> jax.Array:
     """Weights (M, q_I + q_2 + q_1) of the kernel functions, from the whitened ones: K_uu^{-T/2} V."""
-    lower = jnp.linalg.cholesky(kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing)))
+    lower = jnp.linalg.cholesky(add_jitter(back.kernel.cross(back.inducing, back.inducing)))
     whitened = jnp.concatenate([back.interaction, back.human, back.avatar], axis=1)
     return solve_triangular(lower.T, whitened, lower=False)
 
@@ -215,7 +216,7 @@ def _learned(back: BackConstraint, features: jax.Array, shards: int) -> jax.Arra
 
     @jax.checkpoint
     def block(part: jax.Array) -> jax.Array:
-        return kernels.cross(back.kernel, part, back.inducing) @ weights
+        return back.kernel.cross(part, back.inducing) @ weights
 
     found = over_shards(lambda part: jax.lax.map(block, part), in_blocks(features, shards), shards)
     return from_blocks(found, features.shape[0])
@@ -246,7 +247,8 @@ def dynamics_input(now: jax.Array, before: jax.Array, lag: float) -> jax.Array:
 
     An invertible linear change of (i_{n−1}, i_{n−2}) whose lengthscales are not tied by their strong correlation.
     """
-    return jnp.concatenate([now, (now - before) * (VELOCITY_UNIT / lag)], axis=-1)
+    xp = now.__array_namespace__()  # NumPy's arrays stay NumPy's: JAX would compile for one line
+    return xp.concatenate([now, (now - before) * (VELOCITY_UNIT / lag)], axis=-1)
 
 
 def dynamics_mean(now: jax.Array, before: jax.Array, lag: float, preset: Preset) -> jax.Array:
@@ -256,8 +258,8 @@ def dynamics_mean(now: jax.Array, before: jax.Array, lag: float, preset: Preset)
     comes to rest.
     """
     if preset.velocity_decay == 0.0:
-        return jnp.zeros_like(now)
-    return now + jnp.exp(-lag / preset.velocity_decay) * (now - before)
+        return 0.0 * now
+    return now + math.exp(-lag / preset.velocity_decay) * (now - before)
 
 
 def noises(parameters: Parameters, preset: Preset) -> dict[str, jax.Array]:

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import kernels, sparse
-from highfive.model.gp.kernels import MotionKernel, initial_style, motion_kernel
+from highfive.model.gp import sparse
+from highfive.model.gp.coregionalisation import initial_style
+from highfive.model.gp.kernels import Kernel, MotionKernel, add_jitter
 from highfive.model.gp.sparse import Layer
 from highfive.model.hgpdm.hierarchy import BackConstraint, Parameters, Problem, dynamics_input, latents
 
@@ -30,21 +31,20 @@ def principal_components(values: Array, count: int) -> Array:
     return scores / scores.std(axis=0)
 
 
-def _whitened_regression(kernel: MotionKernel, inducing: Array, features: Array, targets: Array) -> tuple[Array, Array]:
+def _whitened_regression(kernel: Kernel, inducing: Array, features: Array, targets: Array) -> tuple[Array, Array]:
     """Whitened weights (M, D) of a regression of targets (N, D) on features (N, F), and its predictions (N, D)."""
     centres = jnp.asarray(inducing)
-    lower = np.linalg.cholesky(np.asarray(kernels.add_jitter(_cross(kernel, centres, centres))))
+    lower = np.linalg.cholesky(np.asarray(add_jitter(_cross(kernel, centres, centres))))
     basis = np.linalg.solve(lower, np.asarray(_cross(kernel, centres, jnp.asarray(features)))).T
     weights = np.linalg.solve(basis.T @ basis + RIDGE * np.eye(len(inducing)), basis.T @ targets)
     return weights.astype(float), (basis @ weights).astype(float)
 
 
-_cross = jax.jit(kernels.cross)
+_cross = jax.jit(lambda kernel, a, b: kernel.cross(a, b))
 
 
 def _layer(dims: int, inducing: Array, deviation: float, bounds: tuple[float, float]) -> Layer:
-    kernel = motion_kernel(jnp.full(dims, np.sqrt(dims)))
-    return Layer(kernel, jnp.asarray(inducing), sparse.raw_noise(deviation, bounds))
+    return Layer(MotionKernel.initial(dims), jnp.asarray(inducing), sparse.raw_noise(deviation, bounds))
 
 
 def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -> Parameters:
@@ -56,7 +56,7 @@ def initial_parameters(task: Problem, inducing: int, rng: np.random.Generator) -
     features = task.features
     human = principal_components(hand, preset.human_dims)
     if preset.back_constrained:
-        kernel = motion_kernel(jnp.full(features.shape[1], np.sqrt(features.shape[1])))
+        kernel = MotionKernel.initial(features.shape[1])
         centres = features[chosen]
         # What of the avatar the hand can tell at all, whatever the style: that is what I and X¹ must carry first.
         _, predictable = _whitened_regression(kernel, centres, features, outputs)

@@ -6,7 +6,6 @@ import json
 from dataclasses import asdict, fields
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
@@ -14,12 +13,12 @@ from safetensors.numpy import save
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.sparse import Posterior
 from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ContactLayer
 from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS
 from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.presets import Preset
+from highfive.model.hgpdm.stored_kernel import kernel_arrays, kernel_of
 from highfive.model.hgpdm.trained import HGPDM
 
 VERSION = 4
@@ -56,7 +55,7 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
         "lag": model.lag,
         "stages": len(model.back),
     }
-    content = save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, {"model": json.dumps(description)})
+    content = save({k: np.asarray(v, order="C") for k, v in arrays.items()}, {"model": json.dumps(description)})
     try:
         write_whole(Path(path), content, replace=replace)
     except OSError as error:
@@ -106,7 +105,7 @@ def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
 
 def save_layer(layer: Posterior, path: Path | str) -> None:
     """Writes one trained layer in one piece."""
-    arrays = {key: np.ascontiguousarray(value) for key, value in _layer_arrays("layer", layer).items()}
+    arrays = {key: np.asarray(value, order="C") for key, value in _layer_arrays("layer", layer).items()}
     try:
         write_whole(Path(path), save(arrays))
     except OSError as error:
@@ -128,19 +127,18 @@ def load_layer(path: Path | str) -> Posterior:
 
 def _layer_arrays(name: str, layer: Posterior) -> dict[str, Array]:
     values = {f"{name}.{key}": value for key, value in layer._asdict().items() if key != "kernel"}
-    values |= {f"{name}.kernel.{key}": value for key, value in layer.kernel._asdict().items()}
+    values |= kernel_arrays(f"{name}.kernel", layer.kernel)
     return {key: np.asarray(value) for key, value in values.items() if value is not None}
 
 
 def _layer(name: str, arrays: dict[str, Array]) -> Posterior:
-    kernel = MotionKernel(*(jnp.asarray(arrays[f"{name}.kernel.{field}"]) for field in MotionKernel._fields))
     optional = ("style", "style_covariance")
     rest = {}
     for field in Posterior._fields:
         key = f"{name}.{field}"
         if field != "kernel":
-            rest[field] = None if field in optional and key not in arrays else jnp.asarray(arrays[key])
-    return Posterior(kernel, **rest)
+            rest[field] = None if field in optional and key not in arrays else arrays[key]
+    return Posterior(kernel_of(f"{name}.kernel", arrays), **rest)
 
 
 def _build(description: dict, arrays: dict[str, Array]) -> HGPDM:

@@ -14,8 +14,8 @@ import numpy as np
 
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import kernels, sparse
-from highfive.model.gp.kernels import motion_kernel
+from highfive.model.gp import sparse
+from highfive.model.gp.kernels import MotionKernel, add_jitter
 from highfive.model.gp.optimise import ProgressCallback, State, minimise
 from highfive.model.gp.sparse import Layer, Posterior, Targets
 from highfive.model.hgpdm.checkpoint import Checkpoint
@@ -240,9 +240,9 @@ def _back_projections(
     back, dims = parameters.back, (parameters.back.interaction.shape[1], parameters.back.avatar.shape[1])
     weights = back_weights(back)
     weights = jnp.concatenate([weights[:, : dims[0]], weights[:, -dims[1] :]], axis=1)
-    k_fu = kernels.cross(back.kernel, jnp.asarray(task.features), back.inducing)
+    k_fu = back.kernel.cross(jnp.asarray(task.features), back.inducing)
     centre, deviation = gauge(k_fu @ weights)
-    k_uu = kernels.add_jitter(kernels.cross(back.kernel, back.inducing, back.inducing))
+    k_uu = add_jitter(back.kernel.cross(back.inducing, back.inducing))
     # The variance that inducing inputs leave unexplained is small near the training data and large far from it. A share
     # of it is enough to notice strangers; all of it would hold the filter back where the functions are right.
     reduction, scale = jnp.linalg.inv(k_uu), UNEXPLAINED / deviation
@@ -268,7 +268,7 @@ def _regression(
     """A sparse GP regression (N, F) → (N, q) with its hyperparameters learned."""
     points = np.asarray(inputs)
     chosen = np.linspace(0, len(points) - 1, min(inducing, len(points))).astype(int)
-    kernel = motion_kernel(jnp.full(points.shape[1], np.sqrt(points.shape[1])))
+    kernel = MotionKernel.initial(points.shape[1])
     layer = Layer(kernel, jnp.asarray(points[chosen]), sparse.raw_noise(0.3, BACK_BOUNDS))
     targets = Targets(values, values.shape[1], 0.0)
 

@@ -26,6 +26,11 @@ FURTHEST = 1e6
 HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
 CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
 MAXIMUM_FORECAST = 5.0  # s
+OUT_OF_DISTRIBUTION = 0.18
+"""Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
+
+0.14 to 0.17 with people like those it was trained on, 0.19 and more with a taller person who walks by.
+"""
 
 
 @dataclass(frozen=True)
@@ -61,13 +66,22 @@ class Response:
     generated: Generated = field(repr=False, compare=False)
     foresee: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
 
-    @cached_property
+    @property
     def contact(self) -> ContactForecast | None:
         """Where and when the palms will meet, as the contact layer forecasts it: better, and with a covariance.
 
         None in a response ahead, or where the model has no such layer. Worked out when it is first asked for.
         """
+        return self._foreseen
+
+    @cached_property
+    def _foreseen(self) -> ContactForecast | None:
         return self.foresee()
+
+    @property
+    def in_distribution(self) -> bool:
+        """The hand does what hands did in training, as the latents' covariance says."""
+        return float(np.trace(self.latent_covariance)) < OUT_OF_DISTRIBUTION**2
 
     @property
     def joints_std(self) -> Array:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import kernels, sparse
+from highfive.model.gp import sparse
 from highfive.model.gp.sparse import Posterior
 from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
@@ -21,8 +21,8 @@ def predicted(posterior: Posterior, point: Array, style: Array | None = None) ->
     def mean(at: jax.Array) -> jax.Array:
         return sparse.means(posterior, at[None], None if style is None else style[None])[0]
 
-    cross = kernels.cross(posterior.kernel, point[None], posterior.inducing)[0]
-    own = kernels.diagonal(posterior.kernel, point[None])[0]
+    cross = posterior.kernel.cross(point[None], posterior.inducing)[0]
+    own = posterior.kernel.diagonal(point[None])[0]
     if style is not None:
         cross, own = cross * (posterior.style @ style), own * (style @ posterior.style_covariance @ style)
     variance = jnp.maximum(own - cross @ posterior.reduction @ cross, 0.0)

@@ -6,9 +6,10 @@ import numpy as np
 
 from highfive.hil.sim.avatar import Pose, avatar_skeleton, right_palm
 from highfive.hil.sim.contact_check import contact_report
-from highfive.hil.sim.people.actors import RATE_HZ, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.capture import PERSON_SET, markers_of
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.role import RATE_HZ
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.trial import TrialResult

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from highfive.hil.runtime.console import counted, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.runtime.threads import interrupts_held, parallel_map
-from highfive.hil.sim.people.actors import CELLS, RATE_HZ, ActorMotion, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.emotions import EMOTIONS, emotion_style
+from highfive.hil.sim.people.grid import CELLS
+from highfive.hil.sim.people.role import RATE_HZ, ActorMotion
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.files.trial_table import TABLE, table_bytes, write_table

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm.busy import LATE_NS, too_busy
-from highfive.hil.drivers.bus.arm_process import Cycle
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.faults import deadline, silent_servo, watch_from
 from highfive.hil.safety.limits_file import load_limits
 

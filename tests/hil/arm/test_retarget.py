@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 
 from highfive.hil.arm import planning_cost
 from highfive.hil.arm.contact_goal import until_touch
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_settings import RetargetSettings
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal, RetargetState
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve
 from highfive.hil.safety.people import speed_near_face
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 

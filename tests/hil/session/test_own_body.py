@@ -11,7 +11,7 @@ from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.own_body import SOFTNESS, STIFFNESS, OwnBody
 from highfive.hil.session.session import RATE_HZ, Session
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene, own_pairs, rest_pose
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.mocap_bridge.sources.source import C3DSource

@@ -20,9 +20,10 @@ from highfive.mocap_bridge.sources.address import connector, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.natnet import connect_natnet
 from highfive.mocap_bridge.sources.source import Connection
-from highfive.mocap_bridge.wire import natnet as wire
 from highfive.mocap_bridge.wire.errors import LinkError
-from highfive.mocap_bridge.wire.natnet import Kind
+from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, encode, encode_request, encode_server_info
+from highfive.mocap_bridge.wire.natnet_frame import Frame, encode_frame, labelled_markers
+from highfive.mocap_bridge.wire.natnet_model import MarkerSet, encode_model
 
 NAMES = tuple(f"Anna:M{m}" for m in range(12))
 OWN = tuple(name.removeprefix("Anna:") for name in NAMES)
@@ -119,9 +120,9 @@ def motive(version=(3, 0), after=()):
 
     def answer(datagram):
         if datagram[0] == Kind.CONNECT:
-            return [wire.encode_server_info(wire.ServerInfo("Motive", version))]
+            return [encode_server_info(ServerInfo("Motive", version))]
         return (
-            [wire.encode_model([wire.MarkerSet("Anna", ("a", "b"))], version), *after]
+            [encode_model([MarkerSet("Anna", ("a", "b"))], version), *after]
             if datagram[0] == Kind.REQUEST_MODEL
             else []
         )
@@ -323,7 +324,7 @@ def test_a_slow_reader_gets_the_newest(server):
 
 def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as lazy, following(server) as source:
-        lazy.sendto(wire.encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))
+        lazy.sendto(encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))
         until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
         slowest = 0.0
         for number in range(1, 1_000):
@@ -388,7 +389,7 @@ def test_what_is_no_natnet_is_told_in_one_line(answer, message):
         assert f"{LOOPBACK}:{port}" in str(error.value)
 
 
-BROKEN = wire.encode(Kind.FRAME, b"\1\0\0\0\xff\xff\xff\xff")
+BROKEN = encode(Kind.FRAME, b"\1\0\0\0\xff\xff\xff\xff")
 
 
 def test_nothing_but_damage_is_our_own_error():
@@ -400,9 +401,7 @@ def test_nothing_but_damage_is_our_own_error():
 
 def test_a_datagram_that_cannot_be_read_ends_nothing():
     points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
-    good = wire.encode_frame(
-        wire.Frame(1, (("Anna", points),), points[:0], wire.labelled_markers([], points[:0], []), 1.0), (4, 1)
-    )
+    good = encode_frame(Frame(1, (("Anna", points),), points[:0], labelled_markers([], points[:0], []), 1.0), (4, 1))
     with impostor(motive((4, 1), [b"junk", BROKEN, good, bytes(40)])) as port:
         link = connect_natnet(LOOPBACK, port)
         with contextlib.closing(link):
@@ -413,18 +412,16 @@ def test_a_datagram_that_cannot_be_read_ends_nothing():
 def test_descriptions_that_get_lost_are_asked_for_again():
     """The frame says that models changed; the first answer never comes."""
     points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
-    data = wire.Frame(1, (("Anna", points),), points[:0], wire.labelled_markers([], points[:0], []), 1.0, True)
+    data = Frame(1, (("Anna", points),), points[:0], labelled_markers([], points[:0], []), 1.0, True)
     asked = []
 
     def answer(datagram):
         if datagram[0] != Kind.REQUEST_MODEL:
             return motive()(datagram)
         asked.append(datagram)
-        before, after = (wire.MarkerSet("Anna", names) for names in (("a", "b"), ("b", "a")))
-        changed = [wire.encode_frame(data, (3, 0))]
-        return {1: [wire.encode_model([before], (3, 0)), *changed], 2: []}.get(
-            len(asked), [wire.encode_model([after], (3, 0))]
-        )
+        before, after = (MarkerSet("Anna", names) for names in (("a", "b"), ("b", "a")))
+        changed = [encode_frame(data, (3, 0))]
+        return {1: [encode_model([before], (3, 0)), *changed], 2: []}.get(len(asked), [encode_model([after], (3, 0))])
 
     with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:
         frames = []
@@ -440,7 +437,7 @@ def test_a_frame_rate_that_no_camera_has_is_asked_for_again(damaged):
     def answer(datagram):
         if datagram[0] == Kind.REQUEST and b"FrameRate" in datagram:
             asked.append(datagram)
-            return [wire.encode(Kind.RESPONSE, struct.pack("<f", damaged if len(asked) < 3 else 100.0))]
+            return [encode(Kind.RESPONSE, struct.pack("<f", damaged if len(asked) < 3 else 100.0))]
         return motive()(datagram)
 
     with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:

@@ -18,14 +18,15 @@ def random_hinges(count: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", [(), (4,)])
-def test_one_joint_in_the_world_is_that_of_the_whole_body_to_the_bit(shape: tuple[int, ...]) -> None:
+def test_a_chain_by_itself_is_where_it_is_in_the_whole_body_to_the_bit(shape: tuple[int, ...]) -> None:
     rng = np.random.default_rng(2)
     root, quaternions = rng.normal(size=(*shape, 3)), rng.normal(size=(*shape, len(SKELETON), 4))
     positions, orientations = SKELETON.forward_kinematics(root, quaternions)
-    for joint in range(len(SKELETON)):
-        position, orientation = SKELETON.joint_in_world(joint, root, quaternions)
-        np.testing.assert_array_equal(position, positions[..., joint, :])
-        np.testing.assert_array_equal(orientation, orientations[..., joint, :])
+    for name in SKELETON.names:
+        joints, chain = SKELETON.chain_to(name)
+        found = chain.forward_kinematics(root, quaternions[..., joints, :])
+        np.testing.assert_array_equal(found[0], positions[..., joints, :])
+        np.testing.assert_array_equal(found[1], orientations[..., joints, :])
 
 
 def test_forward_kinematics_is_the_chain_of_matrices() -> None:

@@ -3,9 +3,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from highfive.model.gp import exact, kernels, sparse
-from highfive.model.gp.kernels import initial_style, motion_kernel
+from highfive.model.errors import HighFiveError
+from highfive.model.gp import exact, sparse
+from highfive.model.gp.coregionalisation import initial_style, style_covariance
+from highfive.model.gp.kernels import RBF, Constant, Linear, motion_kernel
 from highfive.model.gp.sparse import Layer, Targets
+from highfive.model.hgpdm.store import load_layer, save_layer
 from highfive.model.online.belief import packed
 from highfive.model.online.layer import predict_layer
 
@@ -27,7 +30,7 @@ def layer(kernel, inputs, styles, chosen) -> Layer:
 
 
 def dense(kernel, style, a, a_styles, b, b_styles) -> np.ndarray:
-    return np.asarray(kernels.cross(kernel, a, b) * (a_styles @ kernels.style_covariance(style) @ b_styles.T))
+    return np.asarray(kernel.cross(a, b) * (a_styles @ style_covariance(style) @ b_styles.T))
 
 
 def test_dtc_value_equals_the_naive_dense_one(setting):
@@ -131,3 +134,22 @@ def test_noise_stays_in_bounds_and_inverts():
     for raw in (-1e3, -1.0, 0.0, 1.0, 1e3):
         assert 0.03 - 1e-12 <= np.sqrt(sparse.noise_variance(jnp.asarray(raw), bounds)) <= 0.06 + 1e-12
     assert np.isclose(np.sqrt(sparse.noise_variance(sparse.raw_noise(0.04, bounds), bounds)), 0.04)
+
+
+def test_likelihood_posterior_and_its_file_take_any_kernel(setting, tmp_path):
+    inputs, styles, values, _ = setting
+    some = layer(RBF.initial(3) * Linear.initial(3) + Constant.initial(3), inputs, styles, slice(0, 12))
+    k_uu = np.asarray(sparse.inducing_covariance(some))
+    k_uf, _ = (np.asarray(k) for k in sparse.cross_covariance(some, jnp.asarray(inputs), jnp.asarray(styles)))
+    low_rank = k_uf.T @ np.linalg.solve(k_uu, k_uf)
+    targets = Targets(jnp.asarray(values), 5, 0.0)
+    got = sparse.negative_log_likelihood(some, inputs, targets, jnp.asarray(NOISE), jnp.asarray(styles))
+    np.testing.assert_allclose(got, exact.negative_log_likelihood(low_rank + NOISE * np.eye(40), values), rtol=1e-9)
+
+    posterior = sparse.fit(some, jnp.asarray(inputs), jnp.asarray(values), jnp.asarray(NOISE), jnp.asarray(styles))
+    save_layer(posterior, tmp_path / "layer.safetensors")
+    again = load_layer(tmp_path / "layer.safetensors")
+    at = jnp.asarray(inputs), jnp.asarray(styles)
+    np.testing.assert_array_equal(sparse.means(again, *at), sparse.means(posterior, *at))
+    with pytest.raises(HighFiveError, match="MotionKernel only, this layer has a Sum"):
+        packed(posterior, 2)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from highfive.model.gp import sparse
-from highfive.model.gp.kernels import MotionKernel, initial_style
+from highfive.model.gp.coregionalisation import initial_style
+from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.sparse import Layer, Posterior
 from highfive.model.hgpdm.features import fit_feature_map
 from highfive.model.hgpdm.trained import HGPDM

@@ -1,22 +1,20 @@
-"""Covariance functions: RBF + linear + bias over motion, and a coregionalisation over styles.
-
-All parameters are kept unconstrained (logarithms), so that any real vector is a valid kernel.
-"""
+"""The kernel of the model's layers: RBF + linear + constant in one, with a derivative of its own."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-jax.config.update("jax_enable_x64", True)  # the Cholesky factors of these models need double precision
+from highfive.model.gp.kernels.distance import half_square_distance
+from highfive.model.gp.kernels.kernel import Kernel, register_kernel
 
-JITTER = 1e-6  # added to the diagonal of an inducing covariance, relative to its mean
 
-
-class MotionKernel(NamedTuple):
+@register_kernel
+class MotionKernel(Kernel):
     """k(x, z) = rbf · exp(−½ Σ (x−z)² / lengthscale²) + Σ linear · x z + bias (Taubert et al. 2013, RBF + linear).
+
+    The same function as ``RBF + Linear + Constant``; the training and the compiled tick know this one.
 
     Attributes:
         log_lengthscale: (q,) in units of the inputs.
@@ -30,20 +28,23 @@ class MotionKernel(NamedTuple):
     log_linear: jax.Array
     log_bias: jax.Array
 
+    @classmethod
+    def initial(cls, dims: int) -> MotionKernel:
+        """Lengthscales √q, the distance of two points of unit variance per dimension; linear and constant a tenth."""
+        return motion_kernel(jnp.full(dims, np.sqrt(dims)))
 
-class StyleFactor(NamedTuple):
-    """k(e, e') = eᵀ B e' with B = L Lᵀ scaled to a mean diagonal of 1.
+    def pair(self, x: jax.Array, z: jax.Array) -> jax.Array:
+        """k(x, z)."""
+        rbf = jnp.exp(self.log_rbf - half_square_distance(x, z, self.log_lengthscale))
+        return rbf + (x * jnp.exp(self.log_linear)) @ z + jnp.exp(self.log_bias)
 
-    Positive semi-definite for any e. It is the covariance of f(x, e) = Σ_k e_k f_k(x): a mixture of styles generates
-    the same mixture of motions, so mixing is continuous and well defined.
+    def cross(self, a: jax.Array, b: jax.Array) -> jax.Array:
+        """Covariance (A, B) of inputs (A, q) and (B, q), with the derivative of :func:`_cross_backward`."""
+        return _cross(self, a, b)
 
-    Attributes:
-        factor: (K, K) L; only its product with its transpose matters.
-        inducing: (M, K) style weights of the inducing inputs; they need not lie on the simplex.
-    """
-
-    factor: jax.Array
-    inducing: jax.Array
+    def diagonal(self, a: jax.Array) -> jax.Array:
+        """Variances (A,) of inputs (A, q)."""
+        return jnp.exp(self.log_rbf) + a**2 @ jnp.exp(self.log_linear) + jnp.exp(self.log_bias)
 
 
 def motion_kernel(lengthscale: jax.Array, rbf: float = 1.0, linear: float = 0.1, bias: float = 0.1) -> MotionKernel:
@@ -58,8 +59,7 @@ def motion_kernel(lengthscale: jax.Array, rbf: float = 1.0, linear: float = 0.1,
 
 
 @jax.custom_vjp
-def cross(kernel: MotionKernel, a: jax.Array, b: jax.Array) -> jax.Array:
-    """Covariance (A, B) of inputs (A, q) and (B, q)."""
+def _cross(kernel: MotionKernel, a: jax.Array, b: jax.Array) -> jax.Array:
     return _cross_forward(kernel, a, b)[0]
 
 
@@ -95,27 +95,4 @@ def _cross_backward(kept: tuple, cotangent: jax.Array) -> tuple[MotionKernel, ja
     )
 
 
-cross.defvjp(_cross_forward, _cross_backward)
-
-
-def diagonal(kernel: MotionKernel, a: jax.Array) -> jax.Array:
-    """Variances (A,) of inputs (A, q)."""
-    return jnp.exp(kernel.log_rbf) + a**2 @ jnp.exp(kernel.log_linear) + jnp.exp(kernel.log_bias)
-
-
-def style_covariance(style: StyleFactor) -> jax.Array:
-    """B (K, K): covariance of the K styles, mean diagonal 1."""
-    product = style.factor @ style.factor.T
-    return product * (product.shape[0] / jnp.trace(product))
-
-
-def initial_style(styles: int, inducing_style: jax.Array) -> StyleFactor:
-    """Styles that start half shared, half their own; ``inducing_style`` is (M, K)."""
-    covariance = 0.5 * jnp.ones((styles, styles)) + 0.5 * jnp.eye(styles)
-    return StyleFactor(jnp.linalg.cholesky(covariance), jnp.asarray(inducing_style, dtype=float))
-
-
-def add_jitter(covariance: jax.Array) -> jax.Array:
-    """The covariance (M, M) with a small multiple of its mean diagonal added to the diagonal."""
-    size = covariance.shape[0]
-    return covariance + (JITTER * jnp.trace(covariance) / size) * jnp.eye(size)
+_cross.defvjp(_cross_forward, _cross_backward)

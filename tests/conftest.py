@@ -36,11 +36,11 @@ use_one_blas_thread()  # as every session does
 # model and the filter: what one worker has compiled the others find ready, if they do not need it at the same time.
 # Of the rest each takes a few seconds.
 LONGEST = (
-    "test_retarget.py", "test_tracker.py", "test_responder.py", "test_pose_filter.py", "test_track.py",
-    "test_rig_session.py", "test_simulate.py", "test_folders.py", "test_report.py", "test_unseen.py",
-    "test_session.py", "test_own_body.py", "test_arm_loop.py", "test_actors.py", "test_stream.py",
-    "test_calibrate.py", "test_safety_feed_forward.py", "test_film.py", "test_lost_samples.py",
-    "test_bench_tracker.py", "test_safety_faults.py",
+    "test_retarget.py", "test_tracker.py", "test_responder.py", "test_pose_filter.py", "test_contact.py",
+    "test_evaluate.py", "test_track.py", "test_rig_session.py", "test_simulate.py", "test_folders.py",
+    "test_report.py", "test_unseen.py", "test_session.py", "test_own_body.py", "test_arm_loop.py",
+    "test_actors.py", "test_stream.py", "test_calibrate.py", "test_safety_feed_forward.py", "test_film.py",
+    "test_lost_samples.py", "test_bench_tracker.py", "test_safety_faults.py",
 )  # fmt: skip
 RANK = {name: rank for rank, name in enumerate(LONGEST)}
 

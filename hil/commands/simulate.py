@@ -89,6 +89,11 @@ class SimulateOptions:
     overwrite: bool = False
 
 
+def which_model(name: str | None) -> Path | str:
+    """What a user means by a model's ``name``: a file, a model of one's own, or, for None, the one that comes along."""
+    return DEFAULT_MODEL if name is None else name if is_plugin(name) else Path(name)
+
+
 @dataclass(frozen=True)
 class _Played:
     """The trials that were finished, what the arm did in them (by number), and whether the session ended early."""

@@ -9,7 +9,7 @@ from paths import ROOT
 
 PACKAGE = "highfive"
 OURS = ("calibration", "hil", "mocap_bridge", "model", "scenes")
-ERRORS = {"model.errors", "model.files", "model.plugins"}
+ERRORS = {"model.toml_file", "model.errors", "model.files", "model.plugins"}
 MODEL = {"model"}  # with every room of it
 BRIDGE = {"mocap_bridge"}
 SIM = {"hil.sim", "hil.arm_model", "hil.runtime", "scenes"}
@@ -36,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
     "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry"}
     | {"mocap_bridge.frames", "mocap_bridge.markers", "mocap_bridge.files"},
     "mocap_bridge.body": {"model.errors", "model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
-    "calibration": {"model.errors", "model.geometry"} | BRIDGE,
+    "calibration": ERRORS | {"model.geometry"} | BRIDGE,
     "hil": set(),
     "hil.runtime": ERRORS,
     "hil.arm_model": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry", "scenes"},
@@ -47,9 +47,9 @@ ALLOWED: dict[str, set[str]] = {
     | SIM,
     "hil.session": MODEL | BRIDGE | SIM,
     "hil.drivers": {"model.errors"},
-    "hil.drivers.bus": {"model.errors", "hil.drivers", "hil.runtime"},
+    "hil.drivers.bus": ERRORS | {"hil.drivers", "hil.runtime"},
     "hil.drivers.emulator": {"model.errors", "hil.drivers", "hil.runtime"},
-    "hil.safety": {"model.errors", "model.geometry", "hil.drivers.values", "hil.drivers.servo_errors"},
+    "hil.safety": ERRORS | {"model.geometry", "hil.drivers.values", "hil.drivers.servo_errors"},
     "hil.arm": MODEL | BRIDGE | SIM | ARM | {"hil.session", "calibration"},
     "hil.datasets": MODEL | BRIDGE | {"calibration", "hil.runtime", "hil.sim.avatar"},
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},

@@ -121,8 +121,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
             no marker shows the head of the live person beside it. Nothing has moved then.
     """
     check_person(options, marker_set)
-    check_arm(options)
-    limits, rig = _loaded(options)
+    limits, rig = check_arm(options)
     advance = None if bar is None else bar("arm", 1)
     if advance is not None:
         advance("starting", 0)
@@ -156,15 +155,19 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
             loop.rest()
 
 
-def check_arm(options: ArmOptions) -> None:
+def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
     """Looks at what was asked for before anything that takes long: limits, rig, pipe, and the servos of a real port.
+
+    Returns:
+        the limits that hold, and the rig.
 
     Raises:
         HighFiveError: as :func:`ready_arm`. Nothing has moved.
     """
-    limits, rig = _loaded(options)
+    limits, rig = check_asked(options)
     if not options.emulated:
         _refuse_unless_ready(options.port, rig, limits)
+    return limits, rig
 
 
 def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
@@ -190,15 +193,6 @@ def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
         )
 
 
-def check_asked(options: ArmOptions) -> None:
-    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
-
-    Raises:
-        HighFiveError: as :func:`ready_arm`. The port was not opened.
-    """
-    _loaded(options)
-
-
 def fingerprint(rig: Rig) -> str:
     """Tells this arm, with its mount, from others: what a registration of it depends on."""
     parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
@@ -220,7 +214,15 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
 
 
-def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
+def check_asked(options: ArmOptions) -> tuple[Limits, Rig]:
+    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
+
+    Returns:
+        the limits that hold, and the rig.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. The port was not opened.
+    """
     limits = load_limits()
     if options.limits is not None:
         limits = load_safer(options.limits, limits)

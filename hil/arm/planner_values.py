@@ -85,7 +85,7 @@ class RetargetState:
 
     Attributes:
         joints, speeds: (J,) rad and rad/s, as commanded.
-        pushes: (N, J) rad/s², the plan; its knots are ``knot`` s apart.
+        accelerations: (N, J) rad/s², the plan; its knots are ``knot`` s apart.
         guess: (J,) rad, a posture that meets the hand.
         knot: s.
         scale: of the avatar's path about the contact; None between high fives.
@@ -99,7 +99,7 @@ class RetargetState:
 
     joints: Array
     speeds: Array
-    pushes: Array = field(default_factory=lambda: np.zeros((KNOTS, JOINTS)))
+    accelerations: Array = field(default_factory=lambda: np.zeros((KNOTS, JOINTS)))
     guess: Array = field(default_factory=lambda: np.zeros(JOINTS))
     knot: float = 0.05
     scale: float | None = None

@@ -16,6 +16,7 @@ from highfive.hil.evaluation.model_cache import fit_windows, is_kept
 from highfive.hil.evaluation.reaction_models import learner
 from highfive.hil.evaluation.score_table import Scored
 from highfive.hil.evaluation.training_progress import TrainingCount
+from highfive.hil.report.terminal_tables import print_scores  # noqa: F401 (for the command line)
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.sim.avatar import avatar_skeleton

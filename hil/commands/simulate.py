@@ -89,6 +89,11 @@ class SimulateOptions:
     overwrite: bool = False
 
 
+def which_model(name: str | None) -> Path | str:
+    """What a user means by a model's ``name``: a file, a model of one's own, or, for None, the one that comes along."""
+    return DEFAULT_MODEL if name is None else name if is_plugin(name) else Path(name)
+
+
 @dataclass(frozen=True)
 class _Played:
     """The trials that were finished, what the arm did in them (by number), and whether the session ended early."""
@@ -298,7 +303,7 @@ def _run(
                 called = style_name(style)
                 result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    remedy = "" if watch is None else _remedy(watch, None, trouble)
+                    remedy = "" if watch is None else _remedy(watch, None)
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
                         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
@@ -314,7 +319,7 @@ def _run(
                 advance()
                 if watch is not None and watch.loop.trouble:
                     say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
-                    _advise(_remedy(watch, arm, watch.loop.trouble))
+                    _advise(_remedy(watch, arm))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
@@ -323,10 +328,10 @@ def _run(
     return played
 
 
-def _remedy(watch: ArmWatch, arm: ArmTrial | None, trouble: str) -> str:
+def _remedy(watch: ArmWatch, arm: ArmTrial | None) -> str:
     from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
 
-    return too_busy(arm, watch.loop.cycles(), trouble)
+    return too_busy(arm, watch.loop.cycles(), watch.loop.stopped_by)
 
 
 def _advise(remedy: str) -> None:

@@ -11,7 +11,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
@@ -233,18 +233,19 @@ class SessionRecorder:
         if self._failure:
             raise self._failure
         data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
-        try:
+        with self._writing():
             self._writer.add_message(self._channels[topic], time_ns, data, time_ns, self._count)
-        except OSError as error:
-            raise self._fail(error) from None
-        except KeyboardInterrupt:
-            self._abandon()
-            raise
 
     def _flush(self) -> None:
         self._chunk_start = None
-        try:
+        with self._writing():
             self._writer.flush()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """The file stays readable whatever happens meanwhile."""
+        try:
+            yield
         except OSError as error:
             raise self._fail(error) from None
         except KeyboardInterrupt:

@@ -84,6 +84,11 @@ def show_log() -> None:
         LOGGER.propagate = False
 
 
+def escape(text: str) -> str:
+    """Text that holds no markup of the console's."""
+    return text.replace("[", r"\[")
+
+
 def counted(count: int, thing: str) -> str:
     """``1 trial``, ``2 trials``."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

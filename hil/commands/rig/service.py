@@ -14,7 +14,7 @@ from typing import Any
 from highfive.hil.drivers.bus.control_table import to_si
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports, too_slow
-from highfive.hil.drivers.bus.rig import Rig, load_rig
+from highfive.hil.drivers.bus.rig import LAST_ID, Rig, load_rig
 from highfive.hil.drivers.bus.rig_setup import Difference, configure, differences, missing_servos, shadow_gaps
 from highfive.hil.drivers.bus.servo_bus import Found, ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS, PortError
@@ -25,6 +25,9 @@ from highfive.model.errors import HighFiveError
 
 PROBED_IDS = range(1, 21)
 """IDs that a scan asks for unless it is to ask for all: labs count from 1."""
+
+EVERY_ID = range(LAST_ID + 1)
+"""All that a servo can have."""
 
 _ELSEWHERE = (
     "is the adapter plugged in, and the arm powered? The port of an emulated arm is found by its name alone, which rig "

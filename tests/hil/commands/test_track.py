@@ -9,9 +9,9 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
+from command_line import running
 from simulated_reach import RATE_HZ, Reach, simulated_reach
 
-from highfive.hil.cli import main as cli
 from highfive.hil.commands.track import TrackOptions, print_track, track
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.mocap_bridge.files.recording import make_recording
@@ -195,16 +195,7 @@ def test_the_trackers_pose_is_that_of_its_segments():
         np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-9)
 
 
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["highfive", "track", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out, err = capsys.readouterr()
-        return int(str(end.value.code)), out, err
-
-    return run
+run = running("track")
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from any_bytes import a_hundred
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from mutations import mutated
 from natnet.data_descriptions import DataDescriptions
 from natnet.data_frame import DataFrame
 from natnet.packet_buffer import PacketBuffer
@@ -148,25 +149,9 @@ def digest(datagram, version, columns):
     return None
 
 
-def mutated(original, rng):
-    """Some bytes of a datagram changed, taken out or put in, or its end cut off; often with its length put right."""
-    data, places = bytearray(original), rng.integers(len(original), size=4)
-    kind = rng.integers(6)
-    if kind == 0:
-        data[places[0]] = rng.integers(256)
-    elif kind == 1:
-        for place in places:
-            data[place] ^= 1 << int(rng.integers(8))
-    elif kind == 2:
-        data[places[0] : places[0] + 4] = rng.choice(
-            [b"\xff\xff\xff\xff", b"\0\0\0\0", b"\xff\xff\xff\x7f", b"\1\0\0\0"]
-        )
-    elif kind == 3:
-        del data[places[0] :]
-    elif kind == 4:
-        del data[min(places[:2]) : max(places[:2])]
-    else:
-        data[places[0] : places[0]] = data[min(places[1:3]) : max(places[1:3])]
+def damaged(original, rng):
+    """A damaged datagram, often with its length put right."""
+    data = mutated(original, rng)
     if len(data) >= 4 and rng.random() < 0.7:
         data[2:4] = (len(data) - 4).to_bytes(2, "little")
     return bytes(data)
@@ -317,7 +302,7 @@ def test_damaged_datagrams_give_values_or_our_own_error(count: int):
     for version in VERSIONS:
         kinds, columns = originals(version), Columns(Model((MarkerSet("Anna", ("a",) * 8),)))
         for k in range(count // len(VERSIONS)):
-            refused += digest(mutated(kinds[k % len(kinds)], rng), version, columns) is not None
+            refused += digest(damaged(kinds[k % len(kinds)], rng), version, columns) is not None
     assert 0.1 * count < refused < 0.9 * count  # neither everything nor nothing is damage that shows
 
 

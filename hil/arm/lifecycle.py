@@ -9,13 +9,14 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
 from highfive.calibration.registration import load_registration
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.emergency_stop import SIGNALS, check_pipe, listening
 from highfive.hil.arm.loop import ArmLoop, first_of
 from highfive.hil.arm.planner import Retarget
@@ -46,9 +47,6 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.scenes import servo_arm as measures
 
-EMULATED = "emulated"
-"""In place of a port: an emulated arm, started for the session."""
-
 PLANT = "highfive.hil.arm.simulated_driver:mounted_arm"
 """The body that emulated servos move."""
 
@@ -66,42 +64,6 @@ EVERYWHERE = 10.0
 
 FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
-
-
-@dataclass(frozen=True)
-class ArmOptions:
-    """Which arm.
-
-    Attributes:
-        port: path of a serial port, or :data:`EMULATED`.
-        rig: file of the rig; None for the one that comes with the project.
-        limits: file of limits, none of them less safe than those that come with the project; None for these.
-        lower: limits that are made safer, such as ``contact.speed=0.5``.
-        armed: a person said that a real arm may move.
-        estop: path of a named pipe that pulls the emergency stop, besides key and signals.
-        faults: what goes wrong on an emulated bus.
-        person: address of the live person whom the arm meets; '' where nobody is tracked.
-        registration: file that says where the arm's base stands in that person's room.
-        nobody_near: the operator answers for it that the arm can reach nobody.
-        slow: every known point of the arm is as slow as near a face.
-    """
-
-    port: str = EMULATED
-    rig: Path | None = None
-    limits: Path | None = None
-    lower: tuple[str, ...] = ()
-    armed: bool = False
-    estop: Path | None = None
-    faults: tuple[str, ...] = ()
-    person: str = ""
-    registration: Path | None = None
-    nobody_near: bool = False
-    slow: bool = False
-
-    @property
-    def emulated(self) -> bool:
-        """No real arm moves."""
-        return self.port == EMULATED
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import MS, ArmTrial, percentiles, played_until_stopped
 from highfive.hil.arm.contact_outcome import (
     ContactOutcome,
@@ -23,7 +24,7 @@ from highfive.hil.arm.contact_outcome import (
     notice,
     with_known_contact,
 )
-from highfive.hil.arm.lifecycle import ArmOptions, full_errors, ready_arm, retarget_settings
+from highfive.hil.arm.lifecycle import full_errors, ready_arm, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation

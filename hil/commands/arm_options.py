@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
-    from highfive.hil.arm.lifecycle import ArmOptions
+    from highfive.hil.arm.arm_options import ArmOptions
 
 
 def arm_options(
@@ -28,7 +28,7 @@ def arm_options(
         HighFiveError: something is said about an arm, and none takes part.
     """
     if port is not None:
-        from highfive.hil.arm.lifecycle import ArmOptions  # noqa: PLC0415 (most sessions have none)
+        from highfive.hil.arm.arm_options import ArmOptions  # noqa: PLC0415 (most sessions have none)
 
         changes = tuple(lower or ())
         return ArmOptions(

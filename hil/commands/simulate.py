@@ -41,8 +41,8 @@ from highfive.model.online.reaction import ReactionModel
 from highfive.model.plugins import PluginError
 
 if TYPE_CHECKING:
+    from highfive.hil.arm.arm_options import ArmOptions
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
-    from highfive.hil.arm.lifecycle import ArmOptions
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
     from highfive.hil.trials.live_partner import LivePerson

@@ -11,8 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from highfive.hil.arm.lifecycle import EMULATED
-from highfive.hil.report.arm_report import arm_section
+from highfive.hil.arm.arm_options import EMULATED
 from highfive.hil.report.drawing import Drawing, to_png
 from highfive.hil.report.film import Strip
 from highfive.hil.report.page import figures, jpeg, render, section, table, write_file
@@ -111,7 +110,7 @@ def render_page(
         section("Moments", _strips(pictures, summary) + _film(film, pictures)),
         section("Contact error", style_table(summary) + under("Contact error")),
         section("Movement", under("Movement")),
-        section("Servo arm", arm_section(summary["arm"], drawn) if summary["arm"] else ""),
+        section("Servo arm", _arm(summary, drawn)),
         section("Latency", under("Latency")),
         *(section(heading, under(heading)) for heading in others),
         section("Trials", trial_table(summary)),
@@ -119,6 +118,14 @@ def render_page(
     ]
     title = f"High Five: a {kind(summary)} session"
     return render(title, _subtitle(summary), _badges(summary), sections)
+
+
+def _arm(summary: dict[str, Any], drawn: Mapping[str, Drawing]) -> str:
+    if not summary["arm"]:
+        return ""
+    from highfive.hil.report.arm_report import arm_section  # noqa: PLC0415 (the arm's planner takes a second)
+
+    return arm_section(summary["arm"], dict(drawn))
 
 
 def _subtitle(summary: dict[str, Any]) -> str:

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from command_line import running
 
-from highfive.hil.arm.lifecycle import PLANT, ArmOptions, check_arm, ready_arm
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.lifecycle import PLANT, check_arm, ready_arm
 from highfive.hil.drivers.bus import ports
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.model.errors import HighFiveError

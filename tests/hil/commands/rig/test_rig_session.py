@@ -23,7 +23,8 @@ from mcap.writer import Writer
 from paths import ROOT
 from trial_results import simulated_result
 
-from highfive.hil.arm.lifecycle import PATIENCE_MS, PLANT, ArmOptions, ready_arm
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.lifecycle import PATIENCE_MS, PLANT, ready_arm
 from highfive.hil.cli import main as cli
 from highfive.hil.commands.rig.play import PlayOptions, play
 from highfive.hil.drivers.bus.rig import load_rig

@@ -18,7 +18,6 @@ import numpy as np
 from highfive.hil.report.captions import Captions
 from highfive.hil.report.stage import Stage, arm_stage, avatar_stage
 from highfive.hil.session.session import RATE_HZ
-from highfive.hil.sim.arm_body import ArmTwin
 from highfive.hil.sim.rendering import Image, NoPictures, Renderer, open_renderer
 from highfive.hil.sim.scene import Scene
 from highfive.hil.sim.video import write_video
@@ -31,6 +30,7 @@ from highfive.model.geometry.rotations import Array
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial
     from highfive.hil.arm.contact_outcome import ContactOutcome
+    from highfive.hil.sim.arm_body import ArmTwin
 
 
 @dataclass(frozen=True)

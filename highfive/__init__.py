@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from highfive.hil.session.opening import open_session
     from highfive.hil.session.session import Session, Tick
     from highfive.hil.sim.avatar import Pose, avatar_skeleton
+    from highfive.hil.trials.partners import Partner, recorded_partner, simulated_person
     from highfive.mocap_bridge.frames import MarkerFrame
     from highfive.mocap_bridge.sources.address import open_source
     from highfive.mocap_bridge.sources.live import Link
@@ -32,10 +33,10 @@ if TYPE_CHECKING:
     from highfive.model.online.responder import Responder, Response
 
 __all__ = [
-    "HGPDM", "Address", "HighFiveError", "Link", "LinkError", "MarkerFrame", "OnlineResponder", "Pose", "Reaction",
-    "ReactionModel", "Responder", "Response", "Scheme", "Session", "SessionRecording", "SimpleReaction", "Tick",
-    "TrackedRecording", "Trial", "__version__", "avatar_skeleton", "evaluate", "load_model", "open_session",
-    "open_source", "read_recording", "save_model", "track", "train",
+    "HGPDM", "Address", "HighFiveError", "Link", "LinkError", "MarkerFrame", "OnlineResponder", "Partner", "Pose",
+    "Reaction", "ReactionModel", "Responder", "Response", "Scheme", "Session", "SessionRecording", "SimpleReaction",
+    "Tick", "TrackedRecording", "Trial", "__version__", "avatar_skeleton", "evaluate", "load_model", "open_session",
+    "open_source", "read_recording", "recorded_partner", "save_model", "simulated_person", "track", "train",
 ]  # fmt: skip
 
 _WHERE = {
@@ -48,6 +49,9 @@ _WHERE = {
     "Tick": "hil.session.session",
     "Pose": "hil.sim.avatar",
     "avatar_skeleton": "hil.sim.avatar",
+    "Partner": "hil.trials.partners",
+    "recorded_partner": "hil.trials.partners",
+    "simulated_person": "hil.trials.partners",
     "MarkerFrame": "mocap_bridge.frames",
     "open_source": "mocap_bridge.sources.address",
     "Link": "mocap_bridge.sources.live",

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+DEFAULT_MODEL = Path(__file__).with_name("default.safetensors")
+"""The model that ships with the project, trained on simulated pairs (``make model``)."""
+
 UNFINISHED = ".highfive-"
 """What the names of files begin with that are still being written, and of what a killed command left."""
 

@@ -16,7 +16,7 @@ from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed, refuse_two_people
-from highfive.hil.runtime.console import STDERR, escape, print_json, progress_bars, show_log
+from highfive.hil.runtime.console import STDERR, escape, print_json, print_result, progress_bars, show_log
 from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 from highfive.model.errors import HighFiveError
 
@@ -139,6 +139,17 @@ def simulate(
     else:
         print_session(summary, folder)
     if summary["interrupted"] or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
+        raise typer.Exit(1)
+
+
+@app.command()
+def doctor(json: Json = False) -> None:
+    """What works on this computer, and what to do about what does not."""
+    from highfive.hil.commands.doctor import as_json, examine, print_findings  # noqa: PLC0415
+
+    result = as_json(examine())
+    print_result(result, json, print_findings)
+    if not result["ready"]:
         raise typer.Exit(1)
 
 

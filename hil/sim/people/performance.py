@@ -129,6 +129,7 @@ def _arm_motion(role: Role, body: BodyMotion) -> Callable[[Array], Array]:
     first, last = hanging + role.individual.rest_arm
     start, contact, bounce = role.onset_s, role.contact_s, 0.05
     strike = style.contact_speed * palm.normal
+    coming, going = velocity(contact, strike), velocity(contact + bounce, -strike)
     # Drawn back early for a strike, late for a plain reach, whose hand then follows one minimum-jerk curve.
     wind_up_s = start + (0.80 - 2.0 * style.wind_up) * (contact - start)
     # Both swing wide of the face.
@@ -137,7 +138,7 @@ def _arm_motion(role: Role, body: BodyMotion) -> Callable[[Array], Array]:
         [start, wind_up_s, contact],
         [first, solve(wind_up_s, back), solve(contact, np.zeros(3))],
         k=5,
-        bc_type=([(1, np.zeros(9)), (2, np.zeros(9))], [(1, velocity(contact, strike)), (2, np.zeros(9))]),
+        bc_type=([(1, np.zeros(9)), (2, np.zeros(9))], [(1, coming), (2, np.zeros(9))]),
     )
     follow_s = contact + bounce + 0.25 * (role.end_s - 0.25 - contact - bounce)
     follow = style.follow_through * np.array([-0.3, -1.0, -1.2]) - 0.10 * palm.normal + wobble
@@ -146,15 +147,15 @@ def _arm_motion(role: Role, body: BodyMotion) -> Callable[[Array], Array]:
         [solve(contact + bounce, np.zeros(3)), solve(follow_s, follow), last],
         k=5,
         bc_type=(
-            [(1, velocity(contact + bounce, -strike)), (2, np.zeros(9))],
+            [(1, going), (2, np.zeros(9))],
             [(1, np.zeros(9)), (2, np.zeros(9))],
         ),
     )
     touch = BPoly.from_derivatives(
         [contact, contact + bounce],
         [
-            [middle(contact), velocity(contact, strike), np.zeros(9)],
-            [after(contact + bounce), velocity(contact + bounce, -strike), np.zeros(9)],
+            [middle(contact), coming, np.zeros(9)],
+            [after(contact + bounce), going, np.zeros(9)],
         ],
     )
 

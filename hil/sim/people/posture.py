@@ -21,7 +21,7 @@ class BodyMotion:
         """Of the actor who plays ``role``."""
         self.role, self.skeleton = role, role.skeleton
         self.arm = [self.skeleton.index(name) for name in ARM]
-        self._clavicle = self.skeleton.index("right_clavicle")
+        self._chain, self._to_clavicle = self.skeleton.chain_to("right_clavicle")
         self._base = self._posture() + role.individual.posture
         self._reach = self._reach_posture()
 
@@ -58,9 +58,9 @@ class BodyMotion:
     def clavicle(self, time: float) -> tuple[Array, Array]:
         """Position (3,) m and orientation (4,) of the right clavicle joint."""
         times = np.array([time])
-        quaternions = self.skeleton.from_hinges(self.without_arm(times))
-        positions, orientations = self.skeleton.forward_kinematics(self.root(times), quaternions)
-        return positions[0, self._clavicle], orientations[0, self._clavicle]
+        quaternions = self._to_clavicle.from_hinges(self.without_arm(times)[:, self._chain])
+        positions, orientations = self._to_clavicle.forward_kinematics(self.root(times), quaternions)
+        return positions[0, -1], orientations[0, -1]
 
     def _posture(self) -> Array:
         style, skeleton = self.role.style, self.skeleton

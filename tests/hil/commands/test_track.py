@@ -211,7 +211,8 @@ def fails(run, tmp_path: Path):
     return fails
 
 
-def test_json_is_one_object(run, reach: Reach, tmp_path: Path):
+def test_json_is_one_object(run, tmp_path: Path):
+    reach = simulated_reach(tmp_path / "reach.c3d", HAND, frames=120)
     code, out, _ = run(reach.path, "--person", "human:", "--marker-set", "paper", "--json", "--out", tmp_path / "o")
     assert code == 0
     assert json.loads(out)["frames"] == len(reach.markers)
@@ -289,7 +290,7 @@ def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(recordings
 
 def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_path: Path) -> None:
     swapped = tmp_path / "swapped.c3d"
-    simulated_reach(swapped)
+    simulated_reach(swapped, frames=200)
     recording = read_c3d(swapped)
     points = recording.points.copy()
     one, other = (recording.names.index(f"human:{name}") for name in ("RWRA", "RFIN"))
@@ -302,7 +303,7 @@ def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_pat
 
 def test_frames_of_another_unit_are_not_used_and_told(tmp_path: Path) -> None:
     changed = tmp_path / "changed.c3d"
-    simulated_reach(changed)
+    simulated_reach(changed, frames=200)
     recording = read_c3d(changed)
     points = recording.points.copy()
     points[100:130] *= 1e-3

@@ -9,7 +9,7 @@ from paths import ROOT
 
 PACKAGE = "highfive"
 OURS = ("calibration", "hil", "mocap_bridge", "model", "scenes")
-ERRORS = {"model.errors", "model.files", "model.plugins"}
+ERRORS = {"model.errors", "model.files", "model.plugins", "model.settings"}
 MODEL = {"model"}  # with every room of it
 BRIDGE = {"mocap_bridge"}
 SIM = {"hil.sim", "hil.arm_model", "hil.runtime", "scenes"}
@@ -33,14 +33,15 @@ ALLOWED: dict[str, set[str]] = {
     "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},
     "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.files"},
-    "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry"}
+    "mocap_bridge.tracking": {"model.errors", "model.settings", "model.compiled"}
+    | {"model.linear_algebra", "model.geometry"}
     | {"mocap_bridge.frames", "mocap_bridge.markers", "mocap_bridge.files"},
-    "mocap_bridge.body": {"model.errors", "model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
-    "calibration": {"model.errors", "model.geometry"} | BRIDGE,
+    "mocap_bridge.body": ERRORS | {"model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
+    "calibration": {"model.errors", "model.settings", "model.geometry"} | BRIDGE,
     "hil": set(),
     "hil.runtime": ERRORS,
     "hil.arm_model": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry", "scenes"},
-    "hil.sim": {"model.errors", "model.geometry", "mocap_bridge.frames", "mocap_bridge.markers"}
+    "hil.sim": {"model.errors", "model.settings", "model.geometry", "mocap_bridge.frames", "mocap_bridge.markers"}
     | {"hil.arm_model", "hil.runtime", "scenes"},
     "hil.sim.people": ERRORS
     | {"model.geometry", "mocap_bridge.markers", "mocap_bridge.files", "mocap_bridge.frames"}
@@ -49,7 +50,7 @@ ALLOWED: dict[str, set[str]] = {
     "hil.drivers": {"model.errors"},
     "hil.drivers.bus": {"model.errors", "hil.drivers", "hil.runtime"},
     "hil.drivers.emulator": {"model.errors", "hil.drivers", "hil.runtime"},
-    "hil.safety": {"model.errors", "model.geometry", "hil.drivers.values"},
+    "hil.safety": {"model.errors", "model.settings", "model.geometry", "hil.drivers.values"},
     "hil.arm": MODEL | BRIDGE | SIM | ARM | {"hil.session", "calibration"},
     "hil.datasets": MODEL | BRIDGE | {"calibration", "hil.runtime", "hil.sim.avatar"},
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},

@@ -8,25 +8,36 @@ BIN := .venv/bin
 READY := .venv/.ready
 # What goes by the clock fails now and then on a machine that is busy: once more, and the summary says so.
 CLOCK := --reruns 1 -r R
+# Only files with such tests are read, which takes a while for all of them.
+REALTIME = $(shell grep -rlE --include='test_*.py' 'mark\.realtime' tests)
+SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
+# Tests start many processes: what Python compiles is kept, also where the surroundings forbid it.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test slow check model format
+.NOTPARALLEL:
+.PHONY: demo test fast clock slow style check model format
 
 demo: $(READY)  ## one simulated session: report, film and recording in out/
 	$(BIN)/highfive simulate
 
-test: $(READY)  ## fast tests
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow and not realtime"
-	$(BIN)/python -m pytest $(CLOCK) -m "realtime and not slow"
+test: fast clock  ## fast tests
+
+fast: $(READY)  # those of them that do not go by the clock
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow and not realtime"
+
+clock: $(READY)  # those that do, with nothing beside them
+	$(BIN)/python -m pytest $(CLOCK) -m "realtime and not slow" $(REALTIME)
 
 slow: $(READY)  ## tests that take long
-	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime"
-	$(BIN)/python -m pytest $(CLOCK) -m "slow and realtime"
+	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime" $(SLOW)
+	$(BIN)/python -m pytest $(CLOCK) -m "slow and realtime" $(REALTIME)
 
-check: $(READY)  ## style, types and fast tests
+style: $(READY)  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(MAKE) --no-print-directory test
+
+check: style test  ## style, types and fast tests
 
 model: $(READY)  ## the default model again, from nothing
 	$(BIN)/highfive capture --repetitions 4 --test-repetitions 1 --seed 0 --out out/captured --overwrite

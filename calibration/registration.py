@@ -7,7 +7,6 @@ they are in two worlds, and no distance between them means anything: a real arm 
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
@@ -19,6 +18,7 @@ import numpy as np
 from highfive.calibration.placement import Placement
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
+from highfive.model.toml_file import read_toml, table, typed
 
 FORMAT = 1
 """Version of the file's format."""
@@ -100,12 +100,7 @@ def load_registration(path: Path) -> Registration:
     Raises:
         HighFiveError: there is no such file, or it is no registration; one line says what.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise HighFiveError(f"cannot read the registration {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise HighFiveError(f"{path} is no TOML file: {error}") from None
+    data = read_toml(path, "the registration")
     try:
         return _registration(path, data)
     except HighFiveError as error:
@@ -113,55 +108,40 @@ def load_registration(path: Path) -> Registration:
 
 
 def _registration(path: Path, data: Mapping[str, Any]) -> Registration:
-    meta, arm, world, quality = (_table(data, name) for name in ("meta", "arm", "world", "quality"))
-    if (version := _entry(meta, "meta", "format", int)) != FORMAT:
+    meta, arm, world, quality = (table(data, name) for name in ("meta", "arm", "world", "quality"))
+    if (version := typed(meta, "meta.", "format", int)) != FORMAT:
         raise HighFiveError(f"meta.format is {version}, this program reads {FORMAT}")
     if type(day := meta.get("date")) is date:
         raise HighFiveError(f"meta.date is a date without a time; write {day}T10:00:00+01:00")
-    measured = _entry(meta, "meta", "date", datetime)
+    measured = typed(meta, "meta.", "date", datetime)
     if measured.tzinfo is None:
         raise HighFiveError("meta.date has no time zone; write it in UTC, such as 2026-11-23T09:30:00Z")
-    rotation = _vector(world, "world", "rotation", 4)
+    rotation = _vector(world, "world.", "rotation", 4)
     if abs(float(np.linalg.norm(rotation)) - 1.0) > 1e-6:
         raise HighFiveError("world.rotation is no unit quaternion (w, x, y, z)")
-    translation = _vector(world, "world", "translation_m", 3)
+    translation = _vector(world, "world.", "translation_m", 3)
     if float(np.linalg.norm(translation)) > FURTHEST:
         raise HighFiveError(f"world.translation_m is further than {FURTHEST:g} m; is it in millimetres?")
-    p95 = float(_entry(quality, "quality", "held_out_p95_m", (float, int)))
+    p95 = typed(quality, "quality.", "held_out_p95_m", float)
     if not 0.0 < p95 < math.inf:
         raise HighFiveError(f"quality.held_out_p95_m is {p95}, expected a distance in m")
     return Registration(
         path=path,
         date=measured.astimezone(UTC),
-        arm=_entry(arm, "arm", "fingerprint", str),
-        system=_entry(world, "world", "system", str),
+        arm=typed(arm, "arm.", "fingerprint", str),
+        system=typed(world, "world.", "system", str),
         world_from_mocap=rotation,
         translation=translation,
-        poses=_entry(quality, "quality", "poses", int),
+        poses=typed(quality, "quality.", "poses", int),
         held_out_p95=p95,
     )
 
 
-def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    if not isinstance(table := data.get(name), Mapping):
-        raise HighFiveError(f"[{name}] is missing")
-    return table
-
-
-def _entry(table: Mapping[str, Any], where: str, name: str, kind: Any) -> Any:
-    if name not in table:
-        raise HighFiveError(f"{where}.{name} is missing")
-    value = table[name]
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise HighFiveError(f"{where}.{name} is {value!r}, which it cannot be")
-    return value
-
-
-def _vector(table: Mapping[str, Any], where: str, name: str, length: int) -> Array:
-    values = _entry(table, where, name, list)
+def _vector(entry: Mapping[str, Any], where: str, name: str, length: int) -> Array:
+    values = typed(entry, where, name, list)
     if len(values) != length or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
-        raise HighFiveError(f"{where}.{name} is {values!r}, expected {length} numbers")
+        raise HighFiveError(f"{where}{name} is {values!r}, expected {length} numbers")
     vector = np.array(values, dtype=float)
     if not np.isfinite(vector).all():
-        raise HighFiveError(f"{where}.{name} has {values!r}, which are not all numbers")
+        raise HighFiveError(f"{where}{name} has {values!r}, which are not all numbers")
     return vector

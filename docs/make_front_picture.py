@@ -6,7 +6,7 @@ from PIL import Image
 
 from highfive.hil.report.stage import avatar_stage
 from highfive.hil.session.session import Session
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.rendering import NoPictures, open_renderer
 from highfive.hil.sim.scene import build_scene

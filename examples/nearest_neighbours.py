@@ -27,7 +27,7 @@ RATE_HZ = 60.0
 
 def fit(trials: Sequence[Trial]) -> NearestNeighbours:
     """Keeps the hands and the poses of all trials."""
-    hands, poses, emotions = [], [], []
+    hands, poses, emotions, rests = [], [], [], []
     for trial in trials:
         step = max(1, round(trial.rate_hz / RATE_HZ))
         frames = np.arange(0, len(trial.joints), step)
@@ -40,25 +40,28 @@ def fit(trials: Sequence[Trial]) -> NearestNeighbours:
             np.hstack([trial.joints[frames], trial.root[frames], trial.palm[frames], contact, until_contact[:, None]])
         )
         emotions += [trial.emotion] * len(frames)
-    return NearestNeighbours(np.vstack(hands), np.vstack(poses), np.array(emotions))
+        rests.append((trial.emotion, np.concatenate([trial.root[0], trial.joints[0]])))
+    return NearestNeighbours(np.vstack(hands), np.vstack(poses), np.array(emotions), rests)
 
 
 class NearestNeighbours:
-    """The model: recorded hands (N, 18), m, the poses (N, D + 10) that went with them, and their emotions (N,)."""
+    """The model: recorded hands (N, 18), m, the poses (N, D + 10) that went with them, and their emotions (N,).
 
-    def __init__(self, hands: np.ndarray, poses: np.ndarray, emotions: np.ndarray):
+    ``rests`` are the emotion, root and joints (3 + D,) with which each trial began.
+    """
+
+    def __init__(self, hands: np.ndarray, poses: np.ndarray, emotions: np.ndarray, rests: list[tuple[str, np.ndarray]]):
         """Builds a tree of the hands of each emotion."""
         self.emotions = tuple(sorted(set(emotions)))
         self.skeleton_hash = avatar_skeleton().hash
         self.poses = [poses[emotions == name] for name in self.emotions]
         self.trees = [KDTree(hands[emotions == name]) for name in self.emotions]
+        self.rests = np.array([np.mean([rest for of, rest in rests if of == name], axis=0) for name in self.emotions])
 
     def rest(self, style: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Root and joints of the mean pose in which the recordings of the style begin."""
-        first = sum(
-            weight * poses[: len(poses) // 50].mean(axis=0) for weight, poses in zip(style, self.poses, strict=True)
-        )
-        return first[-10:-7], first[:-10]
+        rest = style @ self.rests
+        return rest[:3], rest[3:]
 
     def start(self, style: np.ndarray, rate_hz: float) -> NeighbourResponder:
         """A responder at so many ticks a second."""

@@ -3,7 +3,6 @@
 May import numpy, scipy, jax and numba; never a clock, a socket, a serial port, MuJoCo, ``hil`` or ``mocap_bridge``.
 """
 
-from pathlib import Path
+from highfive.model.files import DEFAULT_MODEL
 
-DEFAULT_MODEL = Path(__file__).with_name("default.safetensors")
-"""The model that ships with the project, trained on simulated pairs (``make model``)."""
+__all__ = ["DEFAULT_MODEL"]

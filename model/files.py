@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+DEFAULT_MODEL = Path(__file__).with_name("default.safetensors")
+"""The model that ships with the project, trained on simulated pairs (``make model``)."""
 
 UNFINISHED = ".highfive-"
 """What the names of files begin with that are still being written, and of what a killed command left."""
@@ -15,6 +19,12 @@ UNFINISHED = ".highfive-"
 def unfinished(path: Path) -> Path:
     """A name beside ``path`` that nobody else uses, with the same ending."""
     return path.with_name(f"{UNFINISHED}{secrets.token_hex(4)}-{path.name}")
+
+
+def leftovers(path: Path) -> list[Path]:
+    """What has an :func:`unfinished` name of ``path``, sorted: what killed commands left, and what is being written."""
+    name = re.compile(rf"{re.escape(UNFINISHED)}[0-9a-f]{{8}}-{re.escape(path.name)}")
+    return sorted(found for found in path.parent.iterdir() if name.fullmatch(found.name))
 
 
 @contextmanager

@@ -17,19 +17,39 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # hundreds of small ones, too
 
-# The shapes that the values at the seams declare are checked while the tests run.
+# The shapes that the values at the seams declare are checked while the tests run, from when they are first imported.
 CHECKED = [
     "highfive.mocap_bridge.frames",
     "highfive.hil.sim.avatar",
     "highfive.hil.session.reach",
+    "highfive.hil.trials.trial_result",
     "highfive.hil.trials.trial",
+    "highfive.hil.trials.judging",
 ]
-with install_import_hook(CHECKED, "beartype.beartype"):
-    import highfive.hil.trials.trial  # noqa: F401
+install_import_hook(CHECKED, "beartype.beartype")
 
 from highfive.hil.runtime.threads import use_one_blas_thread  # noqa: E402
 
 use_one_blas_thread()  # as every session does
+
+# Files in the order of their cost (docs/testing.md), from those that compile the arm's planner, the tracker, a small
+# model and the filter: what one worker has compiled the others find ready, if they do not need it at the same time.
+# Of the rest each takes a few seconds.
+LONGEST = (
+    "test_retarget.py", "test_tracker.py", "test_responder.py", "test_pose_filter.py", "test_contact.py",
+    "test_evaluate.py", "test_track.py", "test_rig_session.py", "test_simulate.py", "test_folders.py",
+    "test_report.py", "test_unseen.py", "test_session.py", "test_own_body.py", "test_arm_loop.py",
+    "test_actors.py", "test_stream.py", "test_calibrate.py", "test_safety_feed_forward.py", "test_film.py",
+    "test_lost_samples.py", "test_bench_tracker.py", "test_safety_faults.py",
+)  # fmt: skip
+RANK = {name: rank for rank, name in enumerate(LONGEST)}
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first, so that no worker has one left at the end."""
+    items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
+
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -2,8 +2,10 @@
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -11,7 +13,9 @@ import pytest
 from paths import ROOT
 
 import highfive
+from highfive.mocap_bridge.files.c3d import write_c3d
 
+MOCAP = ROOT / "packaging" / "mocap"
 FOLDERS = {"calibration", "hil", "mocap_bridge", "model", "scenes"}
 
 
@@ -21,25 +25,120 @@ def test_package_links_to_the_folders_of_the_checkout() -> None:
     assert highfive.__version__
 
 
-@pytest.mark.slow
-def test_wheel_holds_one_top_level_package_and_all_its_files(tmp_path: Path) -> None:
+def test_both_distributions_have_one_version() -> None:
+    versions = [
+        tomllib.loads((folder / "pyproject.toml").read_text())["project"]["version"] for folder in (ROOT, MOCAP)
+    ]
+    assert versions[0] == versions[1]
+    assert f"version: {versions[0]}" in (ROOT / "CITATION.cff").read_text()
+
+
+def wheel_of(folder: Path, tmp_path: Path) -> Path:
+    """The wheel that a folder of the tree builds."""
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     tree = tmp_path / "tree"  # setuptools leaves a build/ behind, and takes what lies there for built
-    left_out = shutil.ignore_patterns(".*", "build", "out", "__pycache__", "*.egg-info")
-    shutil.copytree(ROOT, tree, symlinks=True, ignore=left_out)
-    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", str(tmp_path), str(tree)], check=True)
-    (wheel,) = tmp_path.glob("*.whl")
+    if not tree.exists():
+        left_out = shutil.ignore_patterns(".*", "build", "out", "__pycache__", "*.egg-info")
+        shutil.copytree(ROOT, tree, symlinks=True, ignore=left_out)
+    wheels = tmp_path / f"wheels-{folder.name}"
+    place = str(tree / folder.relative_to(ROOT))
+    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", str(wheels), place], check=True)
+    (wheel,) = wheels.glob("*.whl")
+    return wheel
+
+
+@pytest.mark.slow
+def test_the_bridge_alone_tracks_a_file(tmp_path: Path) -> None:
+    write_c3d(tmp_path / "person.c3d", highfive.simulated_person("happy", "B2").recording)
+    wheel = wheel_of(MOCAP, tmp_path)
+    with zipfile.ZipFile(wheel) as content:
+        assert not any(name.startswith(("highfive/hil", "highfive/scenes")) for name in content.namelist())
+        assert not any(name.endswith(".safetensors") for name in content.namelist())
+        content.extractall(tmp_path / "site")
+    code = (
+        f"import sys; sys.path.insert(1, {str(tmp_path / 'site')!r}); import highfive; "
+        "print(highfive.__file__, len(highfive.track('person.c3d')), {'mujoco', 'jax', 'typer'} & set(sys.modules))\n"
+        "try: highfive.open_session\nexcept ImportError as error: print(error)"
+    )
+    script = [sys.executable, "-S", "-c", _with_libraries(code)]
+    done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert first.startswith(str(tmp_path / "site"))
+    assert first.endswith("set()")
+    assert second == "highfive.open_session is not part of high-five-mocap; pip install high-five"
+
+
+def _with_libraries(code: str) -> str:
+    """Code with this environment's libraries, but without its editable installation of this project."""
+    places = [path for path in sys.path if path.endswith("site-packages")]
+    return f"import sys; sys.path += {places!r}; {code}"
+
+
+@pytest.mark.slow
+def test_installed_wheel_plays_and_its_examples_run_beside_a_users_own_modules(tmp_path: Path) -> None:
+    """In an environment of its own, whose libraries are this one's: what is installed is the wheel alone."""
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
+    python = tmp_path / "venv" / "bin" / "python"
+    pip = [str(python), "-m", "pip", "--quiet", "--disable-pip-version-check", "install", "--no-deps"]
+    subprocess.run([*pip, str(wheel_of(ROOT, tmp_path))], check=True)
+    (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
+    libraries = [path for path in sys.path if path.endswith("site-packages")]
+    (site / "libraries.pth").write_text("\n".join(libraries) + "\n")  # of added folders no .pth files are read
+    (tmp_path / "model.py").write_text("MINE = True\n")
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "__init__.py").write_text("MINE = True\n")
+    code = "import model, scenes, highfive; assert model.MINE and scenes.MINE; print(highfive.__file__)"
+    script = [str(python), "-c", code]
+    where = subprocess.run(script, cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert where.stdout.startswith(str(site))
+    command = [
+        str(tmp_path / "venv" / "bin" / "highfive"),
+        "simulate",
+        "--trials",
+        "1",
+        "--no-pictures",
+        "--out",
+        "out",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for example, arguments in (("respond.py", []), ("session_tick.py", []), ("read_session.py", ["out/session.mcap"])):
+        script = [str(python), str(ROOT / "examples" / example), *arguments]
+        done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_example_package_is_installed_and_streamed_from(tmp_path: Path) -> None:
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "install", "--no-deps"]
+    shutil.copytree(ROOT / "examples" / "lab_source", tmp_path / "lab_source")
+    subprocess.run([*pip, "--target", str(tmp_path / "site"), str(tmp_path / "lab_source")], check=True)
+    write_c3d(tmp_path / "person.c3d", highfive.simulated_person("happy", "B2").recording)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+    code = (
+        "import sys, time, highfive\n"
+        f"source = highfive.open_source('lab://127.0.0.1:{port}')\n"
+        "frame = source.first(30.0)\nprint(frame.valid.sum(), len(frame.names))\nsource.close()"
+    )
+    listener = subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True, cwd=tmp_path
+    )
+    sender = [sys.executable, str(ROOT / "examples/lab_source/send.py"), "person.c3d", "127.0.0.1", str(port)]
+    while listener.poll() is None:
+        subprocess.run(sender, cwd=tmp_path, check=True)
+    seen, names = map(int, (listener.stdout.read() if listener.stdout else "").split())
+    assert listener.returncode == 0
+    assert 0 < seen <= names
+
+
+@pytest.mark.slow
+def test_wheel_holds_one_top_level_package_and_all_its_files(tmp_path: Path) -> None:
+    wheel = wheel_of(ROOT, tmp_path)
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == {"highfive"}
     files = (path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.is_file())
     assert {f"highfive/{path}" for path in files if "__pycache__" not in path.parts} <= names
-    # A user's own model.py and scenes/ are what they import, and the project works beside them.
-    (tmp_path / "model.py").write_text("MINE = True\n")
-    (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "__init__.py").write_text("MINE = True\n")
-    code = (
-        f"import sys; sys.path.insert(1, {str(wheel)!r}); import model, scenes; assert model.MINE and scenes.MINE; "
-        "import highfive.model; print(highfive.model.__file__)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
-    assert str(wheel) in done.stdout

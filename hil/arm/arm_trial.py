@@ -13,9 +13,10 @@ import numpy as np
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
 from highfive.hil.arm.loop import ArmLoop, ArmTick
-from highfive.hil.arm.planner import ConstraintRelaxation, Retarget
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm_model.servo_arm import ServoArm, default_arm
-from highfive.hil.drivers.bus.arm_process import Cycle
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.speeds import closing_speed, face_speed

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.safety.people import Sighting
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
 from highfive.hil.session.session import RATE_HZ, Tick

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from highfive.hil.arm.contact_goal import palm_goal
-from highfive.hil.arm.planner import ConstraintRelaxation, ExpectedContact, PalmGoal, Retarget
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import ConstraintRelaxation, ExpectedContact, PalmGoal
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import solve
 from highfive.hil.safety.people import speed_near_face

@@ -9,24 +9,27 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
 from highfive.calibration.registration import load_registration
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.emergency_stop import SIGNALS, check_pipe, listening
 from highfive.hil.arm.loop import ArmLoop, first_of
-from highfive.hil.arm.planner import Retarget, RetargetSettings
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, READY, ServoArm, default_arm
-from highfive.hil.drivers.bus.arm_process import ArmProcess, Mode
+from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.control_table import load_table, to_si
+from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.ports import too_slow
 from highfive.hil.drivers.bus.rig import COUNTS, Rig, load_rig, wanted_registers
 from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
 from highfive.hil.drivers.bus.servo_bus import ServoBus
-from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
+from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS, PATIENCE_MS
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.console import Bar, say_aside
@@ -44,14 +47,8 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.scenes import servo_arm as measures
 
-EMULATED = "emulated"
-"""In place of a port: an emulated arm, started for the session."""
-
 PLANT = "highfive.hil.arm.simulated_driver:mounted_arm"
 """The body that emulated servos move."""
-
-PATIENCE_MS = 50.0
-"""How long an answer may be late before anything moves."""
 
 START_S = 30.0
 """So long the driver's process may take to begin, s."""
@@ -67,42 +64,6 @@ EVERYWHERE = 10.0
 
 FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
-
-
-@dataclass(frozen=True)
-class ArmOptions:
-    """Which arm.
-
-    Attributes:
-        port: path of a serial port, or :data:`EMULATED`.
-        rig: file of the rig; None for the one that comes with the project.
-        limits: file of limits, none of them less safe than those that come with the project; None for these.
-        lower: limits that are made safer, such as ``contact.speed=0.5``.
-        armed: a person said that a real arm may move.
-        estop: path of a named pipe that pulls the emergency stop, besides key and signals.
-        faults: what goes wrong on an emulated bus.
-        person: address of the live person whom the arm meets; '' where nobody is tracked.
-        registration: file that says where the arm's base stands in that person's room.
-        nobody_near: the operator answers for it that the arm can reach nobody.
-        slow: every known point of the arm is as slow as near a face.
-    """
-
-    port: str = EMULATED
-    rig: Path | None = None
-    limits: Path | None = None
-    lower: tuple[str, ...] = ()
-    armed: bool = False
-    estop: Path | None = None
-    faults: tuple[str, ...] = ()
-    person: str = ""
-    registration: Path | None = None
-    nobody_near: bool = False
-    slow: bool = False
-
-    @property
-    def emulated(self) -> bool:
-        """No real arm moves."""
-        return self.port == EMULATED
 
 
 @contextmanager
@@ -122,8 +83,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
             no marker shows the head of the live person beside it. Nothing has moved then.
     """
     check_person(options, marker_set)
-    check_arm(options)
-    limits, rig = _loaded(options)
+    limits, rig = check_arm(options)
     advance = None if bar is None else bar("arm", 1)
     if advance is not None:
         advance("starting", 0)
@@ -157,15 +117,19 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
             loop.rest()
 
 
-def check_arm(options: ArmOptions) -> None:
+def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
     """Looks at what was asked for before anything that takes long: limits, rig, pipe, and the servos of a real port.
+
+    Returns:
+        the limits that hold, and the rig.
 
     Raises:
         HighFiveError: as :func:`ready_arm`. Nothing has moved.
     """
-    limits, rig = _loaded(options)
+    limits, rig = check_asked(options)
     if not options.emulated:
         _refuse_unless_ready(options.port, rig, limits)
+    return limits, rig
 
 
 def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
@@ -191,15 +155,6 @@ def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
         )
 
 
-def check_asked(options: ArmOptions) -> None:
-    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
-
-    Raises:
-        HighFiveError: as :func:`ready_arm`. The port was not opened.
-    """
-    _loaded(options)
-
-
 def fingerprint(rig: Rig) -> str:
     """Tells this arm, with its mount, from others: what a registration of it depends on."""
     parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
@@ -221,7 +176,15 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
 
 
-def _loaded(options: ArmOptions) -> tuple[Limits, Rig]:
+def check_asked(options: ArmOptions) -> tuple[Limits, Rig]:
+    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
+
+    Returns:
+        the limits that hold, and the rig.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. The port was not opened.
+    """
     limits = load_limits()
     if options.limits is not None:
         limits = load_safer(options.limits, limits)

@@ -12,13 +12,15 @@ from typing import Protocol
 
 import numpy as np
 
-from highfive.hil.arm.planner import ArmStep, ConstraintRelaxation, PalmGoal, Retarget, RetargetState
-from highfive.hil.drivers.bus.arm_process import Cycle, Mode
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import ArmStep, ConstraintRelaxation, PalmGoal, RetargetState
+from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety import envelope
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.people import Human, Sighting
+from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import HALTED, State
 from highfive.hil.safety.values import Inputs, Report, standing
@@ -168,6 +170,11 @@ class ArmLoop:
             pulled = self._estop.pulled_ns is not None
             return self._arm.trouble or ("the emergency stop was pulled" if pulled else "the arm was stopped")
         return ""
+
+    @property
+    def stopped_by(self) -> frozenset[Rule]:
+        """The envelope's rules that stopped the arm; none while it is driven, or where its driver stopped it."""
+        return self._standing.stopped_by if self._standing.state in HALTED else frozenset()
 
     @property
     def _braking(self) -> bool:

@@ -25,29 +25,30 @@ from highfive.model.linear_algebra import cholesky, cholesky_solve
 
 @compiled
 def rolled_out(
-    arm: Arm, aim: Aim, path: Array, pushes: Array, share: float, feed: Array, gains: Array, new_path: Array,
-    new_pushes: Array,
+    arm: Arm, aim: Aim, path: Array, accelerations: Array, fraction: float, feed: Array, gains: Array, new_path: Array,
+    new_accelerations: Array,
 ) -> float:  # fmt: skip
-    """Rolls the plan out with ``share`` of the improvement; path (N + 1, 2, J). Returns its cost."""
+    """Rolls the plan out with ``fraction`` of the improvement; path (N + 1, 2, J). Returns its cost."""
     cost, seconds = 0.0, aim.seconds
     no, nothing = np.zeros(6), np.zeros((6, 6))
     for j in range(6):
         new_path[0, 0, j], new_path[0, 1, j] = path[0, 0, j], path[0, 1, j]
     centres, frames = link_frames(arm, new_path[0, 0])
-    for k in range(len(pushes)):
+    for k in range(len(accelerations)):
         for i in range(6):
-            push = pushes[k, i] + share * feed[k, i]
+            acceleration = accelerations[k, i] + fraction * feed[k, i]
             for j in range(6):
-                push += gains[k, i, j] * (new_path[k, 0, j] - path[k, 0, j])
-                push += gains[k, i, 6 + j] * (new_path[k, 1, j] - path[k, 1, j])
-            push = min(max(push, -arm.accelerations[i]), arm.accelerations[i])
-            new_pushes[k, i] = push
+                acceleration += gains[k, i, j] * (new_path[k, 0, j] - path[k, 0, j])
+                acceleration += gains[k, i, 6 + j] * (new_path[k, 1, j] - path[k, 1, j])
+            acceleration = min(max(acceleration, -arm.accelerations[i]), arm.accelerations[i])
+            new_accelerations[k, i] = acceleration
             speed = new_path[k, 1, i]
-            new_path[k + 1, 0, i] = new_path[k, 0, i] + seconds * speed + 0.5 * seconds**2 * push
-            new_path[k + 1, 1, i] = speed + seconds * push
+            new_path[k + 1, 0, i] = new_path[k, 0, i] + seconds * speed + 0.5 * seconds**2 * acceleration
+            new_path[k + 1, 1, i] = speed + seconds * acceleration
         cost += acceleration_cost(
-            arm, aim.effort, centres, frames, new_path[k, 1], new_pushes[k], False, no, no, nothing, nothing, nothing
-        )
+            arm, aim.effort, centres, frames, new_path[k, 1], new_accelerations[k], False,
+            no, no, nothing, nothing, nothing,
+        )  # fmt: skip
         joints, speeds = new_path[k + 1, 0], new_path[k + 1, 1]
         centres, frames = link_frames(arm, joints)
         cost += state_cost(arm, aim, k, centres, frames, joints, speeds, False, no, no, nothing, nothing)
@@ -58,28 +59,28 @@ class Derivatives(NamedTuple):
     """Derivatives of a plan's cost, by knot.
 
     Attributes:
-        states, states_twice: (N, 2, J) and (N, 2, J, J), by joints and by speeds after each push.
-        pushes, pushes_twice: (N, 2, J) and (N, 3, J, J), by push and speeds before it; by both.
+        states, states_twice: (N, 2, J) and (N, 2, J, J), by joints and by speeds after each acceleration.
+        accelerations, accelerations_twice: (N, 2, J) and (N, 3, J, J), by acceleration and speeds before it; by both.
     """
 
     states: Array
     states_twice: Array
-    pushes: Array
-    pushes_twice: Array
+    accelerations: Array
+    accelerations_twice: Array
 
 
 @compiled
-def linearised(arm: Arm, aim: Aim, path: Array, pushes: Array) -> Derivatives:
+def linearised(arm: Arm, aim: Aim, path: Array, accelerations: Array) -> Derivatives:
     """The derivatives along a path."""
-    count = len(pushes)
+    count = len(accelerations)
     found = Derivatives(
         np.zeros((count, 2, 6)), np.zeros((count, 2, 6, 6)), np.zeros((count, 2, 6)), np.zeros((count, 3, 6, 6))
     )
     centres, frames = link_frames(arm, path[0, 0])
     for k in range(count):
-        one, two = found.pushes[k], found.pushes_twice[k]
+        one, two = found.accelerations[k], found.accelerations_twice[k]
         acceleration_cost(
-            arm, aim.effort, centres, frames, path[k, 1], pushes[k], True, one[0], one[1], two[0], two[1], two[2]
+            arm, aim.effort, centres, frames, path[k, 1], accelerations[k], True, one[0], one[1], two[0], two[1], two[2]
         )
         joints, speeds, one, two = path[k + 1, 0], path[k + 1, 1], found.states[k], found.states_twice[k]
         centres, frames = link_frames(arm, joints)
@@ -89,40 +90,43 @@ def linearised(arm: Arm, aim: Aim, path: Array, pushes: Array) -> Derivatives:
 
 @compiled
 def improvement(  # noqa: PLR0912 (a kernel)
-    arm: Arm, slopes: Derivatives, h: float, damping: float, pushes: Array, feed: Array, gains: Array
+    arm: Arm, derivatives: Derivatives, h: float, damping: float, accelerations: Array, feed: Array, gains: Array
 ) -> bool:
     """The Riccati sweep (iterative LQR, Li & Todorov 2004): writes feed-forward (N, J) and gains (N, J, 2 J).
 
-    ``damping`` counts a way of the joints from the old path, squared (Tassa et al. 2012); pushes that would go beyond a
-    joint's acceleration stop there, and the others know it (Tassa et al. 2014, one guess of the active set).
+    ``damping`` counts a displacement of the joints from the old path, squared (Tassa et al. 2012). Accelerations that
+    would go beyond a joint's largest stop there, and the others know it (Tassa et al. 2014, one guess of the active
+    set).
     """
     value, twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))  # gradient and matrix of the cost to go, by (q, v)
     new, new_twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))
-    mixed, push_twice, by_push = np.empty((6, 12)), np.empty((6, 6)), np.empty(6)  # by push and (q, v), by push
+    # By acceleration and (q, v); by acceleration, twice and once.
+    mixed, acceleration_twice, by_acceleration = np.empty((6, 12)), np.empty((6, 6)), np.empty(6)
     lower, right, free = np.zeros((6, 6)), np.empty(6), np.ones(6)
-    for back in range(len(pushes)):
-        k = len(pushes) - 1 - back
+    for back in range(len(accelerations)):
+        k = len(accelerations) - 1 - back
         for half in range(2):
             for i in range(6):
-                value[half, i] += slopes.states[k, half, i]
+                value[half, i] += derivatives.states[k, half, i]
                 for j in range(6):
-                    twice[half, half, i, j] += slopes.states_twice[k, half, i, j]
+                    twice[half, half, i, j] += derivatives.states_twice[k, half, i, j]
         for i in range(6):
             twice[0, 0, i, i] += damping
-            by_push[i] = slopes.pushes[k, 0, i] + 0.5 * h * h * value[0, i] + h * value[1, i]
-            new[0, i], new[1, i] = value[0, i], h * value[0, i] + value[1, i] + slopes.pushes[k, 1, i]
+            by_acceleration[i] = derivatives.accelerations[k, 0, i] + 0.5 * h * h * value[0, i] + h * value[1, i]
+            new[0, i], new[1, i] = value[0, i], h * value[0, i] + value[1, i] + derivatives.accelerations[k, 1, i]
         for i in range(6):
             for j in range(6):
                 qq, qv, vq, vv = twice[0, 0, i, j], twice[0, 1, i, j], twice[1, 0, i, j], twice[1, 1, i, j]
-                push_twice[i, j] = slopes.pushes_twice[k, 0, i, j]
-                push_twice[i, j] += 0.25 * h**4 * qq + 0.5 * h**3 * (qv + vq) + h * h * vv
+                acceleration_twice[i, j] = derivatives.accelerations_twice[k, 0, i, j]
+                acceleration_twice[i, j] += 0.25 * h**4 * qq + 0.5 * h**3 * (qv + vq) + h * h * vv
                 mixed[i, j] = 0.5 * h * h * qq + h * vq
-                mixed[i, 6 + j] = 0.5 * h * h * (h * qq + qv) + h * (h * vq + vv) + slopes.pushes_twice[k, 1, i, j]
+                mixed[i, 6 + j] = 0.5 * h * h * (h * qq + qv) + h * (h * vq + vv)
+                mixed[i, 6 + j] += derivatives.accelerations_twice[k, 1, i, j]
                 new_twice[0, 0, i, j] = qq
                 new_twice[0, 1, i, j] = h * qq + qv
                 new_twice[1, 0, i, j] = h * qq + vq
-                new_twice[1, 1, i, j] = h * h * qq + h * (qv + vq) + vv + slopes.pushes_twice[k, 2, i, j]
-        if not boxed(arm, push_twice, by_push, pushes[k], lower, right, free):
+                new_twice[1, 1, i, j] = h * h * qq + h * (qv + vq) + vv + derivatives.accelerations_twice[k, 2, i, j]
+        if not boxed(arm, acceleration_twice, by_acceleration, accelerations[k], lower, right, free):
             return False
         for i in range(6):
             feed[k, i] = right[i]
@@ -137,9 +141,9 @@ def improvement(  # noqa: PLR0912 (a kernel)
             for i in range(6):
                 for c in range(6):
                     new[half, i] += mixed[c, 6 * half + i] * feed[k, c]
-                    pull = by_push[c]
+                    pull = by_acceleration[c]
                     for d in range(6):
-                        pull += push_twice[c, d] * feed[k, d]
+                        pull += acceleration_twice[c, d] * feed[k, d]
                     new[half, i] += gains[k, c, 6 * half + i] * pull
                 for other in range(2):
                     for j in range(6):
@@ -151,7 +155,9 @@ def improvement(  # noqa: PLR0912 (a kernel)
 
 
 @compiled
-def boxed(arm: Arm, matrix: Array, gradient: Array, push: Array, lower: Array, step: Array, free: Array) -> bool:
+def boxed(
+    arm: Arm, matrix: Array, gradient: Array, acceleration: Array, lower: Array, step: Array, free: Array
+) -> bool:
     """Writes the step (J,) that is best inside the accelerations, the factor of what is free, and what is (1 or 0)."""
     part = np.empty((6, 6))
     for j in range(6):
@@ -170,7 +176,7 @@ def boxed(arm: Arm, matrix: Array, gradient: Array, push: Array, lower: Array, s
         out = False
         for j in range(6):
             most = arm.accelerations[j]
-            inside = min(max(push[j] + step[j], -most), most) - push[j]
+            inside = min(max(acceleration[j] + step[j], -most), most) - acceleration[j]
             if abs(inside - step[j]) > 1e-9:
                 step[j] = inside
                 if turn == 0:
@@ -186,7 +192,7 @@ class Planned(NamedTuple):
     Attributes:
         joints, speeds: (J,) rad and rad/s, one tick from now.
         torques: (J,) N·m, that this takes.
-        pushes: (N, J) rad/s², the plan.
+        accelerations: (N, J) rad/s², the plan.
         guess: (J,) rad, a posture that meets the hand.
         plate: (3,) m, where the plate is one tick from now.
         miss: m, distance of the plate from where it should be, at the knot of the meeting.
@@ -197,7 +203,7 @@ class Planned(NamedTuple):
     joints: Array
     speeds: Array
     torques: Array
-    pushes: Array
+    accelerations: Array
     guess: Array
     plate: Array
     miss: float
@@ -209,8 +215,8 @@ GUESS_STEPS = 4
 
 
 @compiled
-def _afresh(arm: Arm, task: Task, guess: Array, path: Array, pushes: Array) -> None:
-    """Writes the pushes (N, J) of a cubic in the joints to a posture, at the plate's velocity, and nothing after."""
+def _afresh(arm: Arm, task: Task, guess: Array, path: Array, accelerations: Array) -> None:
+    """Writes the accelerations (N, J) of a cubic in the joints to a posture, at the plate's velocity; 0 after it."""
     centres, frames = link_frames(arm, guess)
     point, normal = plate_of(arm, centres, frames)
     of_point, _ = plate_jacobian(arm, centres, frames, point, normal)
@@ -229,13 +235,13 @@ def _afresh(arm: Arm, task: Task, guess: Array, path: Array, pushes: Array) -> N
     length = max(task.time, task.seconds)
     for j in range(6):
         length = max(length, 1.3 * abs(guess[j] - path[0, 0, j]) / arm.speeds[j])
-    for k in range(len(pushes)):
+    for k in range(len(accelerations)):
         t = (k + 0.5) * task.seconds
         for j in range(6):
             way, begin, end = guess[j] - path[0, 0, j], path[0, 1, j], arrival[j]
-            push = (6.0 * way / length - 4.0 * begin - 2.0 * end) / length
-            push += t / length**2 * (6.0 * (begin + end) - 12.0 * way / length)
-            pushes[k, j] = push if t < length else 0.0
+            acceleration = (6.0 * way / length - 4.0 * begin - 2.0 * end) / length
+            acceleration += t / length**2 * (6.0 * (begin + end) - 12.0 * way / length)
+            accelerations[k, j] = acceleration if t < length else 0.0
 
 
 DAMPINGS = 3
@@ -245,30 +251,30 @@ SHARES = 2
 @compiled
 def _better(arm: Arm, aim: Aim, cost: float, path: Array, plan: Array, other: Array, trial: Array) -> float:
     """Writes an improved path and plan into ``other`` and ``trial``; returns its cost, or ``cost`` if there is none."""
-    slopes = linearised(arm, aim, path, plan)
+    derivatives = linearised(arm, aim, path, plan)
     feed, gains = np.zeros((len(plan), 6)), np.zeros((len(plan), 6, 12))
     damping = 0.0
     for _ in range(DAMPINGS):
-        if improvement(arm, slopes, aim.seconds, damping, plan, feed, gains):
-            share = 1.0
+        if improvement(arm, derivatives, aim.seconds, damping, plan, feed, gains):
+            fraction = 1.0
             for _ in range(SHARES):
-                now = rolled_out(arm, aim, path, plan, share, feed, gains, other, trial)
+                now = rolled_out(arm, aim, path, plan, fraction, feed, gains, other, trial)
                 if now < cost:
                     return now
-                share *= 0.35
+                fraction *= 0.35
         damping = 0.1 * cost if damping == 0.0 else 30.0 * damping
     return cost
 
 
 @compiled_entry
 def planned(
-    arm: Arm, task: Task, joints: Array, speeds: Array, pushes: Array, guess: Array, tick: float, rounds: int
+    arm: Arm, task: Task, joints: Array, speeds: Array, accelerations: Array, guess: Array, tick: float, rounds: int
 ) -> Planned:
     """Improves a plan ``rounds`` times from joints and speeds (J,) of now, and takes its first step of ``tick`` s.
 
     The plan, or a new one to the posture that ``guess`` is improved to: whichever costs less.
     """
-    count = len(pushes)
+    count = len(accelerations)
     aim = aimed(task, count)
     path, other = np.empty((count + 1, 2, 6)), np.empty((count + 1, 2, 6))
     plan, trial = np.empty((count, 6)), np.empty((count, 6))
@@ -277,7 +283,7 @@ def planned(
         for j in range(6):
             path[k, 0, j], path[k, 1, j] = joints[j], speeds[j]
             other[k, 0, j], other[k, 1, j] = joints[j], speeds[j]
-    cost = rolled_out(arm, aim, path, pushes, 0.0, feed, gains, other, plan)
+    cost = rolled_out(arm, aim, path, accelerations, 0.0, feed, gains, other, plan)
     path, other = other, path
     if task.time > 2.0 * tick and task.time < math.inf:
         guess, _ = posture_from(arm, task.point, task.normal, guess, GUESS_STEPS)

@@ -14,21 +14,31 @@ State in, state out: the same inputs give the same outputs.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from highfive.hil.arm import optimal_control
 from highfive.hil.arm.optimal_control import Planned
+from highfive.hil.arm.planner_settings import RetargetSettings
+from highfive.hil.arm.planner_values import (
+    CONTACT_KNOT,
+    KNOTS,
+    ArmStep,
+    ConstraintRelaxation,
+    ExpectedContact,
+    PalmGoal,
+    RetargetState,
+)
 from highfive.hil.arm.planning_task import Task
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import JOINTS, ServoArm, solve
-from highfive.hil.safety.people import Sighting
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
+<<<<<<< HEAD
 KNOTS = 12
 CONTACT_KNOT = 10
 """Of those, the one at the expected contact, as long as it is further than so many ticks away."""
@@ -225,6 +235,8 @@ class ArmStep:
     miss: float
     limits: int
 
+=======
+>>>>>>> origin/main
 
 class Retarget:
     """The arm, its ready posture and the settings: what does not change from tick to tick."""
@@ -265,18 +277,18 @@ class Retarget:
         goal = self._carried_on(state, goal)
         state = self._entered(state, goal)
         task = self._task(state, goal)
-        pushes = _shifted(state, s.tick, task.seconds)
+        accelerations = _shifted(state, s.tick, task.seconds)
         plan = optimal_control.planned(
-            self.arm.packed, task, state.joints, state.speeds, pushes, state.guess, s.tick, s.rounds
+            self.arm.packed, task, state.joints, state.speeds, accelerations, state.guess, s.tick, s.rounds
         )
-        pushes = plan.pushes if math.isfinite(plan.cost) else np.zeros_like(pushes)
+        accelerations = plan.accelerations if math.isfinite(plan.cost) else np.zeros_like(accelerations)
         told = (
             plan.joints if self._sag is None else np.clip(plan.joints + plan.torques * self._sag, self._low, self._high)
         )
         step = ArmStep(told, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
         late, together, sacrifice = self._accounted(state, goal, task, plan)
         state = RetargetState(
-            plan.joints, plan.speeds, pushes, plan.guess, task.seconds, state.scale, state.given, late, together,
+            plan.joints, plan.speeds, accelerations, plan.guess, task.seconds, state.scale, state.given, late, together,
             sacrifice, goal.contact, unsaid,
         )  # fmt: skip
         return state, step
@@ -343,14 +355,14 @@ class Retarget:
     def _hurry(self, state: RetargetState, contact: ExpectedContact) -> float:
         """How many times faster than leisurely the plate has to be; at least 1."""
         s = self.settings
-        way = float(np.linalg.norm(self.arm.plate_at(state.joints).position - contact.point))
-        return max(1.0, way / max(contact.time - s.lag - s.settle, 0.05) / s.leisurely)
+        distance = float(np.linalg.norm(self.arm.plate_at(state.joints).position - contact.point))
+        return max(1.0, distance / max(contact.time - s.lag - s.settle, 0.05) / s.leisurely)
 
     def _normal(self, contact: ExpectedContact) -> tuple[Array, float]:
         """Where the plate shall face (3,), and how much that counts."""
         s = self.settings
-        share = float(minimum_jerk(1.0 - contact.time / s.facing))
-        normal = (1.0 - share) * self._ready_normal + share * contact.normal
+        fraction = float(minimum_jerk(1.0 - contact.time / s.facing))
+        normal = (1.0 - fraction) * self._ready_normal + fraction * contact.normal
         normal /= max(math.sqrt(normal @ normal), 0.1)
         return normal, 1.0 / (s.turned + s.turning * contact.time) ** 2
 
@@ -360,8 +372,8 @@ class Retarget:
         if goal.person is None:
             return 0.2, _NOWHERE
         normal = goal.contact.normal
-        share = min(max(1.0 - goal.contact.time / 0.3, 0.0), 1.0)  # the hand will have braked until then
-        hand = share * goal.person.velocity
+        fraction = min(max(1.0 - goal.contact.time / 0.3, 0.0), 1.0)  # the hand will have braked until then
+        hand = fraction * goal.person.velocity
         own = min(max(float(goal.palm.velocity @ normal), self.settings.slowest), 1.0)
         most = 0.75 * self.settings.care * self.settings.contact_speed
         if goal.head is not None and float(np.linalg.norm(goal.contact.point - goal.head)) < self.settings.face_radius:
@@ -404,6 +416,7 @@ def _shifted(state: RetargetState, tick: float, knot: float) -> Array:
     """The last plan as seen one tick later, at knots ``knot`` s apart."""
     begin = (np.arange(KNOTS) * knot + tick) / state.knot
     index = np.minimum(begin.astype(int), KNOTS - 1)
-    share = (begin - index)[:, None]
+    fraction = (begin - index)[:, None]
     following = np.minimum(index + 1, KNOTS - 1)
-    return (1.0 - np.minimum(share, 1.0)) * state.pushes[index] + np.minimum(share, 1.0) * state.pushes[following]
+    fraction = np.minimum(fraction, 1.0)
+    return (1.0 - fraction) * state.accelerations[index] + fraction * state.accelerations[following]

@@ -43,10 +43,10 @@ def _add_square(weight: float, error: float, slope: Array, gradient: Array, matr
 
 @compiled
 def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
-    arm: Arm, aim: Aim, knot: int, centres: Array, frames: Array, joints: Array, speeds: Array, slopes: bool,
+    arm: Arm, aim: Aim, knot: int, centres: Array, frames: Array, joints: Array, speeds: Array, derivatives: bool,
     by_joints: Array, by_speeds: Array, joints_twice: Array, speeds_twice: Array,
 ) -> float:  # fmt: skip
-    """Cost of being there at a knot; with ``slopes`` also its gradients (J,) and Gauss–Newton matrices (J, J)."""
+    """Cost of being there at a knot; with ``derivatives`` also its gradients (J,) and Gauss–Newton matrices (J, J)."""
     cost = 0.0
     point, normal = plate_of(arm, centres, frames)
     of_point, of_normal = plate_jacobian(arm, centres, frames, point, normal)
@@ -56,7 +56,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         for c in range(3):
             pulled += weights[r, c] * (point[c] - aim.points[knot, c])
         cost += 0.5 * pulled * (point[r] - aim.points[knot, r])
-        if slopes:
+        if derivatives:
             for j in range(6):
                 by_joints[j] += of_point[r, j] * pulled
                 weighed = (
@@ -69,7 +69,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         for r in range(3):
             error = normal[r] - aim.normals[knot, r]
             cost += 0.5 * weight * error**2
-            if slopes:
+            if derivatives:
                 _add_square(weight, error, of_normal[r], by_joints, joints_twice)
     plate, line, apart, towards, fleeing = np.empty(3), np.empty(3), 0.0, 0.0, 0.0
     for r in range(3):
@@ -82,7 +82,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         if weight > 0.0:
             error = speed - aim.velocities[knot, r]
             cost += 0.5 * weight * error**2
-            if slopes:
+            if derivatives:
                 _add_square(weight, error, of_point[r], by_speeds, speeds_twice)
     if aim.caps[knot] < math.inf:
         apart = math.sqrt(apart)
@@ -95,7 +95,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         over = towards - 0.5 * (there + fleeing + math.sqrt((there - fleeing) ** 2 + room))
         if over > 0.0:
             cost += 0.5 * CAP_WEIGHT * over**2
-            if slopes:
+            if derivatives:
                 faster = np.empty(6)
                 along(line, of_point, faster)
                 _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
@@ -105,7 +105,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         over, fast = _over_near_face(aim.face, line, plate)
         if over > 0.0:
             cost += 0.5 * CAP_WEIGHT * over**2
-            if slopes:
+            if derivatives:
                 faster = np.empty(6)
                 for r in range(3):
                     plate[r] /= fast
@@ -118,19 +118,19 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         top = SPEED_SHARE * arm.speeds[j]
         fast = max(0.0, speeds[j] - top) - max(0.0, -top - speeds[j])
         cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2 + aim.calm * speeds[j] ** 2)
-        if slopes:
+        if derivatives:
             by_joints[j] += away + STOP_WEIGHT * beyond
             by_speeds[j] += SPEED_WEIGHT * fast + aim.calm * speeds[j]
             joints_twice[j, j] += aim.rest_weight + (STOP_WEIGHT if beyond != 0.0 else 0.0)
             speeds_twice[j, j] += aim.calm + (SPEED_WEIGHT if fast != 0.0 else 0.0)
-    gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if slopes else 0, 4, 6))
-    arm_gaps(arm, centres, frames, aim.head, GAP_MARGIN, gaps, wider, slopes)
+    gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if derivatives else 0, 4, 6))
+    arm_gaps(arm, centres, frames, aim.head, GAP_MARGIN, gaps, wider, derivatives)
     for b in range(len(gaps)):
         for kind in range(4):
             if gaps[b, kind] < GAP_MARGIN:
                 error = gaps[b, kind] - GAP_MARGIN
                 cost += 0.5 * GAP_WEIGHT * error**2
-                if slopes:
+                if derivatives:
                     _add_square(GAP_WEIGHT, error, wider[b, kind], by_joints, joints_twice)
     return cost
 
@@ -139,7 +139,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
 def _over_near_face(face: Array, line: Array, plate: Array) -> tuple[float, float]:
     """m/s by which a plate of velocity ``plate`` (3,) is too fast for a head ``line`` (3,) m away; and its speed.
 
-    As :func:`highfive.hil.safety.people.face_zone_share` has it, for a head at rest.
+    As :func:`highfive.hil.safety.people.face_zone_fraction` has it, for a head at rest.
     """
     away = fast = along = 0.0
     for r in range(3):
@@ -157,24 +157,24 @@ def _over_near_face(face: Array, line: Array, plate: Array) -> tuple[float, floa
 
 @compiled
 def acceleration_cost(
-    arm: Arm, effort: float, centres: Array, frames: Array, speeds: Array, push: Array, slopes: bool,
-    by_push: Array, by_speeds: Array, push_twice: Array, cross: Array, speeds_twice: Array,
+    arm: Arm, effort: float, centres: Array, frames: Array, speeds: Array, acceleration: Array, derivatives: bool,
+    by_acceleration: Array, by_speeds: Array, acceleration_twice: Array, cross: Array, speeds_twice: Array,
 ) -> float:  # fmt: skip
-    """Cost of accelerations ``push`` (J,): effort, and torque beyond the torque–speed line."""
+    """Cost of an ``acceleration`` (J,), rad/s²: effort, and torque beyond the torque–speed line."""
     cost, torques, weighed = 0.0, np.empty(6), False
-    joint_torques(arm, centres, frames, speeds, push, torques)
+    joint_torques(arm, centres, frames, speeds, acceleration, torques)
     mass = np.empty((0, 0))
     for j in range(6):
-        cost += 0.5 * effort * push[j] ** 2
+        cost += 0.5 * effort * acceleration[j] ** 2
         torque = torques[j] + friction_torque(arm, j, speeds[j])
         sign = 1.0 if torque > 0.0 else -1.0
         over = sign * torque - available_torque(arm, j, speeds[j], sign)
         if over > 0.0:
             cost += 0.5 * TORQUE_WEIGHT * over**2
-        if not slopes:
+        if not derivatives:
             continue
-        by_push[j] += effort * push[j]
-        push_twice[j, j] += effort
+        by_acceleration[j] += effort * acceleration[j]
+        acceleration_twice[j, j] += effort
         if over > 0.0:
             if not weighed:
                 mass, weighed = mass_matrix(arm, centres, frames), True
@@ -182,10 +182,10 @@ def acceleration_cost(
             by_speeds[j] += TORQUE_WEIGHT * over * slower
             speeds_twice[j, j] += TORQUE_WEIGHT * slower**2
             for i in range(6):
-                by_push[i] += TORQUE_WEIGHT * over * sign * mass[j, i]
+                by_acceleration[i] += TORQUE_WEIGHT * over * sign * mass[j, i]
                 cross[i, j] += TORQUE_WEIGHT * sign * mass[j, i] * slower
                 for k in range(6):
-                    push_twice[i, k] += TORQUE_WEIGHT * mass[j, i] * mass[j, k]
+                    acceleration_twice[i, k] += TORQUE_WEIGHT * mass[j, i] * mass[j, k]
     return cost
 
 

@@ -19,18 +19,18 @@ BRAKES = 0.5
 
 
 @compiled
-def keeps_limits(arm: Arm, joint: int, place: float, speed: float, push: float, seconds: float) -> bool:
+def keeps_limits(arm: Arm, joint: int, place: float, speed: float, acceleration: float, seconds: float) -> bool:
     """Whether the joint can still stop before its limits after a step."""
     brake = BRAKES * arm.accelerations[joint]
-    after = place + seconds * speed + 0.5 * seconds**2 * push
-    faster = speed + seconds * push
+    after = place + seconds * speed + 0.5 * seconds**2 * acceleration
+    faster = speed + seconds * acceleration
     way = 0.5 * faster * (abs(faster) / brake + seconds)  # the last step of braking takes a whole one
     return arm.low[joint] <= min(after, after + way) and max(after, after + way) <= arm.high[joint]
 
 
 @compiled
 def allowed(  # noqa: PLR0912  (a kernel)
-    arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array, torques: Array
+    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array, torques: Array
 ) -> int:
     """Shortens accelerations (J,) until every limit holds after the step; returns the bits of those that did it.
 
@@ -41,14 +41,14 @@ def allowed(  # noqa: PLR0912  (a kernel)
         most = arm.accelerations[j]
         brakes[j] = min(max(-speeds[j] / seconds, -BRAKES * most), BRAKES * most)
         low, high = -most, most
-        if not math.isfinite(push[j]):
-            push[j] = brakes[j]
-        if abs(push[j]) > most:
+        if not math.isfinite(acceleration[j]):
+            acceleration[j] = brakes[j]
+        if abs(acceleration[j]) > most:
             active |= ACCELERATION
         fastest, slowest = (arm.speeds[j] - speeds[j]) / seconds, (-arm.speeds[j] - speeds[j]) / seconds
-        if push[j] > fastest or push[j] < slowest:
+        if acceleration[j] > fastest or acceleration[j] < slowest:
             active |= SPEED
-        wanted = min(max(push[j], low, slowest), high, fastest)
+        wanted = min(max(acceleration[j], low, slowest), high, fastest)
         if not keeps_limits(arm, j, joints[j], speeds[j], wanted, seconds):
             active |= STOP
             good, bad = brakes[j], wanted
@@ -59,96 +59,99 @@ def allowed(  # noqa: PLR0912  (a kernel)
                 else:
                     bad = middle
             wanted = good
-        push[j] = wanted
+        acceleration[j] = wanted
     centres, frames = link_frames(arm, joints)
-    if hand_speed_kept(arm, centres, frames, speeds, brakes, push):
+    if torques_limited(arm, centres, frames, speeds, brakes, acceleration):
         active |= TORQUE
     slow = np.empty(6)
     for j in range(6):  # what stays as it is, where that does not lead into a stop
         slow[j] = 0.0 if keeps_limits(arm, j, joints[j], speeds[j], 0.0, seconds) else brakes[j]
-    share = kept_fraction(arm, centres, frames, speeds, push, slow)
-    if share <= 0.0:
+    fraction = kept_fraction(arm, centres, frames, speeds, acceleration, slow)
+    if fraction <= 0.0:
         slow = brakes
-        share = kept_fraction(arm, centres, frames, speeds, push, slow)
-    if share < 1.0:
+        fraction = kept_fraction(arm, centres, frames, speeds, acceleration, slow)
+    if fraction < 1.0:
         active |= TORQUE
     for j in range(6):
-        push[j] = slow[j] + share * (push[j] - slow[j])
+        acceleration[j] = slow[j] + fraction * (acceleration[j] - slow[j])
     stopped = np.empty(6)
     for j in range(6):
-        after = speeds[j] + seconds * push[j]
-        stopped[j] = joints[j] + seconds * speeds[j] + 0.5 * seconds**2 * push[j]
+        after = speeds[j] + seconds * acceleration[j]
+        stopped[j] = joints[j] + seconds * speeds[j] + 0.5 * seconds**2 * acceleration[j]
         stopped[j] += after * abs(after) / (2.0 * BRAKES * arm.accelerations[j])
     gap = smallest_gap(arm, stopped, head)
     if gap < HARD_GAP and gap < smallest_gap(arm, joints, head):
         active |= NEARNESS
         for j in range(6):
-            push[j] = brakes[j]
-    joint_torques(arm, centres, frames, speeds, push, torques)
+            acceleration[j] = brakes[j]
+    joint_torques(arm, centres, frames, speeds, acceleration, torques)
     for j in range(6):
         torques[j] += friction_torque(arm, j, speeds[j])
     return active
 
 
 @compiled
-def hand_speed_kept(arm: Arm, centres: Array, frames: Array, speeds: Array, brakes: Array, push: Array) -> bool:
+def torques_limited(arm: Arm, centres: Array, frames: Array, speeds: Array, brakes: Array, acceleration: Array) -> bool:
     """Takes from each joint that asks too much of its servo what is too much, towards braking; whether one did."""
-    torques, spared = np.empty(6), False
+    torques, limited = np.empty(6), False
     mass = np.empty((0, 0))
     for _ in range(SPARED):
-        joint_torques(arm, centres, frames, speeds, push, torques)
+        joint_torques(arm, centres, frames, speeds, acceleration, torques)
         for j in range(6):
             torque = torques[j] + friction_torque(arm, j, speeds[j])
             sign = 1.0 if torque > 0.0 else -1.0
             over = sign * torque - available_torque(arm, j, speeds[j], sign)
             if over <= 0.0:
                 continue
-            if not spared:
-                mass, spared = mass_matrix(arm, centres, frames), True
-            less = push[j] - sign * over / mass[j, j]
-            push[j] = max(less, min(brakes[j], push[j])) if sign > 0.0 else min(less, max(brakes[j], push[j]))
-    return spared
+            if not limited:
+                mass, limited = mass_matrix(arm, centres, frames), True
+            less = acceleration[j] - sign * over / mass[j, j]
+            if sign > 0.0:
+                acceleration[j] = max(less, min(brakes[j], acceleration[j]))
+            else:
+                acceleration[j] = min(less, max(brakes[j], acceleration[j]))
+    return limited
 
 
 @compiled
-def kept_fraction(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, slow: Array) -> float:
-    """How far from accelerations ``slow`` (J,) to ``push`` (J,) the torques stay inside their line: 0 to 1."""
+def kept_fraction(arm: Arm, centres: Array, frames: Array, speeds: Array, acceleration: Array, slow: Array) -> float:
+    """How far from ``slow`` (J,), rad/s², to ``acceleration`` (J,) the torques stay inside their line: 0 to 1."""
     wanted, least = np.empty(6), np.empty(6)
-    joint_torques(arm, centres, frames, speeds, push, wanted)
+    joint_torques(arm, centres, frames, speeds, acceleration, wanted)
     joint_torques(arm, centres, frames, speeds, slow, least)
-    share = 1.0
+    fraction = 1.0
     for j in range(6):
-        rub = friction_torque(arm, j, speeds[j])
-        sign = 1.0 if wanted[j] + rub > 0.0 else -1.0
+        friction = friction_torque(arm, j, speeds[j])
+        sign = 1.0 if wanted[j] + friction > 0.0 else -1.0
         limit = available_torque(arm, j, speeds[j], sign)
-        if sign * (wanted[j] + rub) > limit:
-            way = sign * (wanted[j] - least[j])
-            share = min(share, max(0.0, (limit - sign * (least[j] + rub)) / way)) if way > 1e-9 else 0.0
-    return share
+        if sign * (wanted[j] + friction) > limit:
+            more, room = sign * (wanted[j] - least[j]), max(0.0, limit - sign * (least[j] + friction))
+            fraction = min(fraction, room / more) if more > 1e-9 else 0.0
+    return fraction
 
 
 @compiled_entry
 def step_within_limits(
-    arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array
+    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array
 ) -> tuple[Array, Array, Array, int]:
-    """Joints and speeds (J,) a step later, with accelerations ``push`` (J,) as far as limits allow.
+    """Joints and speeds (J,) a step later, with an ``acceleration`` (J,), as far as limits allow.
 
     Also the torques (J,), N·m, that it takes, and the bits of the limits that shortened it.
     """
-    return next_state(arm, joints, speeds, push, seconds, head)
+    return next_state(arm, joints, speeds, acceleration, seconds, head)
 
 
 @compiled
 def next_state(
-    arm: Arm, joints: Array, speeds: Array, push: Array, seconds: float, head: Array
+    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array
 ) -> tuple[Array, Array, Array, int]:
-    """Joints and speeds (J,) after a step with accelerations ``push`` (J,), as limits allow it; bits of the limits."""
-    push, torques = push.copy(), np.empty(6)
-    active = allowed(arm, joints, speeds, push, seconds, head, torques)
+    """Joints and speeds (J,) after a step with an ``acceleration`` (J,), as limits allow it; bits of the limits."""
+    acceleration, torques = acceleration.copy(), np.empty(6)
+    active = allowed(arm, joints, speeds, acceleration, seconds, head, torques)
     place, speed = joints.copy(), speeds.copy()
     for j in range(6):
-        place[j] += seconds * speeds[j] + 0.5 * seconds**2 * push[j]
-        speed[j] += seconds * push[j]
+        place[j] += seconds * speeds[j] + 0.5 * seconds**2 * acceleration[j]
+        speed[j] += seconds * acceleration[j]
     return place, speed, torques, active
 
 

@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize
 
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_settings import RetargetSettings
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import JOINTS, Mount, ServoArm, solve
-from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z
+from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
-from highfive.hil.drivers.bus.arm_process import Cycle, Mode
+from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 from highfive.hil.safety.limits import STALL_CURRENTS
 from highfive.hil.safety.limits_file import load_limits

@@ -1,1 +1,1 @@
-"""Every benchmark, and the external baselines. May import anything below; imported by the command line alone."""
+"""Every benchmark, and the external baselines. May import anything below; imported by ``commands.bench`` alone."""

@@ -15,7 +15,9 @@ from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus
+from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
 from highfive.hil.drivers.emulator.emulator_process import EmulatorProcess
+from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED
 from highfive.hil.drivers.values import JointCommand
 from highfive.model.errors import HighFiveError
 
@@ -23,9 +25,7 @@ SOONEST_MS, STEP_MS = 60.0, 10.0
 """After a kill the servos are looked at so late, and so much later in the next trial until all have stopped, ms."""
 
 LATEST_MS = 300.0
-_TRIPPED = -1
 _START_S = 60.0
-_PATIENCE_MS = 50.0
 
 
 def dead_servo(rig: Rig, seconds: float) -> dict[str, float]:
@@ -115,9 +115,9 @@ def _host(port: str, rig: Rig, moving: Event) -> None:
 
 
 def _stopped(port: str, rig: Rig) -> bool:
-    bus = ServoBus(port, rig.baud_rate, rig.models, _PATIENCE_MS)
+    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
     try:
-        return all(bus.read(servo, "bus_watchdog") == _TRIPPED for servo in rig.servos)
+        return all(bus.read(servo, "bus_watchdog") == WATCHDOG_TRIPPED for servo in rig.servos)
     except NoAnswer:
         return False
     finally:

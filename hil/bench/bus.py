@@ -13,8 +13,10 @@ import serial
 
 from highfive.hil.bench.arm_faults import driver_figures
 from highfive.hil.drivers.bus.control_table import load_table
-from highfive.hil.drivers.bus.packet import FastStatus, PacketError, decode_fast_status, sync_read, sync_write
+from highfive.hil.drivers.bus.instruction_packets import sync_read, sync_write
+from highfive.hil.drivers.bus.packet import PacketError
 from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.bus.status_packets import FastStatus, decode_fast_status
 from highfive.hil.drivers.emulator.emulated_bus import TURNAROUND_NS
 from highfive.hil.drivers.emulator.emulator_process import EmulatorProcess
 from highfive.model.errors import HighFiveError

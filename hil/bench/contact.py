@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import MS, ArmTrial, percentiles, played_until_stopped
 from highfive.hil.arm.contact_outcome import (
     ContactOutcome,
@@ -23,9 +24,10 @@ from highfive.hil.arm.contact_outcome import (
     notice,
     with_known_contact,
 )
-from highfive.hil.arm.lifecycle import ArmOptions, full_errors, ready_arm, retarget_settings
+from highfive.hil.arm.lifecycle import full_errors, ready_arm, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
-from highfive.hil.arm.planner import ConstraintRelaxation, Retarget
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm
 from highfive.hil.bench.retarget import asked_of_arm
@@ -34,8 +36,8 @@ from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import Check
-from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.trained import HGPDM
 

@@ -14,7 +14,8 @@ from highfive.hil.session.session import Session
 from highfive.hil.sim.people.actors import MOST_DRAWS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import build_scene
-from highfive.hil.trials.trial import TrialResult, run_trial
+from highfive.hil.trials.trial import run_trial
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.hgpdm.store import load_model
 
 if TYPE_CHECKING:

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from highfive.hil.sim.avatar import avatar_skeleton
-from highfive.hil.sim.people.actors import CELLS, CannotMeetError
+from highfive.hil.sim.people.actors import CannotMeetError
 from highfive.hil.sim.people.capture import PERSON_SET, Defects
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.trials.partners import Partner, simulated_partner
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.geometry.skeleton import Skeleton

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from highfive.calibration.personal_set import SPREAD, on_body, personal_set
 from highfive.calibration.subject import fit_subject
 from highfive.hil.bench.tracking_baseline_models import PeerModel, peer_model, start_of
-from highfive.hil.datasets.one_person import read_person
 from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.files.recording import resample
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.mocap_bridge.markers.one_person import read_person
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
 from highfive.mocap_bridge.tracking.first_pose import first_state
 from highfive.model.errors import HighFiveError
@@ -123,7 +124,7 @@ def simulated_high_five(seed: int) -> Case:
 
     The peers are given the person's own body, with a shoulder girdle that moves freely.
     """
-    from highfive.hil.sim.people.actors import CELLS, simulate_pair  # noqa: PLC0415  (it loads MuJoCo)
+    from highfive.hil.sim.people.actors import simulate_pair  # noqa: PLC0415  (it loads MuJoCo)
     from highfive.hil.sim.people.emotions import EMOTIONS  # noqa: PLC0415
 
     rng = np.random.default_rng([seed, 1])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from highfive.hil.cli.options import Cells, Json, OverwriteFile, Person, Seed
+from highfive.hil.commands import bench
 from highfive.hil.runtime.console import print_result, progress_bars
 
 app = typer.Typer(
@@ -31,16 +31,9 @@ def bench_model(
     json: Json = False,
 ) -> None:
     """Time objective and gradient, whole training and the online step on made-up motion, beside GPflow or GPy."""
-    from highfive.hil.bench.speed import BenchOptions, bench_model, print_bench  # noqa: PLC0415
-
-    options = BenchOptions(points, channels, inducing, preset=preset, seed=seed)
-    if peer_python is not None:
-        options = replace(options, peer_python=peer_python)
-    if quick:
-        options = replace(options, sizes=(500, 1000, 2000), repeats=3, training=False)
     with progress_bars() as bar:
-        result = bench_model(options, bar)
-    print_result(result, json, print_bench)
+        found = bench.model(points, channels, inducing, preset, seed, peer_python, quick, bar)
+    print_result(found.figures, json, found.show)
 
 
 @app.command("ablation")
@@ -51,11 +44,9 @@ def bench_ablation(
     json: Json = False,
 ) -> None:
     """Take each departure of the default preset from the paper back alone, and score on held-out trials."""
-    from highfive.hil.bench.ablation import ablate, print_ablation  # noqa: PLC0415
-
     with progress_bars() as bar:
-        result = ablate(data, inducing, seed, bar)
-    print_result(result, json, print_ablation)
+        found = bench.ablation(data, inducing, seed, bar)
+    print_result(found.figures, json, found.show)
 
 
 @app.command("tracker")
@@ -73,16 +64,9 @@ def bench_tracker(
     json: Json = False,
 ) -> None:
     """Hide markers of simulated arms and of a recorded one, and find them, beside OpenSim, biorbd and plain filters."""
-    from highfive.hil.bench.tracker import TrackerBenchOptions, bench_tracker, print_tracker_bench  # noqa: PLC0415
-
-    options = TrackerBenchOptions(real=real, person=person)
-    if quick:
-        options = replace(options, seeds=2, seconds=6.0, high_fives=1, pairs=20, episodes=4, real_frames=1440)
-    if peers_python is not None:
-        options = replace(options, peers_python=peers_python)
     with progress_bars() as bar:
-        result = bench_tracker(options, bar)
-    print_result(result, json, print_tracker_bench)
+        found = bench.tracker(real, person, peers_python, quick, bar)
+    print_result(found.figures, json, found.show)
 
 
 @app.command("protocols")
@@ -96,13 +80,9 @@ def bench_protocols(
     json: Json = False,
 ) -> None:
     """Time frames from a server's wire to the tracked palm, and a slow reader, for each live protocol on loopback."""
-    from highfive.hil.bench.protocols import ProtocolBenchOptions, bench_protocols, print_protocol_bench  # noqa: PLC0415
-    from highfive.mocap_bridge.sources.registry import BUILT_IN  # noqa: PLC0415
-
-    options = ProtocolBenchOptions(file, tuple(protocol or BUILT_IN), seconds, person)
     with progress_bars() as bar:
-        result = bench_protocols(options, bar)
-    print_result(result, json, print_protocol_bench)
+        found = bench.protocols(file, protocol, seconds, person, bar)
+    print_result(found.figures, json, found.show)
 
 
 @app.command("bus")
@@ -111,11 +91,9 @@ def bench_bus(
     json: Json = False,
 ) -> None:
     """Time write and read cycles with seven emulated servos whose bytes take their time on the line."""
-    from highfive.hil.bench.bus import BusBenchOptions, bench_bus, print_bus_bench  # noqa: PLC0415
-
     with progress_bars() as bar:
-        result = bench_bus(BusBenchOptions(seconds), bar)
-    print_result(result, json, print_bus_bench)
+        found = bench.bus(seconds, bar)
+    print_result(found.figures, json, found.show)
 
 
 @app.command("contact")
@@ -137,15 +115,9 @@ def bench_contact(
     json: Json = False,
 ) -> None:
     """Let avatar, twin and emulated rig meet the same hands, and tell how far off each palm is. Nothing real moves."""
-    from highfive.hil.bench.contact import PLAYERS, ContactOptions, bench_contact, print_contact  # noqa: PLC0415
-    from highfive.model import DEFAULT_MODEL  # noqa: PLC0415
-    from highfive.model.hgpdm.store import load_model  # noqa: PLC0415
-
-    whom = tuple(emotion or ()), tuple(cell or ()), tuple(player or PLAYERS)
-    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite)
     with progress_bars() as bar:
-        result = bench_contact(options, load_model(DEFAULT_MODEL), bar)
-    print_result(result, json, print_contact)
+        found = bench.contact(emotion, cell, player, baseline, picture, foretold, overwrite, seed, bar)
+    print_result(found.figures, json, found.show)
 
 
 @app.command("locked")
@@ -154,9 +126,6 @@ def bench_locked(
     json: Json = False,
 ) -> None:
     """Play high fives of people on whom nothing was ever chosen: how far is the played palm from the true one?"""
-    from highfive.hil.bench.locked import bench_locked, print_locked  # noqa: PLC0415
-    from highfive.model import DEFAULT_MODEL  # noqa: PLC0415
-
     with progress_bars() as bar:
-        result = bench_locked(model or DEFAULT_MODEL, bar)
-    print_result(result, json, print_locked)
+        found = bench.locked(model, bar)
+    print_result(found.figures, json, found.show)

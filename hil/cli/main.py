@@ -6,7 +6,7 @@ import math
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -16,16 +16,11 @@ from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed, refuse_two_people
-from highfive.hil.runtime.console import STDERR, counted, print_json, progress_bars
+from highfive.hil.runtime.console import STDERR, escape, print_json, print_result, progress_bars, show_log
 from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
-from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 
-if TYPE_CHECKING:
-    from highfive.hil.arm.lifecycle import ArmOptions
-
 app = typer.Typer(
-    help="Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -38,6 +33,24 @@ app.add_typer(cli_rig.app, name="rig")
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from highfive import __version__  # noqa: PLC0415 (reads the installed package's metadata)
+
+        print(f"highfive {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def begin(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Raise your hand, and an avatar, or a servo arm, meets it, in the mood you chose."""
+    show_log()
 
 
 @app.command()
@@ -96,8 +109,9 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
-    from highfive.hil.commands.simulate import SimulateOptions, simulate  # noqa: PLC0415
-    from highfive.hil.evaluation.reaction_models import is_plugin  # noqa: PLC0415
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.session_lines import print_session  # noqa: PLC0415
+    from highfive.hil.commands.simulate import SimulateOptions, simulate, which_model  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     options = SimulateOptions(
@@ -108,13 +122,13 @@ def simulate(
         source=source,
         human=human,
         marker_set=marker_set,
-        model=DEFAULT_MODEL if model is None else model if is_plugin(model) else Path(model),
+        model=which_model(model),
         data=data,
         seed=seed,
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
-        arm=_arm(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow),
+        arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow),
         overwrite=overwrite,
     )
     folder = out or next_folder("session")
@@ -123,44 +137,20 @@ def simulate(
     if json:
         print_json(summary)
     else:
-        _tell(summary, folder)
+        print_session(summary, folder)
     if summary["interrupted"] or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
         raise typer.Exit(1)
 
 
-def _arm(
-    port: str | None,
-    armed: bool,
-    rig: Path | None,
-    limits: Path | None,
-    lower: list[str] | None,
-    estop: Path | None,
-    registration: Path | None,
-    nobody_near: bool,
-    slow: bool,
-) -> ArmOptions | None:
-    """The arm that takes part, if there is one."""
-    from highfive.hil.arm.lifecycle import ArmOptions  # noqa: PLC0415
+@app.command()
+def doctor(json: Json = False) -> None:
+    """What works on this computer, and what to do about what does not."""
+    from highfive.hil.commands.doctor import as_json, examine, print_findings  # noqa: PLC0415
 
-    if port is not None:
-        changes = tuple(lower or ())
-        return ArmOptions(
-            port, rig, limits, changes, armed, estop,
-            registration=registration, nobody_near=nobody_near, slow=slow,
-        )  # fmt: skip
-    given = {
-        "--arm": armed,
-        "--rig-file": rig,
-        "--limits": limits,
-        "--lower": lower,
-        "--estop": estop,
-        "--registration": registration,
-        "--nobody-near": nobody_near,
-        "--slow": slow,
-    }
-    if said := next((name for name, value in given.items() if value), None):
-        raise HighFiveError(f"{said} is about an arm, and none takes part; add --rig emulated, or --rig PORT")
-    return None
+    result = as_json(examine())
+    print_result(result, json, print_findings)
+    if not result["ready"]:
+        raise typer.Exit(1)
 
 
 def _style(text: str) -> dict[str, float]:
@@ -180,65 +170,6 @@ def _style(text: str) -> dict[str, float]:
             raise HighFiveError(f"--style {text}: {name.strip()} is there twice; give each emotion one weight")
         weights[name.strip()] = weight
     return weights
-
-
-def _tell(summary: dict[str, Any], folder: Path) -> None:
-    """The summary for people."""
-    from highfive.hil.trials.summary import kind  # noqa: PLC0415
-    from highfive.hil.trials.targets import BEFORE_MM  # noqa: PLC0415
-
-    count, tick, styles = summary["trials"], summary["tick_ms"], summary["contact_error_mm"]["by_emotion"]
-    print(f"{counted(count, 'high five')} with a {kind(summary)} person, answered as {', '.join(styles) or 'nothing'}")
-    for label, key, digits, unit, target in (
-        ("true palm at first touch", "true_error_at_touch_mm", 1, "mm", ""),
-        ("closing speed then", "closing_speed_at_touch_m_s", 2, "m/s", ""),
-        ("before correction", "uncorrected_error_mm", 1, "mm", f" (target: median ≤ {BEFORE_MM:g} mm)"),
-        ("after, to tracked palm", "contact_error_mm", 2, "mm", ""),
-    ):
-        if summary[key]["median"] is not None:
-            print(f"  {label:<26}{_spread(summary[key], count, digits, unit)}{target}")
-    if count:
-        print(f"  one tick                  median {tick['p50']:.2f} ms, p99 {tick['p99']:.2f} ms")
-    for label, key in (
-        ("out of reach", "out_of_reach"),
-        ("no contact", "missed"),
-        ("unwanted contacts", "unwanted_contacts"),
-    ):
-        if summary[key]:
-            print(f"  {label + ':':<26}{summary[key]}")
-    if summary["arm"]:
-        _tell_arm(summary["arm"])
-    if summary["interrupted"]:
-        print("  interrupted; the report covers the trials until then")
-    for warning in summary["warnings"]:
-        STDERR.print(f"[bold yellow]warning:[/] {_escape(warning)}", soft_wrap=True)
-    print(f"Open {folder / 'report.html'}")
-
-
-def _spread(extent: dict[str, float], count: int, digits: int, unit: str) -> str:
-    """Median and worst; of a single trial the one figure that there is."""
-    if count == 1:
-        return f"{extent['median']:.{digits}f} {unit}"
-    return f"median {extent['median']:.{digits}f} {unit}, worst {extent['max']:.{digits}f} {unit}"
-
-
-def _tell_arm(arm: dict[str, Any]) -> None:
-    """What the servo arm did, for people."""
-    error, late = arm["error_mm"], arm["time_error_ms"]
-    able = arm["trials"] - arm["broken_off"] - len(arm["unreachable"])
-    if error["median"] is not None:
-        print(f"  servo arm's plate to palm  {_spread(error, able, 1, 'mm')}")
-    if late["median"] is not None:
-        print(f"    off in time             {_spread(late, able - arm['missed'], 0, 'ms')}")
-    print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
-    for label, key in (
-        ("no contact", "missed"),
-        ("broken off", "broken_off"),
-        ("unreachable", "unreachable"),
-        ("stopped", "stopped"),
-    ):
-        if arm[key]:
-            print(f"    {label + ':':<24}{arm[key] if isinstance(arm[key], int | str) else ', '.join(arm[key])}")
 
 
 def main() -> None:
@@ -263,12 +194,8 @@ def main() -> None:
 
 
 def _fail(message: str) -> NoReturn:
-    STDERR.print(f"[bold red]error:[/] {_escape(' '.join(message.split()))}", soft_wrap=True)
+    STDERR.print(f"[bold red]error:[/] {escape(' '.join(message.split()))}", soft_wrap=True)
     sys.exit(2)
-
-
-def _escape(text: str) -> str:
-    return text.replace("[", r"\[")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from highfive.hil.cli.options import (
     OverwriteFile,
     Seed,
 )
-from highfive.hil.report.terminal_tables import print_observations, print_scores
 from highfive.hil.runtime.console import print_json, print_result, progress_bars
 from highfive.model.errors import HighFiveError
 
@@ -38,17 +37,11 @@ def capture(
     json: Json = False,
 ) -> None:
     """Make the simulated two-actor data set: C3D files at 120 Hz and trials.csv."""
-    from highfive.hil.sim.people.capture import capture  # noqa: PLC0415
-    from highfive.hil.sim.people.emotions import EMOTIONS  # noqa: PLC0415
+    from highfive.hil.commands.capture import capture_pairs, print_captured  # noqa: PLC0415
 
     with progress_bars() as bar:
-        chosen = tuple(emotion or EMOTIONS)
-        held_out = min(1, repetitions - 1) if test_repetitions is None else test_repetitions
-        count = capture(out, chosen, repetitions, held_out, seed, lambda total: bar("trials", total), overwrite)
-    if json:
-        print_json({"trials": count, "emotions": list(chosen), "seed": seed, "folder": str(out), "simulated": True})
-    else:
-        print(f"{count} simulated trials in {out}; train on them with: highfive train {out}")
+        result = capture_pairs(out, emotion, repetitions, test_repetitions, seed, overwrite, bar)
+    print_result(result, json, print_captured)
 
 
 @app.command()
@@ -111,7 +104,7 @@ def evaluate(
     json: Json = False,
 ) -> None:
     """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
-    from highfive.hil.commands.evaluate import MODELS, EvaluateOptions, evaluate  # noqa: PLC0415
+    from highfive.hil.commands.evaluate import MODELS, EvaluateOptions, evaluate, print_scores  # noqa: PLC0415
 
     # What is not there is what its ending says, and whoever reads it says that it is missing.
     files, models, data = [], [], []
@@ -164,8 +157,7 @@ def observe(
     json: Json = False,
 ) -> None:
     """Let a machine observer, which learned from recordings, tell the emotion of generated and of corrected motion."""
-    from highfive.hil.commands.classify_style import ObserveOptions, observe  # noqa: PLC0415
-    from highfive.model import DEFAULT_MODEL  # noqa: PLC0415
+    from highfive.hil.commands.classify_style import ObserveOptions, observe, print_observations  # noqa: PLC0415
 
     data = [path for path in paths if path.is_dir()]
     models = [path for path in paths if not path.is_dir()]
@@ -176,7 +168,7 @@ def observe(
         raise HighFiveError(f"--morph {morph}: expected two styles, as neutral,angry")
     options = ObserveOptions(
         data=data[0],
-        model=models[0] if models else DEFAULT_MODEL,
+        model=models[0] if models else None,
         people=people,
         morph=(between[0], between[1]),
         seed=seed,

@@ -55,8 +55,7 @@ def emulate(
     """Serve an emulated arm on a pseudo-terminal until Ctrl-C (docs/rig.md). Nothing real moves."""
     if STDERR.is_terminal:  # what follows takes seconds, and until then there is no port
         say_aside("starting…")
-    from highfive.hil.commands.rig.emulate import emulate, print_emulated  # noqa: PLC0415
-    from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions  # noqa: PLC0415
+    from highfive.hil.commands.rig.emulate import EmulatorOptions, emulate, print_emulated  # noqa: PLC0415
 
     options = EmulatorOptions(
         rig=str(file) if file else None,
@@ -78,10 +77,9 @@ def scan(
     json: Json = False,
 ) -> None:
     """List serial ports and the servos that answer there. Nothing moves."""
-    from highfive.hil.commands.rig.service import PROBED_IDS, ScanOptions, print_scan, scan  # noqa: PLC0415
-    from highfive.hil.drivers.bus.rig import LAST_ID  # noqa: PLC0415
+    from highfive.hil.commands.rig.service import EVERY_ID, PROBED_IDS, ScanOptions, print_scan, scan  # noqa: PLC0415
 
-    options = ScanOptions(tuple(ports or ()), ids=range(LAST_ID + 1) if all_ids else PROBED_IDS)
+    options = ScanOptions(tuple(ports or ()), ids=EVERY_ID if all_ids else PROBED_IDS)
     with progress_bars() as bar:
         result = scan(options, bar)
     print_result(result, json, print_scan)
@@ -149,8 +147,7 @@ def play(
 ) -> None:
     """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base. Nobody is tracked: a
     real arm needs --nobody-near or --slow beside --arm. Space or Esc stops it."""
-    from highfive.hil.arm.lifecycle import ArmOptions  # noqa: PLC0415
-    from highfive.hil.commands.rig.play import PlayOptions, play, print_played  # noqa: PLC0415
+    from highfive.hil.commands.rig.play import ArmOptions, PlayOptions, play, print_played  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     which = ArmOptions(port, file, limits, tuple(lower or ()), arm, estop, nobody_near=nobody_near, slow=slow)

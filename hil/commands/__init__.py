@@ -1,1 +1,1 @@
-"""What each command does. May import anything but benchmarks and the command line."""
+"""What each command does. May import anything but the command line; benchmarks are known to ``bench`` alone."""

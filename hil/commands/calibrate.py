@@ -13,11 +13,12 @@ from rich.table import Table
 
 from highfive.calibration.personal_set import personal_set
 from highfive.calibration.subject import Subject
-from highfive.hil.datasets.one_person import OnePerson, fitted_subject, read_person
+from highfive.hil.datasets.fitted_subject import fitted_subject
 from highfive.hil.runtime.console import STDOUT, Bar, counted
 from highfive.hil.runtime.folders import check_file
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import write_marker_set
+from highfive.mocap_bridge.markers.one_person import OnePerson, read_person
 from highfive.model.errors import HighFiveError
 
 MM = 1e3

@@ -16,18 +16,20 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.datasets.training_data import load_trials
+from highfive.hil.report.terminal_tables import print_observations  # noqa: F401 (for the command line)
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.session.session import RATE_HZ, Session
 from highfive.hil.sim.avatar import avatar_skeleton
-from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.capture import PERSON_SET
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.mocap_bridge.files.trial_table import TrialRow, read_table
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation.style_classifier import ANGLES, Motion, accuracy, confusion, features, fit_observer
 from highfive.model.geometry.rotations import Array
@@ -43,10 +45,10 @@ STAGES = ("generated", "corrected")
 
 @dataclass(frozen=True)
 class ObserveOptions:
-    """What to judge; see ``highfive observe --help``."""
+    """What to judge; see ``highfive observe --help``. No ``model`` is the one that comes with High Five."""
 
     data: Path
-    model: Path
+    model: Path | None = None
     people: int = 36
     morph: tuple[str, str] = ("neutral", "angry")
     seed: int = 1
@@ -54,6 +56,11 @@ class ObserveOptions:
     avatar: str = "avatar"
     human_set: str | None = None
     avatar_set: str | None = None
+
+    @property
+    def model_file(self) -> Path:
+        """The model's file."""
+        return self.model or DEFAULT_MODEL
 
 
 @dataclass(frozen=True)
@@ -75,7 +82,7 @@ def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
     Raises:
         HighFiveError: the recordings lack an emotion of the model or held-out trials, or a style is unknown.
     """
-    model = load_model(options.model, avatar_skeleton().hash)
+    model = load_model(options.model_file, avatar_skeleton().hash)
     for style in options.morph:
         if style not in model.emotions:
             raise HighFiveError(f"--morph: the model knows no {style!r}; it knows {', '.join(model.emotions)}")
@@ -84,7 +91,7 @@ def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
     people = simulated_partners(
         options.people, tuple(EMOTIONS), CELLS, options.seed, lambda total: bar("people", total)
     )
-    answers = _in_styles(people, [{emotion: 1.0} for emotion in model.emotions], options.model, bar)
+    answers = _in_styles(people, [{emotion: 1.0} for emotion in model.emotions], options.model_file, bar)
     judged = {cue: _judge(trials, values, people, answers, model.emotions, own) for cue, own in CUES.items()}
     return {
         "observer_accuracy": judged[BOTH]["accuracy"],
@@ -157,7 +164,7 @@ def _morph(people: Sequence[Partner], options: ObserveOptions, bar: Bar) -> dict
     start, end = options.morph
     weights = [round(0.1 * n, 1) for n in range(11)]
     styles = [{start: 1.0} if start == end else {start: 1.0 - w, end: w} for w in weights]
-    shown = _in_styles(people, styles, options.model, bar)
+    shown = _in_styles(people, styles, options.model_file, bar)
     speeds = np.array([[each.peak_speed for each in row] for row in shown])
     rising = (np.diff(speeds, axis=1).min(axis=1) > 0.0).sum(axis=0)
     faster = (speeds[:, -1] > speeds[:, 0]).sum(axis=0)

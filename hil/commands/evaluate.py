@@ -16,6 +16,7 @@ from highfive.hil.evaluation.model_cache import fit_windows, is_kept
 from highfive.hil.evaluation.reaction_models import learner
 from highfive.hil.evaluation.score_table import Scored
 from highfive.hil.evaluation.training_progress import TrainingCount
+from highfive.hil.report.terminal_tables import print_scores  # noqa: F401 (for the command line)
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.sim.avatar import avatar_skeleton
@@ -39,16 +40,16 @@ MODELS = "models"
 class EvaluateOptions:
     """What to score and how; see ``highfive evaluate --help``."""
 
-    data: Path | None
-    windows: Path | None
-    model: Path | None
-    preset: str
-    inducing: int
-    seeds: int
-    human: str
-    avatar: str
-    human_set: str | None
-    avatar_set: str | None
+    data: Path | None = None
+    windows: Path | None = None
+    model: Path | None = None
+    preset: str = "default"
+    inducing: int = 200
+    seeds: int = 3
+    human: str = "human"
+    avatar: str = "avatar"
+    human_set: str | None = None
+    avatar_set: str | None = None
     leave_out: str | None = None
     out: Path | None = None
     overwrite: bool = False

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from highfive.hil.datasets.one_person import shows_right_arm
 from highfive.hil.runtime.shutdown import until_told
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording, columns_of_person, resample
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.one_person import shows_right_arm
 from highfive.mocap_bridge.servers.faults import Fault, Faults, parse_fault
 from highfive.mocap_bridge.servers.serving import LOOPBACK, Server, serve
 from highfive.mocap_bridge.sources.registry import BUILT_IN, scheme_named

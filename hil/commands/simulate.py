@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import shlex
 import signal
 import sys
@@ -18,13 +19,14 @@ from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import RATE_HZ, Session, Tick
-from highfive.hil.sim.people.actors import CELLS
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
 from highfive.hil.trials.summary import SessionSettings, summarise
-from highfive.hil.trials.trial import TrialResult, run_trial, style_name
+from highfive.hil.trials.trial import run_trial, style_name
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
@@ -39,8 +41,8 @@ from highfive.model.online.reaction import ReactionModel
 from highfive.model.plugins import PluginError
 
 if TYPE_CHECKING:
+    from highfive.hil.arm.arm_options import ArmOptions
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
-    from highfive.hil.arm.lifecycle import ArmOptions
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
     from highfive.hil.trials.live_partner import LivePerson
@@ -85,6 +87,11 @@ class SimulateOptions:
     pictures: bool = True
     arm: ArmOptions | None = None
     overwrite: bool = False
+
+
+def which_model(name: str | None) -> Path | str:
+    """What a user means by a model's ``name``: a file, a model of one's own, or, for None, the one that comes along."""
+    return DEFAULT_MODEL if name is None else name if is_plugin(name) else Path(name)
 
 
 @dataclass(frozen=True)
@@ -296,11 +303,11 @@ def _run(
                 called = style_name(style)
                 result, trouble = _trial(number, partner, called, session, playout, person, watch)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    remedy = "" if watch is None else _remedy(watch, None, trouble)
+                    remedy = "" if watch is None else _remedy(watch, None)
                     if not results:
                         recorder.discard()  # an empty recording would only be in the way of the next attempt
                         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
-                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}")
+                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
                     _advise(remedy)
                     return replace(played, interrupted=True)
                 result = replace(result, style=called)
@@ -311,8 +318,8 @@ def _run(
                     played.arm[number] = arm
                 advance()
                 if watch is not None and watch.loop.trouble:
-                    say_aside(f"the arm was stopped: {watch.loop.trouble}")
-                    _advise(_remedy(watch, arm, watch.loop.trouble))
+                    say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
+                    _advise(_remedy(watch, arm))
                     return replace(played, interrupted=True)
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
@@ -321,10 +328,10 @@ def _run(
     return played
 
 
-def _remedy(watch: ArmWatch, arm: ArmTrial | None, trouble: str) -> str:
+def _remedy(watch: ArmWatch, arm: ArmTrial | None) -> str:
     from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
 
-    return too_busy(arm, watch.loop.cycles(), trouble)
+    return too_busy(arm, watch.loop.cycles(), watch.loop.stopped_by)
 
 
 def _advise(remedy: str) -> None:

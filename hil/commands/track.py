@@ -13,7 +13,7 @@ from rich.table import Table
 
 from highfive.calibration.personal_set import personal_set
 from highfive.hil.commands.stream.arm import prepare_tracker
-from highfive.hil.datasets.one_person import OnePerson, fitted_subject, read_person
+from highfive.hil.datasets.fitted_subject import fitted_subject
 from highfive.hil.report.page import write_file
 from highfive.hil.report.track_report import write_track_report
 from highfive.hil.report.track_summary import angle_rows, summarise_track
@@ -21,6 +21,7 @@ from highfive.hil.runtime.console import STDOUT, Bar, counted, say_aside
 from highfive.hil.runtime.folders import next_folder, results_folder
 from highfive.mocap_bridge.files.c3d_fill import write_filled
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.markers.one_person import OnePerson, read_person
 from highfive.mocap_bridge.tracking.tracked_recording import TrackedRecording, passes, track_recording
 from highfive.mocap_bridge.tracking.unobservable import unseen_lines
 from highfive.model.errors import HighFiveError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.gp.optimise import fall_at_the_end
 from highfive.model.hgpdm import training
 from highfive.model.hgpdm.checkpoint import is_checkpoint
-from highfive.model.hgpdm.presets import Preset, preset_named
+from highfive.model.hgpdm.presets import preset_named
 from highfive.model.hgpdm.store import save_model
 
 FEW = 10
@@ -61,7 +61,9 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
     """
     check_file(options.out, options.overwrite)
     _check_checkpoint(options)
-    preset = _preset(options)
+    preset = preset_named(options.preset)
+    if options.iterations is not None:
+        preset = preset.with_iterations(options.iterations)
     start = time.monotonic()
     pairs = load_trials(
         options.data,
@@ -148,15 +150,6 @@ def _check_checkpoint(options: TrainOptions) -> None:
             f"{path} is there already and is no training's checkpoint; give another --out, or --overwrite, which keeps "
             f"it as {path.name}.old"
         )
-
-
-def _preset(options: TrainOptions) -> Preset:
-    """The preset, with the number of steps asked for in the same proportion of Adam and L-BFGS."""
-    preset = preset_named(options.preset)
-    if options.iterations is None:
-        return preset
-    adam = round(options.iterations * preset.adam_steps / preset.iterations)
-    return replace(preset, iterations=options.iterations, adam_steps=adam)
 
 
 def _marker_rms(pairs: list[SolvedPair]) -> dict[str, float]:

@@ -19,7 +19,7 @@ from highfive.model.evaluation import baselines
 from highfive.model.evaluation.nuisi_windows import Windows, window_set
 from highfive.model.files import UNFINISHED
 from highfive.model.gp.optimise import ProgressCallback
-from highfive.model.gp.sparse import Posterior
+from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm import training
 from highfive.model.hgpdm.dataset import training_set
 from highfive.model.hgpdm.hierarchy import Problem, problem

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm
 from highfive.model.geometry.rotations import Array
 
 if TYPE_CHECKING:
     from highfive.hil.arm.loop import ArmTick
-    from highfive.hil.drivers.bus.arm_process import Cycle
+    from highfive.hil.drivers.bus.cycle_ring import Cycle
 
 _NUMBER: dict[str, Any] = {"type": "number"}
 _TEXT: dict[str, Any] = {"type": "string"}

@@ -11,7 +11,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,19 +23,23 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
+from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from highfive.hil.recording import messages
+from highfive.hil.recording.arrays import message_arrays, message_table
 from highfive.hil.session.session import Tick
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.trials.summary import SessionSettings, versions
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 from highfive.model.errors import HighFiveError
 from highfive.model.files import unfinished
 from highfive.model.geometry.rotations import Array
 
 if TYPE_CHECKING:
+    from pandas import DataFrame  # pyright: ignore[reportMissingImports]
+
     from highfive.hil.arm.arm_trial import ArmTrial
 
 CHUNK_NS = 500_000_000
@@ -229,18 +233,19 @@ class SessionRecorder:
         if self._failure:
             raise self._failure
         data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
-        try:
+        with self._writing():
             self._writer.add_message(self._channels[topic], time_ns, data, time_ns, self._count)
-        except OSError as error:
-            raise self._fail(error) from None
-        except KeyboardInterrupt:
-            self._abandon()
-            raise
 
     def _flush(self) -> None:
         self._chunk_start = None
-        try:
+        with self._writing():
             self._writer.flush()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """The file stays readable whatever happens meanwhile."""
+        try:
+            yield
         except OSError as error:
             raise self._fail(error) from None
         except KeyboardInterrupt:
@@ -298,13 +303,33 @@ class SessionRecording:
         poses = (Pose.from_quaternions(np.array(m.data["root"]), np.array(m.data["quaternions"])) for m in messages)
         return np.array([1e-9 * m.time_ns for m in messages]), tuple(poses)
 
+    def arrays(self, topic: str) -> dict[str, NDArray[Any]]:
+        """A topic's messages as one array a field; see :func:`highfive.hil.recording.arrays.message_arrays`.
 
-def read_recording(path: Path) -> SessionRecording:
+        Raises:
+            HighFiveError: recordings have no such topic.
+        """
+        if topic not in self.channels:
+            raise HighFiveError(f"no topic {topic!r} in a recording; there are {', '.join(self.channels)}")
+        messages = self.channels[topic]
+        return message_arrays([m.time_ns for m in messages], [m.data for m in messages])
+
+    def table(self, topic: str) -> DataFrame:
+        """A topic's messages as a pandas table, a row a message.
+
+        Raises:
+            HighFiveError: recordings have no such topic, or pandas is not installed.
+        """
+        return message_table(self.arrays(topic))
+
+
+def read_recording(path: Path | str) -> SessionRecording:
     """Reads a recording, also one whose end is missing.
 
     Raises:
         HighFiveError: there is no such file, or it holds no session. Other values than the session's are not checked.
     """
+    path = Path(path)
     channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in messages.CHANNELS}
     complete = False
     try:

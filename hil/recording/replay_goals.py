@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.recording.recording import RecordedMessage, SessionRecording
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.avatar import Pose, avatar_skeleton, right_palm
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
+
+T = TypeVar("T")
 
 FORESEEN = 0.9
 """s before contact from which on the arm is told of it: a recording knows, but nobody lifts a hand earlier."""
@@ -124,18 +126,17 @@ class _Message:
         return values
 
     def whole(self, key: str) -> int:
-        if not isinstance(value := self._value(key), int):
-            raise self.wrong(f"{key} is no whole number")
-        return value
+        return self._of(int, key, "no whole number")
 
     def text(self, key: str) -> str:
-        if not isinstance(value := self._value(key), str):
-            raise self.wrong(f"{key} is no text")
-        return value
+        return self._of(str, key, "no text")
 
     def yes(self, key: str) -> bool:
-        if not isinstance(value := self._value(key), bool):
-            raise self.wrong(f"{key} is neither true nor false")
+        return self._of(bool, key, "neither true nor false")
+
+    def _of(self, kind: type[T], key: str, otherwise: str) -> T:
+        if not isinstance(value := self._value(key), kind):
+            raise self.wrong(f"{key} is {otherwise}")
         return value
 
     def _value(self, key: str) -> Any:

@@ -55,7 +55,7 @@ def joints(trial: ArmTrial, lag: float) -> Drawing:
         "that, and beyond by what a joint gives way), and as the servos reported them (blue). Time 0 is the session's "
         "contact."
     )
-    return Drawing("arm_joints", caption, figure)
+    return Drawing("arm_joints", caption, figure, "Servo arm")
 
 
 def meeting(trials: Sequence[ArmTrial]) -> Drawing:
@@ -85,7 +85,7 @@ def meeting(trials: Sequence[ArmTrial]) -> Drawing:
         "Left: distance from the middle of the plate to the person's palm. Right: speed of the plate, in the emotion's "
         "colour, and of the hand, violet. Time 0 is the session's own contact."
     )
-    return Drawing("arm_meeting", caption, figure)
+    return Drawing("arm_meeting", caption, figure, "Servo arm")
 
 
 def effort(trials: Sequence[ArmTrial], lag: float) -> Drawing:
@@ -108,7 +108,7 @@ def effort(trials: Sequence[ArmTrial], lag: float) -> Drawing:
         "For each joint: median (dot), up to the 95th percentile (bar) and the largest value (line), over all trials. "
         "The following error is to where retargeting wanted the joint at that time."
     )
-    return Drawing("arm_effort", caption, figure)
+    return Drawing("arm_effort", caption, figure, "Servo arm")
 
 
 def bus(trials: Sequence[ArmTrial]) -> Drawing:
@@ -127,7 +127,7 @@ def bus(trials: Sequence[ArmTrial]) -> Drawing:
         "Cycles of the bus: one packet with all goals, one with all answers. The slowest thousandth stands at the "
         "right edge. The line is 120 Hz."
     )
-    return Drawing("arm_bus", caption, figure)
+    return Drawing("arm_bus", caption, figure, "Servo arm")
 
 
 def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:

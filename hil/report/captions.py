@@ -14,7 +14,7 @@ from PIL import ImageColor, ImageDraw, ImageFont
 
 from highfive.hil.report.colours import colour_of
 from highfive.hil.sim.rendering import Image
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 
 if TYPE_CHECKING:
     from highfive.hil.arm.contact_outcome import ContactOutcome

@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 
 from highfive.hil.report.drawing import FAINT, INK, STYLE, new_figure, to_png
 from highfive.hil.report.page import write_file
-from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z
+from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 
 WORST_MM = 30.0
 """From here on the colour stays the same."""

@@ -40,11 +40,19 @@ FULL_WIDTH = 9.0
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure with its name (for a file) and the sentence below it."""
+    """A figure.
+
+    Attributes:
+        name: of its file, and what a page finds it by.
+        caption: the sentence below it.
+        figure: matplotlib's.
+        section: heading of a session's page that it stands under.
+    """
 
     name: str
     caption: str
     figure: Figure
+    section: str = "Movement"
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -85,5 +93,5 @@ def to_png(figure: Figure) -> bytes:
     """The figure as a PNG on white, twice the size on the page."""
     buffer = io.BytesIO()
     with mpl.rc_context(STYLE):
-        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "high-five"}, pil_kwargs={"optimize": True})
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "high-five"})
     return buffer.getvalue()

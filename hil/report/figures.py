@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,12 +10,13 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, LogLocator
 
 from highfive.hil.report.colours import PARTNER, PERSON, colour_of, mark_of
-from highfive.hil.report.drawing import FAINT, HINGES, INK, Drawing, draw, new_figure
+from highfive.hil.report.drawing import FAINT, HINGES, INK, Drawing, new_figure
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.sim.people.actors import CELLS, GRID_Z, RATE_HZ
+from highfive.hil.sim.people.grid import CELLS, GRID_Z
+from highfive.hil.sim.people.role import RATE_HZ
 from highfive.hil.trials.key_frames import contact_tick, moments_of
 from highfive.hil.trials.summary import MM, style_of, styles_of
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.geometry.rotations import Array
 
 _TRACES = 12
@@ -26,16 +26,6 @@ _MARGIN_S, _AFTER_S = 0.2, 1.0
 _STEP = 3
 """Ticks between points of a drawn line, 25 ms: all that 300 pixels show."""
 _FLOOR_MM = 0.02
-
-
-def draw_all(results: Sequence[TrialResult]) -> list[Drawing]:
-    """All figures that can be drawn of these trials."""
-    if not results:
-        return []
-    painters: list[Callable[[Sequence[TrialResult]], Drawing | None]] = [
-        contact_error, error_by_cell, palm_distance, palm_paths, joint_angles, latency
-    ]  # fmt: skip
-    return draw(partial(painter, results) for painter in painters)
 
 
 def contact_error(results: Sequence[TrialResult]) -> Drawing:
@@ -75,7 +65,7 @@ def contact_error(results: Sequence[TrialResult]) -> Drawing:
         + " A mark is a trial, a bar the median of several."
         * (len(results) > 1)
     )
-    return Drawing("contact_error", caption, figure)
+    return Drawing("contact_error", caption, figure, "Contact error")
 
 
 def error_by_cell(results: Sequence[TrialResult]) -> Drawing | None:
@@ -106,7 +96,7 @@ def error_by_cell(results: Sequence[TrialResult]) -> Drawing | None:
         "from the avatar's right to its left, which is left in the picture. The colour scale is logarithmic and the "
         "same everywhere."
     )
-    return Drawing("error_by_cell", caption, figure)
+    return Drawing("error_by_cell", caption, figure, "Contact error")
 
 
 def _cells(axes: Axes, results: Sequence[TrialResult], value: Callable[[TrialResult], float], norm: LogNorm):
@@ -244,7 +234,7 @@ def latency(results: Sequence[TrialResult]) -> Drawing:
     axes.set_ylabel("share of ticks, %")
     axes.set_ylim(0, 103)
     caption = "Time of one tick, from markers to the corrected pose, on the machine that made this report."
-    return Drawing("latency", caption, figure)
+    return Drawing("latency", caption, figure, "Latency")
 
 
 def _shown(results: Sequence[TrialResult], emotion: str) -> list[TrialResult]:

@@ -18,12 +18,11 @@ import numpy as np
 from highfive.hil.report.captions import Captions
 from highfive.hil.report.stage import Stage, arm_stage, avatar_stage
 from highfive.hil.session.session import RATE_HZ
-from highfive.hil.sim.arm_body import ArmTwin
 from highfive.hil.sim.rendering import Image, NoPictures, Renderer, open_renderer
 from highfive.hil.sim.scene import Scene
 from highfive.hil.sim.video import write_video
 from highfive.hil.trials.key_frames import moments_of, showpieces
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 from highfive.model.files import written_whole
 from highfive.model.geometry.rotations import Array
@@ -31,6 +30,7 @@ from highfive.model.geometry.rotations import Array
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial
     from highfive.hil.arm.contact_outcome import ContactOutcome
+    from highfive.hil.sim.arm_body import ArmTwin
 
 
 @dataclass(frozen=True)

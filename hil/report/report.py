@@ -11,26 +11,23 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from highfive.hil.arm.lifecycle import EMULATED
-from highfive.hil.report.arm_report import arm_section
+from highfive.hil.arm.arm_options import EMULATED
 from highfive.hil.report.drawing import Drawing, to_png
-from highfive.hil.report.figures import draw_all
 from highfive.hil.report.film import Strip
 from highfive.hil.report.page import figures, jpeg, render, section, table, write_file
 from highfive.hil.report.report_tables import dot, show, style_table, trial_table
+from highfive.hil.report.session_figures import draw_all, figure_names
 from highfive.hil.runtime.console import counted
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.trials.summary import FAR_OFF_MM, SessionSettings, kind
 from highfive.hil.trials.targets import Target, targets
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 
 PAGE, DATA, FIGURES, FILM = "report.html", "report.json", "figures", "highfive.mp4"
-_DRAWN = (
-    "contact_error", "error_by_cell", "palm_distance", "palm_paths", "joint_angles", "latency",
-    "arm_joints", "arm_meeting", "arm_effort", "arm_bus",
-)  # fmt: skip
-"""All figures that a report may have."""
+_ARM_DRAWN = ("arm_joints", "arm_meeting", "arm_effort", "arm_bus")
+_SECTIONS = ("Contact error", "Movement", "Servo arm", "Latency")
+"""Sections of the page that figures of ours stand in; others follow them."""
 _SIMULATED = (
     "The people in this report are simulated. They stand in for people to test the chain from markers to contact; no "
     "figure here is a finding about people. Pairs of a simulated person and an actor were drawn until two could meet, "
@@ -82,7 +79,7 @@ def write_report(
 
 def _remove_stale(folder: Path, drawings: Sequence[Drawing], film: Path | NoPictures | None) -> None:
     """Removes what an earlier session left under names of ours that this one did not write."""
-    left = {f"{name}.png" for name in _DRAWN} - {f"{drawing.name}.png" for drawing in drawings}
+    left = {f"{name}.png" for name in (*figure_names(), *_ARM_DRAWN)} - {f"{drawing.name}.png" for drawing in drawings}
     stale = [*(folder / FIGURES / name for name in sorted(left)), *([] if isinstance(film, Path) else [folder / FILM])]
     for path in stale:
         try:
@@ -101,20 +98,34 @@ def render_page(
 ) -> str:
     """The page as text."""
     drawn = {drawing.name: drawing for drawing in drawings}
+
+    def under(heading: str) -> str:
+        return figures(drawn, *(drawing.name for drawing in drawings if drawing.section == heading))
+
+    others = dict.fromkeys(drawing.section for drawing in drawings if drawing.section not in _SECTIONS)
     sections = [
         _warnings(summary),
         _headline(targets(summary)),
         section("Findings", _findings(summary)),
         section("Moments", _strips(pictures, summary) + _film(film, pictures)),
-        section("Contact error", style_table(summary) + figures(drawn, "contact_error", "error_by_cell")),
-        section("Movement", figures(drawn, "palm_distance", "palm_paths", "joint_angles")),
-        section("Servo arm", arm_section(summary["arm"], drawn) if summary["arm"] else ""),
-        section("Latency", figures(drawn, "latency")),
+        section("Contact error", style_table(summary) + under("Contact error")),
+        section("Movement", under("Movement")),
+        section("Servo arm", _arm(summary, drawn)),
+        section("Latency", under("Latency")),
+        *(section(heading, under(heading)) for heading in others),
         section("Trials", trial_table(summary)),
         section("Do it again", _reproduce(summary, settings)),
     ]
     title = f"High Five: a {kind(summary)} session"
     return render(title, _subtitle(summary), _badges(summary), sections)
+
+
+def _arm(summary: dict[str, Any], drawn: Mapping[str, Drawing]) -> str:
+    if not summary["arm"]:
+        return ""
+    from highfive.hil.report.arm_report import arm_section  # noqa: PLC0415 (the arm's planner takes a second)
+
+    return arm_section(summary["arm"], dict(drawn))
 
 
 def _subtitle(summary: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from highfive.hil.arm.reachability import DEPTH, HEIGHTS, STANDOFFS, BaseReach, cell_point
 from highfive.hil.arm_model import kinematics
 from highfive.hil.report.page import write_file
-from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z
+from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 from highfive.model.geometry.rotations import Array
 
 INK, QUIET = "#2b2d33", "#8a8d94"

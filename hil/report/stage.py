@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from highfive.hil.sim.arm_body import ArmTwin
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.sim.person import PersonBodies
 from highfive.hil.sim.scene import Scene
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial
+    from highfive.hil.sim.arm_body import ArmTwin
 
 
 class Stage:

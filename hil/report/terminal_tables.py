@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from highfive.hil.evaluation.score_table import method_label, methods_of, rows_of
-
-if TYPE_CHECKING:  # what trains takes seconds to import
-    pass
 from highfive.hil.runtime.console import STDOUT
 
 PLAIN_WIDTH = 160  # columns where standard output is no terminal: a file has room

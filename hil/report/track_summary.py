@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive.hil.datasets.one_person import OnePerson
+from highfive.mocap_bridge.markers.one_person import OnePerson
 from highfive.mocap_bridge.tracking.joint_angles import ANGLES, BASES
 from highfive.mocap_bridge.tracking.tracked_recording import TrackedRecording
 from highfive.mocap_bridge.tracking.unobservable import unseen_angles

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-if TYPE_CHECKING:  # what trains takes seconds to import
-    pass
-
+LOGGER = logging.getLogger("highfive")
 STDERR = Console(stderr=True, highlight=False)
 STDOUT = Console(highlight=False)
 FINISHED_SHOWN = 4
@@ -66,9 +65,28 @@ def say(line: str) -> None:
     print(line, flush=True)
 
 
-def say_aside(line: str) -> None:
-    """A line on standard error, where standard output is for machines."""
-    STDERR.print(line, soft_wrap=True, markup=False)
+def say_aside(line: str, level: int = logging.INFO) -> None:
+    """A line beside the results: into the log, which the command line shows on standard error."""
+    LOGGER.log(level, "%s", line)
+
+
+class _OnStandardError(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        """Shows the line, whole, above the progress bars."""
+        STDERR.print(record.getMessage(), soft_wrap=True, markup=False)
+
+
+def show_log() -> None:
+    """From now on what the library says goes to standard error; a second call does nothing."""
+    if not any(isinstance(handler, _OnStandardError) for handler in LOGGER.handlers):
+        LOGGER.addHandler(_OnStandardError())
+        LOGGER.setLevel(logging.INFO)
+        LOGGER.propagate = False
+
+
+def escape(text: str) -> str:
+    """Text that holds no markup of the console's."""
+    return text.replace("[", r"\[")
 
 
 def counted(count: int, thing: str) -> str:

@@ -75,25 +75,27 @@ def step(
     human, seen = known(limits, inputs.human), now.seen
     if points is not None and human is not None:
         seen = people.remembered(limits.contact, seen, human, points, now_ns)
-    share, closing, then, way_point, offset = 1.0, None, now.motion, now.way_point, now.feed_forward
+    fraction, closing, then, way_point, offset = 1.0, None, now.motion, now.way_point, now.feed_forward
     if then is not None and now.state is not State.ESTOPPED:
         dt = min(max(watch.gap_s, 0.0), LATE_TICK * limits.timing.period_s)
         velocities, wanted, kept = np.zeros_like(then.positions), then.wanted, np.zeros_like(then.positions)
         if now.state in MOVING:
             velocities, wanted, way_point, clamped = led(limits, now, then, inputs.wanted, dt)
-            kept, closing, slowing = spared(limits, now.state, seen, human, points, velocities, dt)
-            kept = motion.share_within(limits, then, kept, dt) * kept
+            kept, closing, slowing = monitored(limits, now.state, seen, human, points, velocities, dt)
+            kept = motion.fraction_within(limits, then, kept, dt) * kept
             acted |= clamped | slowing
-        rates = feed_forward.next_rates(limits, offset, inputs.feed_forward, then, kept, dt)
         bounds = feed_forward.bounds(limits, offset, then.positions + kept * dt, dt)
+        rates = feed_forward.next_rates(limits, offset, inputs.feed_forward, then, kept, bounds, dt)
         sent, leading = on_the_wire(limits, seen, human, goals, kept, rates, bounds, dt)
         closing = max((c for c in (closing, sent.closing_speed) if c is not None), default=None)
-        within = min(motion.share_within(limits, then, sent.reference, dt), joint_share(limits, sent))
-        share = kept_share(velocities, within * sent.reference)
+        within = min(motion.fraction_within(limits, then, sent.reference, dt), joint_fraction(limits, sent))
+        fraction = motion.kept_fraction(velocities, within * sent.reference)
         acted |= leading
         then = motion.moved(then, within * sent.reference, wanted, dt)
         offset = feed_forward.moved(limits, offset, within * sent.offset, then.positions, dt)
-    now = EnvelopeState(now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point, offset)
+    now = EnvelopeState(
+        now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point, offset, now.stopped_by
+    )
 
     gap = None
     if points is not None and goals is not None and human is not None:
@@ -108,7 +110,7 @@ def step(
         reference=None if then is None else then.positions,
         sent=command,
         acted=frozenset(acted | limited),
-        share=share,
+        fraction=fraction,
         closing_speed=closing,
         gap=gap,
     )
@@ -192,13 +194,7 @@ def led(
     return velocities, within, way_point, acted | clamped
 
 
-def kept_share(asked: Array, kept: Array) -> float:
-    """How much of the speed (J,), rad/s, that was asked for is left; 1 where none was."""
-    before = float(np.linalg.norm(asked))
-    return min(1.0, float(np.linalg.norm(kept)) / before) if before > 0.0 else 1.0
-
-
-def spared(
+def monitored(
     limits: Limits,
     state: State,
     seen: Remembered,
@@ -207,7 +203,7 @@ def spared(
     velocities: Array,
     dt: float,
 ) -> tuple[Array, float | None, set[Rule]]:
-    """What of the velocities (J,), rad/s, the person allows; see :func:`highfive.hil.safety.people.slowed`.
+    """What of the velocities (J,), rad/s, the person allows; see :func:`highfive.hil.safety.people.monitor_separation`.
 
     Where the arm's points are not known it stands. A stop is only made quicker for a person whose place is known.
     """
@@ -215,7 +211,7 @@ def spared(
         return np.zeros_like(velocities), None, set()
     if human is None and state is not State.RETRACTING:
         return velocities, None, set()
-    return people.slowed(limits, seen, human, points, velocities, dt)
+    return people.monitor_separation(limits, seen, human, points, velocities, dt)
 
 
 def on_the_wire(
@@ -237,7 +233,7 @@ def on_the_wire(
     return wire.within_rules(limits, seen, human, goals, kept, rates, bounds, dt)
 
 
-def joint_share(limits: Limits, rates: wire.Rates) -> float:
+def joint_fraction(limits: Limits, rates: wire.Rates) -> float:
     """How much of the rates may be kept so that no joint's goal is faster than its speed limit."""
     return min(1.0, 1.0 / max(float((np.abs(rates.reference + rates.offset) / limits.speed).max()), 1e-12))
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import NDArray
 
+from highfive.hil.drivers.servo_errors import hardware_errors
 from highfive.hil.drivers.values import JointHealth, JointState
 from highfive.hil.safety.limits import JOINTS, Limits, Servo, Timing
 from highfive.hil.safety.rules import Rule
 from highfive.model.geometry.rotations import Array
-
-ERROR_BITS = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
-"""Of the servo's register Hardware Error Status (the maker's manual)."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +84,7 @@ def servo_error(arm: JointState | None) -> str:
     """Errors that servos report, and watchdogs that have tripped."""
     for joint, bits in enumerate([] if arm is None else arm.errors.tolist()):
         if bits:
-            names = [ERROR_BITS.get(bit, f"bit {bit}") for bit in range(8) if bits >> bit & 1]
-            return f"the servo of {JOINTS[joint]} reports {', '.join(names)}"
+            return f"the servo of {JOINTS[joint]} reports {', '.join(hardware_errors(bits))}"
     for joint, tripped in enumerate([] if arm is None else arm.tripped.tolist()):
         if tripped:
             return f"the servo of {JOINTS[joint]} stopped by itself: its watchdog heard nothing for too long"
@@ -105,22 +103,25 @@ def silent_servo(servo: Servo, watch: Watch, now_ns: int) -> str:
 
 def following(servo: Servo, watch: Watch, now_ns: int) -> str:
     """Joints that have not been where they were told to be for too long."""
-    since = min((began for began in watch.strayed_ns if began is not None), default=now_ns)
-    strayed = (now_ns - since) * 1e-9
+    joint, strayed = _longest(watch.strayed_ns, now_ns)
     if strayed <= servo.following_s:
         return ""
-    joint = JOINTS[watch.strayed_ns.index(since)]
     return f"{joint} has been more than {servo.following:g} rad off for {1e3 * strayed:.0f} ms"
 
 
 def shadow_mismatch(servo: Servo, watch: Watch, now_ns: int) -> str:
     """Joints whose two servos have not agreed on where they are for too long."""
-    since = min((began for began in watch.parted_ns if began is not None), default=now_ns)
-    parted = (now_ns - since) * 1e-9
+    joint, parted = _longest(watch.parted_ns, now_ns)
     if parted <= servo.shadow_s:
         return ""
-    joint = JOINTS[watch.parted_ns.index(since)]
     return f"the two servos of {joint} have been more than {servo.shadow:g} rad apart for {1e3 * parted:.0f} ms"
+
+
+def _longest(since_ns: Sequence[int | None], now_ns: int) -> tuple[str, float]:
+    """The joint for which something has lasted longest, and how long, s; 0 s where it does for none."""
+    began = min((one for one in since_ns if one is not None), default=now_ns)
+    joint = JOINTS[since_ns.index(began)] if began in since_ns else ""
+    return joint, (now_ns - began) * 1e-9
 
 
 def health(servo: Servo, values: JointHealth | None, now_ns: int) -> str:

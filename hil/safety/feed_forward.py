@@ -33,27 +33,34 @@ class FeedForward:
 
 
 def next_rates(
-    limits: Limits, before: FeedForward, requested: Array | None, told: Motion, velocities: Array, dt: float
+    limits: Limits,
+    before: FeedForward,
+    requested: Array | None,
+    told: Motion,
+    velocities: Array,
+    within: tuple[Array, Array],
+    dt: float,
 ) -> Array:
     """Rates (J,), rad/s, of the offset in a tick of ``dt`` s in which the reference moves with ``velocities``.
 
     With what the reference (J,), rad/s, does by itself, the goal stays inside the speed and acceleration limits of the
-    joints. An offset that nobody requests (None) stays.
+    joints, and the offset ``within`` its :func:`bounds` there. An offset that nobody requests (None) stays.
     """
     if dt <= 0.0:
         return np.zeros_like(before.rates)
     own, most = limits.feed_forward, limits.acceleration
     wanted = before.offsets if requested is None else np.clip(requested, -own.largest, own.largest)
     accelerations = (velocities - told.velocities) / dt
-    way = wanted - before.offsets
-    braking = np.sqrt(dt**2 + 2.0 * np.abs(way) / own.acceleration)  # as motion.braking_speed: no overshoot
-    fastest = np.minimum(np.minimum(np.abs(way) / RISE_S, 2.0 * np.abs(way) / (dt + braking)), own.speed)
-    rates = np.sign(way) * fastest
+    displacement = wanted - before.offsets
+    distance = np.abs(displacement)
+    braking = np.sqrt(dt**2 + 2.0 * distance / own.acceleration)  # as motion.braking_speed: no overshoot
+    fastest = np.minimum(np.minimum(distance / RISE_S, 2.0 * distance / (dt + braking)), own.speed)
+    rates = np.sign(displacement) * fastest
     down = np.clip(-most - accelerations, -own.acceleration, 0.0)
     up = np.clip(most - accelerations, 0.0, own.acceleration)
     rates = before.rates + np.clip(rates - before.rates, dt * down, dt * up)
     rates = np.clip(rates, np.minimum(-limits.speed - velocities, 0.0), np.maximum(limits.speed - velocities, 0.0))
-    return np.clip(rates, *bounds(limits, before, told.positions + velocities * dt, dt))
+    return np.clip(rates, *within)
 
 
 def bounds(limits: Limits, before: FeedForward, reference: Array, dt: float) -> tuple[Array, Array]:

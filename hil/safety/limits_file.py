@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from highfive.hil.safety.limits import (
     Stale,
     Timing,
 )
+from highfive.model.toml_file import read_toml
 
 FILE = Path(__file__).with_name("limits.toml")
 """The limits that come with the project."""
@@ -54,11 +54,7 @@ def load_limits(path: Path = FILE) -> Limits:
     Raises:
         LimitsError: it cannot be read, lacks or adds an entry, or says what no file may say.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise LimitsError(f"cannot read limits {path}: {why}") from None
+    data = read_toml(path, "limits", LimitsError)
     try:
         return _checked(_parsed(data))
     except LimitsError as error:

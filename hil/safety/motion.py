@@ -47,7 +47,7 @@ def at_rest(positions: Array) -> Motion:
 def braking_speed(room: float, braking: float, dt: float) -> float:
     """Largest speed, rad/s, for this tick with which there is room to brake afterwards.
 
-    That is the root of v dt + v² / (2 b) = room. Braking by b dt a tick takes less way than v² / (2 b): the sum of
+    That is the root of v dt + v² / (2 b) = room. Braking by b dt a tick takes less distance than v² / (2 b): the sum of
     falling speeds, each taken at its tick's end, is below their integral.
 
     Args:
@@ -81,14 +81,14 @@ def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Arr
         limits.joints, wanted.tolist(), before.tolist(), told.positions.tolist(), strict=True
     ):
         pace = clamp((goal - last) / max(dt, NO_TIME), -joint.speed, joint.speed)
-        way = goal - pace * dt - q
-        if way:
-            rate = min(rate, braking_speed(abs(way), joint.braking, dt) / abs(way))
-            furthest = max(furthest, abs(way))
+        displacement = goal - pace * dt - q
+        if displacement:
+            rate = min(rate, braking_speed(abs(displacement), joint.braking, dt) / abs(displacement))
+            furthest = max(furthest, abs(displacement))
         paces.append(pace)
-        behind.append(way)
+        behind.append(displacement)
     slower = min(rate, limits.motion.catch_up / furthest) if furthest else rate
-    velocities = [pace + slower * way for pace, way in zip(paces, behind, strict=True)]
+    velocities = [pace + slower * displacement for pace, displacement in zip(paces, behind, strict=True)]
     return np.array(velocities), {Rule.CATCH_UP} if slower < rate else set()
 
 
@@ -118,15 +118,21 @@ def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) ->
     return np.array(results), acted
 
 
-def share_within(limits: Limits, told: Motion, velocities: Array, dt: float) -> float:
-    """Largest share, 0 to 1, of velocities (J,), rad/s, that keeps every joint's speed, and its room to brake."""
-    share = 1.0
+def fraction_within(limits: Limits, told: Motion, velocities: Array, dt: float) -> float:
+    """Largest fraction, 0 to 1, of velocities (J,), rad/s, that keeps every joint's speed, and its room to brake."""
+    fraction = 1.0
     for joint, q, v in zip(limits.joints, told.positions.tolist(), velocities.tolist(), strict=True):
         room = joint.highest - q if v > 0.0 else q - joint.lowest
         most = min(joint.speed, braking_speed(room, joint.braking, dt))
         if abs(v) > most:
-            share = min(share, most / abs(v))
-    return share
+            fraction = min(fraction, most / abs(v))
+    return fraction
+
+
+def kept_fraction(whole: Array, kept: Array) -> float:
+    """How much of the speed (J,), rad/s, of the ``whole`` is left in what is ``kept``; 1 where there was none."""
+    before = float(np.linalg.norm(whole))
+    return min(1.0, float(np.linalg.norm(kept)) / before) if before > 0.0 else 1.0
 
 
 def moved(told: Motion, velocities: Array, wanted: Array | None, dt: float) -> Motion:

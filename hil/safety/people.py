@@ -1,7 +1,8 @@
 """The person: how fast the plate may come near the hand and the head.
 
-Near the face the arm keeps its way and becomes slower on it; for a hand what is too fast along the line to it is taken
-out. Both at once, even if that brakes harder than the limit of acceleration: the person comes first.
+Speed and separation monitoring (ISO/TS 15066): near the face the arm keeps its path and becomes slower on it; the
+closing speed of plate and hand is limited along the line between them. Both at once, even if that brakes harder than
+the limit of acceleration: the person comes first.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ BORDER = 0.05
 """m: who is this near the zone around a head counts the less as passing by, at its border as going straight in."""
 
 STRAIGHT = 0.97
-"""Share of a limit of the plate that is used: within a tick the plate moves on a bent line."""
+"""Fraction of a limit of the plate that is used: within a tick the plate moves on a bent line."""
 
 MEASURED, WIDENING = 0.003, 3.0
 """m: standard deviation of a part of the body whose markers are measured, which the distances of the limits allow for;
@@ -112,8 +113,8 @@ def remembered(limits: Contact, before: Remembered, human: Human, points: Points
         head = human.head
     elif seen_ns > before.seen_ns:
         dt = (seen_ns - before.seen_ns) * 1e-9
-        share = 1.0 - math.exp(-dt / SMOOTHING_S)
-        head, velocity = human.head, velocity + share * ((human.head - head) / dt - velocity)
+        gain = 1.0 - math.exp(-dt / SMOOTHING_S)
+        head, velocity = human.head, velocity + gain * ((human.head - head) / dt - velocity)
     if human.palm is not None:
         away = human.palm - points.measured[0]
         gap = length(away.tolist())
@@ -121,24 +122,24 @@ def remembered(limits: Contact, before: Remembered, human: Human, points: Points
     return Remembered(head, velocity, max(seen_ns, before.seen_ns), line)
 
 
-def allowed_speed(limit: float, fleeing: float, way: float, braking: float, straight: float = 1.0) -> float:
+def allowed_speed(limit: float, fleeing: float, distance: float, braking: float, straight: float = 1.0) -> float:
     """How fast, m/s, the plate may go towards something, so that it can still be slow enough when it gets there.
 
-    There it may have ``limit`` + ``fleeing``, but not less than 0. Of a speed a the share ``straight`` leads there.
-    Until then, ``way`` / (straight a - ``fleeing``) s away, it can lose ``braking`` times as much: the answer is the
-    root of (a - there) (straight a - fleeing) = braking · way.
+    There it may have ``limit`` + ``fleeing``, but not less than 0. Of a speed a the fraction ``straight`` leads there.
+    Until then, ``distance`` / (straight a - ``fleeing``) s away, it can lose ``braking`` times as much: the answer is
+    the root of (a - there) (straight a - fleeing) = braking · distance.
 
     Args:
-        limit: m/s, largest closing speed at the end of the way.
+        limit: m/s, largest closing speed at its end.
         fleeing: m/s, how fast the other one moves away; negative where it comes nearer.
-        way: m, left until ``limit`` holds.
+        distance: m, left until ``limit`` holds.
         braking: m/s².
-        straight: cosine of the angle between its way and the line between them, 0 to 1.
+        straight: cosine of the angle between its path and the line between them, 0 to 1.
     """
     there = max(0.0, limit + fleeing)
-    if way <= 0.0:
+    if distance <= 0.0:
         return there
-    loss = braking * way
+    loss = braking * distance
     root = math.sqrt((straight * there - fleeing) ** 2 + 4.0 * straight * loss)
     if straight > 1e-9 and straight * there + fleeing > 0.0:  # of two forms the one without a difference of equals
         return (straight * there + fleeing + root) / (2.0 * straight)
@@ -158,7 +159,7 @@ def gap_to_hand(human: Human, points: Points) -> float:
     return max(0.0, gap - human.palm_seen.margin)
 
 
-def spared_hand(
+def limit_closing_speed(
     limits: Contact, seen: Remembered, human: Human, points: Points, velocities: Array, dt: float
 ) -> tuple[Array, float | None]:
     """The joints' velocities (J,), rad/s, without what would let plate and hand meet too fast.
@@ -174,19 +175,19 @@ def spared_hand(
     """
     limit, plate = STRAIGHT * limits.speed, points.jacobians[0] @ velocities
     if human.palm is None or human.palm_velocity is None:
-        return _share(limit, length(plate.tolist())) * velocities, None
+        return _fraction(limit, length(plate.tolist())) * velocities, None
     if seen.line is None:
         return np.zeros_like(velocities), None
     towards, fleeing = float(seen.line @ plate), float(seen.line @ human.palm_velocity)
-    way = gap_to_hand(human, points) - limits.near - max(0.0, towards - fleeing) * dt
-    allowed = allowed_speed(limit, fleeing, way, limits.braking)
+    distance = gap_to_hand(human, points) - limits.near - max(0.0, towards - fleeing) * dt
+    allowed = allowed_speed(limit, fleeing, distance, limits.braking)
     if towards <= allowed:
         return velocities, towards - fleeing
     along = seen.line @ points.jacobians[0]
     return velocities - (towards - allowed) / float(along @ along) * along, allowed - fleeing
 
 
-def face_zone_share(
+def face_zone_fraction(
     limits: Face, seen: Remembered, points: Points, velocities: Array, dt: float, margin: float = 0.0
 ) -> float:
     """How much of the points' velocities (P, 3), m/s, may be kept so that they are slow near the head.
@@ -197,7 +198,7 @@ def face_zone_share(
     """
     if seen.head is None:
         return 0.0
-    share, limit, radius = 1.0, STRAIGHT * limits.speed, limits.radius + margin
+    fraction, limit, radius = 1.0, STRAIGHT * limits.speed, limits.radius + margin
     head, head_velocity = seen.head.tolist(), seen.head_velocity.tolist()
     told, measured = points.told.tolist(), points.measured.tolist()
     for number, velocity in enumerate(velocities.tolist()):
@@ -208,23 +209,23 @@ def face_zone_share(
             if distance - speed * dt > radius and _dot(away, velocity) <= 0.0:
                 continue
             fleeing = min(0.0, _dot(away, head_velocity) / max(distance, 1e-9))
-            way = distance - radius - (speed - fleeing) * dt
+            left = distance - radius - (speed - fleeing) * dt
             straight = _dot(away, velocity) / max(distance * speed, 1e-9)
-            share = min(share, _share(speed_near_face(limit, fleeing, way, limits.braking, straight), speed))
-    return share
+            fraction = min(fraction, _fraction(speed_near_face(limit, fleeing, left, limits.braking, straight), speed))
+    return fraction
 
 
-def speed_near_face(limit: float, fleeing: float, way: float, braking: float, straight: float) -> float:
-    """How fast, m/s, a point may be that is ``way`` m outside the zone around a head; see :func:`allowed_speed`."""
-    return allowed_speed(limit, fleeing, way, braking, min(max(straight, 1.0 - way / BORDER, 0.0), 1.0))
+def speed_near_face(limit: float, fleeing: float, distance: float, braking: float, straight: float) -> float:
+    """How fast, m/s, a point may be that is ``distance`` m outside the face's zone; see :func:`allowed_speed`."""
+    return allowed_speed(limit, fleeing, distance, braking, min(max(straight, 1.0 - distance / BORDER, 0.0), 1.0))
 
 
-def share_of_speed(limit: float, velocities: Array) -> float:
+def speed_fraction(limit: float, velocities: Array) -> float:
     """How much of the points' velocities (P, 3), m/s, may be kept so that none is faster than ``limit``, m/s."""
-    return _share(STRAIGHT * limit, max(length(velocity) for velocity in velocities.tolist()))
+    return _fraction(STRAIGHT * limit, max(length(velocity) for velocity in velocities.tolist()))
 
 
-def slowed(
+def monitor_separation(
     limits: Limits,
     seen: Remembered,
     human: Human | None,
@@ -232,7 +233,7 @@ def slowed(
     velocities: Array,
     dt: float,
 ) -> tuple[Array, float | None, set[Rule]]:
-    """What of the joints' velocities (J,), rad/s, the person allows.
+    """What of the joints' velocities (J,), rad/s, speed and separation monitoring allows.
 
     Args:
         limits: all of them.
@@ -246,19 +247,34 @@ def slowed(
         the velocities, the closing speed of plate and hand that remains, m/s, or None, and the rules that acted.
     """
     if human is None:
-        slowest = min(limits.face.speed, limits.motion.point_speed)
-        share = share_of_speed(slowest, points.jacobians @ velocities)
-        return share * velocities, None, {Rule.UNSEEN_PERSON} if share < 1.0 else set()
-    spared, closing = spared_hand(limits.contact, seen, human, points, velocities, dt)
-    acted = {Rule.CONTACT_SPEED} if spared is not velocities and (spared != velocities).any() else set()
-    moving = points.jacobians @ spared
-    face = face_zone_share(limits.face, seen, points, moving, dt, human.head_seen.margin)
-    anywhere = share_of_speed(limits.motion.point_speed, moving)
-    acted |= ({Rule.FACE_ZONE} if face < 1.0 else set()) | ({Rule.POINT_SPEED} if anywhere < face else set())
-    share = min(face, anywhere)
-    if share < 1.0 and closing is not None and seen.line is not None:
-        closing -= (1.0 - share) * _dot(seen.line.tolist(), moving[0].tolist())
-    return share * spared, closing, acted
+        fraction = unseen_fraction(limits, points.jacobians @ velocities)
+        return fraction * velocities, None, {Rule.UNSEEN_PERSON} if fraction < 1.0 else set()
+    limited, closing = limit_closing_speed(limits.contact, seen, human, points, velocities, dt)
+    acted = {Rule.CONTACT_SPEED} if limited is not velocities and (limited != velocities).any() else set()
+    fraction, closing, slowing = points_fraction(limits, seen, human, points, points.jacobians @ limited, closing, dt)
+    return fraction * limited, closing, acted | slowing
+
+
+def unseen_fraction(limits: Limits, velocities: Array) -> float:
+    """How much of the points' velocities (P, 3), m/s, may be kept where nobody knows where the person is."""
+    return speed_fraction(min(limits.face.speed, limits.motion.point_speed), velocities)
+
+
+def points_fraction(
+    limits: Limits, seen: Remembered, human: Human, points: Points, velocities: Array, closing: float | None, dt: float
+) -> tuple[float, float | None, set[Rule]]:
+    """How much of the points' velocities (P, 3), m/s, may be kept: slow near the face, and not too fast anywhere.
+
+    Returns:
+        the fraction, what is then left of the ``closing`` speed of plate and hand, m/s, and the rules that acted.
+    """
+    face = face_zone_fraction(limits.face, seen, points, velocities, dt, human.head_seen.margin)
+    anywhere = speed_fraction(limits.motion.point_speed, velocities)
+    acted = ({Rule.FACE_ZONE} if face < 1.0 else set()) | ({Rule.POINT_SPEED} if anywhere < face else set())
+    fraction = min(face, anywhere)
+    if fraction < 1.0 and closing is not None and seen.line is not None:
+        closing -= (1.0 - fraction) * _dot(seen.line.tolist(), velocities[0].tolist())
+    return fraction, closing, acted
 
 
 def length(vector: list[float]) -> float:
@@ -270,5 +286,5 @@ def _dot(a: list[float], b: list[float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _share(allowed: float, speed: float) -> float:
+def _fraction(allowed: float, speed: float) -> float:
     return 1.0 if speed <= allowed else allowed / speed

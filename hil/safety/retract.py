@@ -22,14 +22,14 @@ def nearest(limits: Limits, positions: Array) -> int:
 
 def retracting(limits: Limits, told: Motion, way_point: int, dt: float) -> tuple[Array, int]:
     """Velocities (J,), rad/s, towards the next way point, all joints in step; and which one that is."""
-    way = limits.way_points[way_point] - told.positions
-    if np.abs(way).max() < ARRIVED and way_point + 1 < len(limits.way_points):
+    displacement = limits.way_points[way_point] - told.positions
+    if np.abs(displacement).max() < ARRIVED and way_point + 1 < len(limits.way_points):
         way_point += 1
-        way = limits.way_points[way_point] - told.positions
-    longest = float(np.abs(way).max())
+        displacement = limits.way_points[way_point] - told.positions
+    longest = float(np.abs(displacement).max())
     braking = min(braking_speed(longest, joint.braking, dt) for joint in limits.joints)
     speed = min(limits.motion.retract, braking)
-    return way * (speed / max(longest, 1e-9)), way_point
+    return displacement * (speed / max(longest, 1e-9)), way_point
 
 
 def rests(limits: Limits, told: Motion, way_point: int) -> bool:

@@ -83,11 +83,12 @@ def entered(
         case Event.CHECKED if inputs.arm is not None:
             now = replace(now, motion=at_rest(inputs.arm.positions))
         case Event.ESTOP:
-            now = replace(now, reason=pulled(limits, inputs, now_ns), motion=frozen(limits, told, inputs))
+            now = replace(now, reason=pulled(limits, inputs, now_ns), stopped_by=frozenset({Rule.ESTOP}))
+            now = replace(now, motion=frozen(limits, told, inputs))
         case Event.FAULT:
-            now = replace(now, reason="; ".join(reasons.values()))
+            now = replace(now, reason="; ".join(reasons.values()), stopped_by=frozenset(reasons))
         case Event.ACKNOWLEDGE:
-            now = replace(now, reason="")
+            now = replace(now, reason="", stopped_by=frozenset())
         case Event.LOST | Event.END if told is not None:
             now = replace(now, way_point=retract.nearest(limits, told.positions))
         case Event.RETRACTED if told is not None:

@@ -57,6 +57,7 @@ class EnvelopeState:
         seen: what is known of the person.
         wanted_ns: when something was last wanted.
         way_point: where it retracts to next.
+        stopped_by: the rules that stopped it, as ``reason`` says in words.
     """
 
     state: State
@@ -68,6 +69,7 @@ class EnvelopeState:
     wanted_ns: int
     way_point: int = 0
     feed_forward: FeedForward = field(default_factory=FeedForward)
+    stopped_by: frozenset[Rule] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Report:
         reference: (J,) rad, where the joints shall be; None where nothing is sent.
         sent: what is sent, as it is sent; its positions lead the reference because joints give way. None for nothing.
         acted: the rules that changed the command or the state.
-        share: how much of the joints' speed the person left, 0 to 1.
+        fraction: how much of the joints' speed the person left, 0 to 1.
         closing_speed: m/s, of plate and hand along the line between them, as commanded, the larger one of reference
             and goals; None where it is not known.
         gap: m, from the plate to the palm, less what the palm's place is not known; None where it is not known.
@@ -97,7 +99,7 @@ class Report:
     reference: Array | None
     sent: JointCommand | None
     acted: frozenset[Rule]
-    share: float
+    fraction: float
     closing_speed: float | None
     gap: float | None
 
@@ -113,7 +115,7 @@ class Report:
             "positions": None if self.sent is None else self.sent.positions.tolist(),
             "currents": None if self.sent is None else self.sent.currents.tolist(),
             "acted": sorted(rule.value for rule in self.acted),
-            "share": self.share,
+            "share": self.fraction,
             "closing_speed": self.closing_speed,
             "gap": self.gap,
         }

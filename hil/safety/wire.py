@@ -12,6 +12,7 @@ import numpy as np
 
 from highfive.hil.safety import people
 from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.motion import kept_fraction
 from highfive.hil.safety.people import Human, Points, Remembered
 from highfive.hil.safety.rules import Rule
 from highfive.model.geometry.rotations import Array
@@ -55,27 +56,24 @@ def within_rules(
         dt: s, of the tick.
     """
     if human is None:
-        slowest = min(limits.face.speed, limits.motion.point_speed)
-        share = people.share_of_speed(slowest, goals.jacobians @ (reference + offset))
+        fraction = people.unseen_fraction(limits, goals.jacobians @ (reference + offset))
         # A reference that brakes may still be faster by itself: then goals lead it by no more than before.
-        return Rates(reference, share * offset if share == 1.0 else 0.0 * offset, None), (
-            {Rule.FEED_FORWARD} if share < 1.0 else set()
+        return Rates(reference, fraction * offset if fraction == 1.0 else 0.0 * offset, None), (
+            {Rule.FEED_FORWARD} if fraction < 1.0 else set()
         )
-    spared, closing = people.spared_hand(limits.contact, seen, human, goals, reference + offset, dt)
-    excess = reference + offset - spared
+    limited, closing = people.limit_closing_speed(limits.contact, seen, human, goals, reference + offset, dt)
+    excess = reference + offset - limited
     if too_fast := bool(excess.any()):
         if seen.line is None or human.palm is None or human.palm_velocity is None:  # all of it is slower
-            share = _share(reference + offset, spared)
-            reference, offset = share * reference, share * offset
+            fraction = kept_fraction(reference + offset, limited)
+            reference, offset = fraction * reference, fraction * offset
         else:
             offset = np.clip(offset - _part_along(excess, offset), *bounds)
-            reference = spared - offset
+            reference = limited - offset
     moving = goals.jacobians @ (reference + offset)
-    share = people.face_zone_share(limits.face, seen, goals, moving, dt, human.head_seen.margin)
-    share = min(share, people.share_of_speed(limits.motion.point_speed, moving))
-    if closing is not None and seen.line is not None:
-        closing -= (1.0 - share) * float(seen.line @ moving[0])
-    return Rates(share * reference, share * offset, closing), {Rule.FEED_FORWARD} if too_fast or share < 1.0 else set()
+    fraction, closing, _ = people.points_fraction(limits, seen, human, goals, moving, closing, dt)
+    acted = {Rule.FEED_FORWARD} if too_fast or fraction < 1.0 else set()
+    return Rates(fraction * reference, fraction * offset, closing), acted
 
 
 def _part_along(excess: Array, offset: Array) -> Array:
@@ -83,8 +81,3 @@ def _part_along(excess: Array, offset: Array) -> Array:
     size = float(np.linalg.norm(excess))
     direction = excess / size
     return min(max(float(direction @ offset), 0.0), size) * direction
-
-
-def _share(whole: Array, kept: Array) -> float:
-    """How much of the ``whole`` (J,) is ``kept`` (J,), which has its direction."""
-    return float(np.linalg.norm(kept)) / max(float(np.linalg.norm(whole)), 1e-12)

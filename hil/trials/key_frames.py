@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highfive.hil.trials.summary import style_of
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 
 _MOVED = 0.05
 """m that the person's palm has to move to count as started."""

@@ -12,15 +12,17 @@ from highfive.calibration.placement import place_person
 from highfive.hil.datasets.training_data import track_hand
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.avatar import right_palm
-from highfive.hil.sim.people.actors import CELLS, simulate_pair
+from highfive.hil.sim.people.actors import simulate_pair
 from highfive.hil.sim.people.capture import PERSON_SET, Defects, markers_of, record
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording, resample
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.markers.recognise import find_marker_set
-from highfive.mocap_bridge.sources.source import RATE_HZ
+from highfive.mocap_bridge.sources.source import RATE_HZ, C3DSource
+from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
 
@@ -61,6 +63,10 @@ class Partner:
         """The same person, to be answered in another emotion."""
         return replace(self, emotion=emotion)
 
+    def frames(self) -> C3DSource:
+        """The person's markers frame by frame, at the session's rate; iterate over it."""
+        return C3DSource(self.recording, RATE_HZ)
+
 
 def simulated_partners(
     count: int,
@@ -77,6 +83,18 @@ def simulated_partners(
         cell = cells[order[place_in_round // len(emotions)]]
         draws.append((emotions[place_in_round % len(emotions)], cell, repetition, seed))
     return list(parallel_map(_simulated, draws, progress))
+
+
+def simulated_person(emotion: str = "neutral", cell: str = "B2", seed: int = 0) -> Partner:
+    """The person whom ``highfive simulate`` would simulate first in this emotion at this cell.
+
+    Raises:
+        HighFiveError: an unknown emotion or cell.
+    """
+    for what, name, known in (("emotion", emotion, tuple(EMOTIONS)), ("cell", cell, CELLS)):
+        if name not in known:
+            raise HighFiveError(f"unknown {what} {name!r}; there are {', '.join(known)}")
+    return _simulated((emotion, cell, 0, seed))
 
 
 def _simulated(chosen: tuple[str, str, int, int]) -> Partner:
@@ -127,12 +145,15 @@ def simulated_partner(
     )
 
 
-def recorded_partner(path: Path, human: str | None, marker_set: MarkerSet | None, emotion: str) -> Partner:
+def recorded_partner(
+    path: Path | str, human: str | None = None, marker_set: MarkerSet | None = None, emotion: str = "neutral"
+) -> Partner:
     """The person called ``human`` in a C3D file, placed in the avatar's world; whoever else is in it is compared with.
 
     Raises:
         HighFiveError: the file is not usable, or the person or her markers are not in it.
     """
+    path = Path(path)
     whole = resample(read_c3d(path), RATE_HZ)
     person = whole.person(human)
     marker_set = marker_set or find_marker_set(person.names)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.sim.contact_check import UnwantedContact
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.sources.address import is_live
 
 MM, MS = 1e3, 1e3

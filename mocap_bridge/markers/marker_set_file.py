@@ -5,7 +5,6 @@ reads.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from highfive.mocap_bridge.markers.marker_set import PLACE_SIGMA, ArmRecipe, Mar
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
 from highfive.model.geometry.rotations import Array
+from highfive.model.toml_file import read_toml
 
 Value = str | float | bool | Sequence[str] | Sequence[float]
 """What may stand in the ``[subject]`` table."""
@@ -135,10 +135,9 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
         raise HighFiveError(
             f"no marker set {str(name_or_path)!r}; the sets are {known}, or give the path of a TOML file"
         )
+    data = read_toml(path, "marker set")
     try:
-        return _parse(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise HighFiveError(f"cannot read marker set {path}: {error}") from None
+        return _parse(data)
     except KeyError as error:
         raise HighFiveError(f"marker set {path}: the entry {error.args[0]!r} is missing") from None
     except (TypeError, ValueError, AttributeError) as error:

@@ -6,16 +6,27 @@ import contextlib
 import select
 import socket
 import struct
-import threading
 import time
 from collections.abc import Sequence
 
 import numpy as np
 
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.live_server import LiveServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
-from highfive.mocap_bridge.wire import natnet as wire
 from highfive.mocap_bridge.wire.errors import LinkError
+from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, Version, decode, encode, encode_server_info
+from highfive.mocap_bridge.wire.natnet_frame import (
+    HAS_MODEL,
+    MEASURED,
+    OCCLUDED,
+    UNLABELLED,
+    Frame,
+    encode_frame,
+    labelled_markers,
+    y_up,
+)
+from highfive.mocap_bridge.wire.natnet_model import MarkerSet, encode_model
 
 FORGET_S = 10.0
 """A client that has not been heard of for so long gets no more frames, s."""
@@ -24,7 +35,7 @@ _ANNOUNCED = 3  # frames that say that the descriptions changed, as one may get 
 _MOST_CLIENTS = 64
 
 
-class NatNetServer:
+class NatNetServer(LiveServer):
     """See :class:`highfive.mocap_bridge.servers.serving.Server`.
 
     Every person is a marker set; a hidden marker is zero and flagged. The set 'all' is there as well, as in Motive.
@@ -39,7 +50,7 @@ class NatNetServer:
         multicast: str | None = None,
         data_port: int = 1511,
         y_up: bool = True,
-        version: wire.Version = (4, 1),
+        version: Version = (4, 1),
     ):
         """Listens.
 
@@ -56,29 +67,12 @@ class NatNetServer:
         Raises:
             LinkError: the port is taken, or the group is none.
         """
-        self._host, self._rate_hz, self._y_up, self._version = host, rate_hz, y_up, version
+        self._rate_hz, self._y_up, self._version = rate_hz, y_up, version
         self._group, self._data_port = multicast, data_port
         self._clients: dict[tuple[str, int], float] = {}  # address -> when heard of last
-        self._lock = threading.Lock()
-        self._closing = threading.Event()
-        self._sent_ns = 0
         self._frame_names: tuple[str, ...] = ()
         self._name(tuple(names))
-        self._sock = self._bound(port)
-        self._port = self._sock.getsockname()[1]
-        self._up = True
-        self._thread = threading.Thread(target=self._run, name=f"NatNet server {self._port}", daemon=True)
-        self._thread.start()
-
-    @property
-    def port(self) -> int:
-        """The command port."""
-        return self._port
-
-    @property
-    def sent_ns(self) -> int:
-        """When the last frame went out; see :class:`highfive.mocap_bridge.servers.serving.Server`."""
-        return self._sent_ns
+        super().__init__(host, port, "NatNet")
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame; what a client does not take at once is lost, as datagrams are."""
@@ -87,7 +81,7 @@ class NatNetServer:
                 self._rename(frame.names)
             if not self._up:
                 return
-            datagram = wire.encode_frame(self._wire_frame(frame), self._version)
+            datagram = encode_frame(self._wire_frame(frame), self._version)
             self._announce = max(0, self._announce - 1)
             now = time.monotonic()
             self._clients = {who: heard for who, heard in self._clients.items() if now - heard < FORGET_S}
@@ -96,41 +90,20 @@ class NatNetServer:
                 with contextlib.suppress(OSError):
                     self._sock.sendto(datagram, address)
 
-    def hang_up(self) -> None:
-        """Forgets every client, and is not there."""
-        with self._lock:
-            self._up = False
-            self._clients = {}
-            self._sock.close()
-
-    def answer(self) -> None:
-        """Is there again."""
-        with self._lock:
-            if not self._up and not self._closing.is_set():
-                self._sock = self._bound(self._port)
-                self._up = True
-
-    def close(self) -> None:
-        """Ends everything; a second call does nothing."""
-        self._closing.set()
-        self._thread.join(timeout=5.0)
-        with self._lock:
-            self._sock.close()
-
-    def _bound(self, port: int) -> socket.socket:
+    def _socket(self) -> socket.socket:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            if self._group:
+        if self._group:
+            try:
                 socket.inet_aton(self._group)
                 sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self._host or "0.0.0.0"))
                 sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
-            sock.bind((self._host, port))
-            sock.setblocking(False)
-        except (OSError, OverflowError) as error:
-            sock.close()
-            reason = getattr(error, "strerror", None) or error
-            raise LinkError(f"cannot listen at {self._host}:{port}: {reason}") from None
+            except OSError as error:
+                sock.close()
+                raise LinkError(f"cannot send to multicast group {self._group}: {error}") from None
         return sock
+
+    def _drop_all(self) -> None:
+        self._clients = {}
 
     def _rename(self, names: tuple[str, ...]) -> None:
         """Takes the names of a frame; the same in another order are no other sets."""
@@ -151,26 +124,26 @@ class NatNetServer:
         self._numbers = [k << 16 | m for k, group in enumerate(sets.values(), 1) for m in range(1, len(group) + 1)]
         self._sizes = [(person, len(group)) for person, group in sets.items()]
         described = [
-            wire.MarkerSet(person, tuple(name.rpartition(":")[2] for name in group)) for person, group in sets.items()
+            MarkerSet(person, tuple(name.rpartition(":")[2] for name in group)) for person, group in sets.items()
         ]
-        everything = wire.MarkerSet("all", tuple(name.replace(":", "_") for name in self._set_names))
-        self._model = wire.encode_model([*described, everything], self._version)
+        everything = MarkerSet("all", tuple(name.replace(":", "_") for name in self._set_names))
+        self._model = encode_model([*described, everything], self._version)
         self._order, self._ids = np.zeros(0, np.intp), np.zeros(0, np.uint32)
         self._announce = _ANNOUNCED
 
-    def _wire_frame(self, frame: MarkerFrame) -> wire.Frame:
+    def _wire_frame(self, frame: MarkerFrame) -> Frame:
         with np.errstate(over="ignore"):
             points = np.where(frame.valid[:, None], frame.positions, 0.0)
-            points = (wire.y_up(points) if self._y_up else points).astype(np.float32)
-            loose = (wire.y_up(frame.unlabelled) if self._y_up else frame.unlabelled).astype(np.float32)
-        flags = wire.HAS_MODEL | np.where(frame.valid, wire.MEASURED, wire.OCCLUDED).astype(np.uint16)
+            points = (y_up(points) if self._y_up else points).astype(np.float32)
+            loose = (y_up(frame.unlabelled) if self._y_up else frame.unlabelled).astype(np.float32)
+        flags = HAS_MODEL | np.where(frame.valid, MEASURED, OCCLUDED).astype(np.uint16)
         labelled = np.concatenate(
             [
-                wire.labelled_markers(self._ids, points, flags),
-                wire.labelled_markers(
+                labelled_markers(self._ids, points, flags),
+                labelled_markers(
                     np.arange(50_000, 50_000 + len(loose)) & 0xFFFF,  # Motive numbers those without a label so
                     loose,
-                    np.full(len(loose), wire.UNLABELLED | wire.MEASURED),
+                    np.full(len(loose), UNLABELLED | MEASURED),
                 ),
             ]
         )
@@ -180,7 +153,7 @@ class NatNetServer:
             start += count
         sets.append(("all", ordered))
         time_s = frame.source_time_ns * 1e-9
-        return wire.Frame(frame.number, tuple(sets), loose, labelled, time_s, self._announce > 0)
+        return Frame(frame.number, tuple(sets), loose, labelled, time_s, self._announce > 0)
 
     def _run(self) -> None:
         while not self._closing.is_set():
@@ -195,25 +168,23 @@ class NatNetServer:
                 if ready and self._up and sock is self._sock:
                     with contextlib.suppress(OSError, LinkError):  # what is not of the protocol is not answered
                         datagram, sender = sock.recvfrom(1 << 16)
-                        self._obey(*wire.decode(datagram), sender)
+                        self._obey(*decode(datagram), sender)
 
     def _obey(self, kind: int, body: bytes, sender: tuple[str, int]) -> None:
         """Does what a client asks for."""
-        if kind == wire.Kind.DISCONNECT:
+        if kind == Kind.DISCONNECT:
             self._clients.pop(sender, None)
             return
-        if sender in self._clients or (kind == wire.Kind.CONNECT and len(self._clients) < _MOST_CLIENTS):
+        if sender in self._clients or (kind == Kind.CONNECT and len(self._clients) < _MOST_CLIENTS):
             self._clients[sender] = time.monotonic()
         answer = b""
-        if kind == wire.Kind.CONNECT:
-            answer = wire.encode_server_info(
-                wire.ServerInfo("High Five", self._version, self._group or "", self._data_port)
-            )
-        elif kind == wire.Kind.REQUEST_MODEL:
+        if kind == Kind.CONNECT:
+            answer = encode_server_info(ServerInfo("High Five", self._version, self._group or "", self._data_port))
+        elif kind == Kind.REQUEST_MODEL:
             answer = self._model
-        elif kind == wire.Kind.REQUEST:
+        elif kind == Kind.REQUEST:
             known = body.partition(b"\0")[0] == b"FrameRate"
-            answer = wire.encode(wire.Kind.RESPONSE, struct.pack("<f", self._rate_hz)) if known else b""
-            answer = answer or wire.encode(wire.Kind.UNRECOGNISED)
+            answer = encode(Kind.RESPONSE, struct.pack("<f", self._rate_hz)) if known else b""
+            answer = answer or encode(Kind.UNRECOGNISED)
         if answer:
             self._sock.sendto(answer, sender)

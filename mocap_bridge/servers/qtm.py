@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import select
 import socket
-import threading
 import time
 from collections.abc import Sequence
 
@@ -13,45 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.servers.live_server import Client, TcpServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
 from highfive.mocap_bridge.wire import qtm as wire
-from highfive.mocap_bridge.wire.errors import LinkError
 
 ANNOUNCE_S = 0.25
 """A new order of labels is announced so often at most, s; a client that asks anew takes a moment to do so."""
 
-_MOST_UNSENT = 1 << 20  # bytes of answers; who reads none of them is let go
-_SEND_BUFFER = 1 << 16  # bytes that the system keeps for a slow client: no more than some frames
 
+class _Client(Client):
+    """One connection: what it asked for."""
 
-class _Client:
-    """One connection: what it asked for, and what has not been sent yet."""
-
-    def __init__(self, sock: socket.socket):
-        sock.setblocking(False)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        self.sock = sock
+    def __init__(self, sock: socket.socket) -> None:
+        super().__init__(sock)
         self.received = bytearray()
-        self.unsent = bytearray()
         self.components: tuple[wire.Component, ...] = ()  # of the stream; none: no stream
         self.divisor = 1
         self.labels: tuple[str, ...] | None = None  # as it was told them; points go out in this order
-        self.open = True
-
-    def push(self, message: bytes = b"") -> None:
-        """Sends what can be sent now."""
-        self.unsent += message
-        try:
-            while self.unsent:
-                del self.unsent[: self.sock.send(self.unsent)]
-        except BlockingIOError:
-            self.open &= len(self.unsent) <= _MOST_UNSENT
-        except OSError:
-            self.open = False
 
 
-class QtmServer:
+class QtmServer(TcpServer[_Client]):
     """See :class:`highfive.mocap_bridge.servers.serving.Server`.
 
     Points have no names on the wire: a client asks for the labels once, and points come in their order. If labels
@@ -70,29 +48,10 @@ class QtmServer:
         Raises:
             LinkError: the port is taken.
         """
-        self._host, self._rate_hz = host, rate_hz
+        self._rate_hz = rate_hz
         self._names, self._newest = tuple(names), None
-        self._clients: list[_Client] = []
-        self._lock = threading.Lock()
-        self._closing = threading.Event()
         self._announced = -np.inf
-        self._sent_ns = 0
-        self._listener = self._bound(port)
-        self._port = self._listener.getsockname()[1]
-        self._listener.listen()
-        self._up = True
-        self._thread = threading.Thread(target=self._run, name=f"QTM server {self._port}", daemon=True)
-        self._thread.start()
-
-    @property
-    def port(self) -> int:
-        """The port that it listens at."""
-        return self._port
-
-    @property
-    def sent_ns(self) -> int:
-        """When the last frame went out; see :class:`highfive.mocap_bridge.servers.serving.Server`."""
-        return self._sent_ns
+        super().__init__(host, port, "QTM")
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame to every client that streams; one that has not taken the last one misses this one."""
@@ -117,94 +76,18 @@ class QtmServer:
                 self._announced = now
                 for client in behind:
                     client.push(wire.encode(wire.Kind.EVENT, bytes([wire.Event.SETTINGS_CHANGED])))
+            self._send_to_all()
 
-    def hang_up(self) -> None:
-        """Breaks every connection and refuses new ones."""
-        with self._lock:
-            self._up = False
-            self._drop_all()
-            self._listener.close()
-            with contextlib.suppress(LinkError):  # holds the port without listening; answer() tries again
-                self._listener = self._bound(self._port)
-
-    def answer(self) -> None:
-        """Takes connections again."""
-        with self._lock:
-            if self._up or self._closing.is_set():
-                return
-            if self._listener.fileno() < 0:
-                self._listener = self._bound(self._port)
-            self._listener.listen()
-            self._up = True
-
-    def close(self) -> None:
-        """Ends everything; a second call does nothing."""
-        self._closing.set()
-        self._thread.join(timeout=5.0)
-        with self._lock:
-            self._drop_all()
-            self._listener.close()
-
-    def _bound(self, port: int) -> socket.socket:
-        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            sock.bind((self._host, port))
-        except (OSError, OverflowError) as error:
-            sock.close()
-            raise LinkError(
-                f"cannot listen at {self._host}:{port}: {getattr(error, 'strerror', None) or error}"
-            ) from None
-        return sock
-
-    def _drop_all(self) -> None:
-        for client in self._clients:
-            client.sock.close()
-        self._clients = []
-
-    def _run(self) -> None:
-        while not self._closing.is_set():
-            with self._lock:
-                listener = [self._listener] if self._up else []
-                clients = {client.sock: client for client in self._clients}
-                unsent = [client.sock for client in self._clients if client.unsent]
-            try:
-                readable, writable, _ = select.select([*listener, *clients], unsent, [], 0.02)
-            except (OSError, ValueError):  # one was closed meanwhile, by hang_up()
-                continue
-            with self._lock:
-                for sock in readable:
-                    if sock in clients:
-                        self._read(clients[sock])
-                    elif self._up:
-                        self._accept()
-                for sock in writable:
-                    clients[sock].push()
-                for client in self._clients:
-                    if not client.open:
-                        client.sock.close()
-                self._clients = [client for client in self._clients if client.open]
-
-    def _accept(self) -> None:
-        try:
-            client = _Client(self._listener.accept()[0])
-        except OSError:
-            return
+    def _welcomed(self, sock: socket.socket) -> _Client:
+        client = _Client(sock)
         client.push(wire.encode_text(wire.Kind.COMMAND, wire.GREETING))
-        self._clients.append(client)
+        return client
 
-    def _read(self, client: _Client) -> None:
-        try:
-            chunk = client.sock.recv(65536)
-            client.open &= bool(chunk)
-            client.received += chunk
-            for kind, body in wire.split(client.received):
-                if kind == wire.Kind.COMMAND:
-                    self._obey(client, wire.decode_text(body))
-        except BlockingIOError:
-            pass
-        except (OSError, LinkError):
-            client.open = False
+    def _take(self, client: _Client, chunk: bytes) -> None:
+        client.received += chunk
+        for kind, body in wire.split(client.received):
+            if kind == wire.Kind.COMMAND:
+                self._obey(client, wire.decode_text(body))
 
     def _obey(self, client: _Client, command: str) -> None:
         """Does what a client asks for."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.markers.one_person import read_person
 from highfive.mocap_bridge.tracking.chain import segment_order
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.joint_angles import ANGLES
@@ -145,6 +147,21 @@ def track_recording(
         headings=forward.headings,
         arm=forward.arm,
     )
+
+
+def track(path: Path | str, person: str | None = None, marker_set: str | None = None) -> TrackedRecording:
+    """Runs one person of a C3D file through the tracker; see :func:`track_recording`.
+
+    Args:
+        path: the file.
+        person: prefix of the person's labels; None takes the only person with a right arm.
+        marker_set: name or file of a marker set; None finds the one that fits the labels.
+
+    Raises:
+        HighFiveError: the file is not usable, it holds several people, or the labels do not fit.
+    """
+    one = read_person(Path(path), person, marker_set)
+    return track_recording(one.recording, one.marker_set)
 
 
 def passes(recording: Recording, marker_set: MarkerSet) -> int:

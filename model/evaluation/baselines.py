@@ -13,7 +13,8 @@ from highfive.model.gp import sparse
 from highfive.model.gp.coregionalisation import initial_style
 from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.optimise import ProgressCallback, minimise
-from highfive.model.gp.sparse import Layer, Posterior
+from highfive.model.gp.posterior import Posterior
+from highfive.model.gp.sparse import Layer
 from highfive.model.hgpdm.hierarchy import Problem
 
 Predictor = Callable[[Array, Array], Array]

@@ -14,7 +14,7 @@ from highfive.model.evaluation.baselines import Predictor as Regression
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
-from highfive.model.gp.sparse import Posterior
+from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm.dataset import AUXILIARY, CLOCK_SCALE, Channels, hand_history
 from highfive.model.hgpdm.hierarchy import Problem
 from highfive.model.hgpdm.trained import HGPDM
@@ -53,19 +53,7 @@ class Body:
     @cached_property
     def _arm(self) -> tuple[list[int], Skeleton]:
         """Indices of the joints from the root to the right wrist, and the skeleton that they make."""
-        whole, joint, carriers = self.skeleton, self.skeleton.index("right_wrist"), []
-        while joint >= 0:
-            carriers.insert(0, joint)
-            joint = whole.parents[joint]
-        arm = Skeleton(
-            tuple(whole.names[j] for j in carriers),
-            tuple(range(-1, len(carriers) - 1)),
-            whole.offsets[carriers],
-            tuple(whole.hinge_orders[j] for j in carriers),
-            whole.hinge_limits[carriers],
-            whole.rest[carriers],
-        )
-        return carriers, arm
+        return self.skeleton.chain_to("right_wrist")
 
 
 def _kinematics(skeleton: Skeleton, turns: Array, outputs: Array) -> tuple[Array, Array]:

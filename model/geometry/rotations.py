@@ -30,14 +30,11 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
+    return _last_axis(
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
     )
 
 
@@ -58,7 +55,15 @@ def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors (..., 3); several times quicker than ``numpy.cross`` on small arrays."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    return _last_axis(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+
+
+def _last_axis(*parts: Array) -> Array:
+    """Arrays (...) of one shape beside each other (..., n): ``numpy.stack``, several times quicker on small ones."""
+    whole = np.empty((*parts[0].shape, len(parts)))
+    for i, part in enumerate(parts):
+        whole[..., i] = part
+    return whole
 
 
 def from_rotation_vector(rotation_vector: ArrayLike) -> Array:
@@ -88,25 +93,18 @@ def to_matrix(quaternion: ArrayLike) -> Array:
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return _last_axis(*(part for row in rows for part in row)).reshape(*w.shape, 3, 3)
 
 
 def from_matrix(matrix: ArrayLike) -> Array:
     """Unit quaternions (..., 4) of rotation matrices (..., 3, 3), from the largest of the components (Shepperd)."""
     m = np.asarray(matrix, dtype=float)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    squares = np.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], axis=-1)
+    squares = _last_axis(1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz)
     a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
     d, e, f = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
-    candidates = np.stack(
-        [
-            np.stack([squares[..., 0], a, b, c], axis=-1),
-            np.stack([a, squares[..., 1], d, e], axis=-1),
-            np.stack([b, d, squares[..., 2], f], axis=-1),
-            np.stack([c, e, f, squares[..., 3]], axis=-1),
-        ],
-        axis=-2,
-    )
+    ww, xx, yy, zz = squares[..., 0], squares[..., 1], squares[..., 2], squares[..., 3]
+    candidates = _last_axis(ww, a, b, c, a, xx, d, e, b, d, yy, f, c, e, f, zz).reshape(*ww.shape, 4, 4)
     best = np.argmax(squares, axis=-1)
     return normalize(np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :])
 
@@ -137,7 +135,7 @@ def to_hinges(order: str, quaternion: ArrayLike) -> Array:
     second = np.arcsin(np.clip(sign * m[..., i, k], -1.0, 1.0))
     first = np.arctan2(-sign * m[..., j, k], m[..., k, k])
     third = np.arctan2(-sign * m[..., i, j], m[..., i, i])
-    return np.stack([first, second, third], axis=-1)
+    return _last_axis(first, second, third)
 
 
 def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:

@@ -137,6 +137,30 @@ class Skeleton:
         relative = rotations.from_rotation_vector(vectors.reshape(*vectors.shape[:-1], len(self), 3))
         return rotations.multiply(self.rest, relative)
 
+    def chain_to(self, name: str) -> tuple[list[int], Skeleton]:
+        """The joints from the root to one of a name: their indices, and the skeleton that they make by themselves."""
+        if name in self._chains:
+            return self._chains[name]
+        joint, chain = self.index(name), []
+        while joint >= 0:
+            chain.insert(0, joint)
+            joint = self.parents[joint]
+        alone = Skeleton(
+            tuple(self.names[j] for j in chain),
+            tuple(range(-1, len(chain) - 1)),
+            self.offsets[chain],
+            tuple(self.hinge_orders[j] for j in chain),
+            self.hinge_limits[chain],
+            self.rest[chain],
+        )
+        self._chains[name] = chain, alone
+        return chain, alone
+
+    @cached_property
+    def _chains(self) -> dict[str, tuple[list[int], Skeleton]]:
+        """What :meth:`chain_to` was asked for before: a chain works out its levels once."""
+        return {}
+
     def forward_kinematics(self, root_in_world: Array, quaternions: Array) -> tuple[Array, Array]:
         """Positions (..., J, 3), m, and orientations (..., J, 4) of all joints in the world.
 

@@ -13,8 +13,9 @@ from jax.scipy.linalg import solve_triangular
 
 from highfive.model.gp import likelihood
 from highfive.model.gp.coregionalisation import StyleFactor, style_covariance
-from highfive.model.gp.kernels import Kernel, add_jitter
+from highfive.model.gp.kernels import Kernel, MotionKernel, add_jitter
 from highfive.model.gp.likelihood import Covariance, Points
+from highfive.model.gp.posterior import MotionParameters, Posterior
 
 
 class Layer(NamedTuple):
@@ -45,32 +46,6 @@ class Targets(NamedTuple):
     thin: jax.Array
     channels: int
     discarded: float
-
-
-class Posterior(NamedTuple):
-    """A trained layer, ready for prediction at one input: everything that does not depend on the input is precomputed.
-
-    Attributes:
-        kernel: covariance over the inputs.
-        inducing: (M, q).
-        style: (M, K) inducing style weights times B, or None.
-        style_covariance: (K, K) B, or None.
-        weights: (M, D): the mean is k(x, inducing) · weights + offset.
-        offset: (D,).
-        reduction: (M, M): the variance of the function is k(x, x) − k reduction kᵀ (before ``scale``).
-        noise: () or (D,) variance of the noise, before ``scale``.
-        scale: (D,) standard deviation of a channel that has unit variance in the layer's own units.
-    """
-
-    kernel: Kernel
-    inducing: jax.Array
-    style: jax.Array | None
-    style_covariance: jax.Array | None
-    weights: jax.Array
-    offset: jax.Array
-    reduction: jax.Array
-    noise: jax.Array
-    scale: jax.Array
 
 
 def noise_variance(raw: jax.Array, bounds: tuple[float, float]) -> jax.Array:
@@ -167,9 +142,19 @@ def fit(
     return Posterior(layer.kernel, layer.inducing, style, between, mean, offset, reduction, noise, scale)
 
 
-@jax.jit
+def with_kernel(posterior: Posterior) -> Posterior:
+    """The posterior with a kernel that can be called, where it holds the parameters alone."""
+    kernel = posterior.kernel
+    return posterior._replace(kernel=MotionKernel(*kernel)) if isinstance(kernel, MotionParameters) else posterior
+
+
 def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:
     """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
+    return _means(with_kernel(posterior), points, styles)
+
+
+@jax.jit
+def _means(posterior: Posterior, points: jax.Array, styles: jax.Array | None) -> jax.Array:
     k_fu = posterior.kernel.cross(points, posterior.inducing)
     if posterior.style is not None:
         assert styles is not None
@@ -177,9 +162,13 @@ def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = No
     return k_fu @ posterior.weights + posterior.offset
 
 
-@jax.jit
 def variances(posterior: Posterior, points: jax.Array) -> jax.Array:
     """Predictive variances (N, D) of a layer without styles at inputs (N, q), noise included."""
+    return _variances(with_kernel(posterior), points)
+
+
+@jax.jit
+def _variances(posterior: Posterior, points: jax.Array) -> jax.Array:
     k_fu = posterior.kernel.cross(points, posterior.inducing)
     function = posterior.kernel.diagonal(points) - jnp.sum((k_fu @ posterior.reduction) * k_fu, axis=1)
     return (jnp.maximum(function, 0.0)[:, None] + posterior.noise) * posterior.scale**2

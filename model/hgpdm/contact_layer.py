@@ -9,34 +9,17 @@ where in the room the palms will meet as the pose needs (36 held-out simulated t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import sparse
-from highfive.model.gp.kernels import MotionKernel
-from highfive.model.gp.optimise import ProgressCallback, minimise
-from highfive.model.gp.sparse import Layer, Posterior, Targets
-from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
-from highfive.model.hgpdm.features import FeatureMap
-from highfive.model.hgpdm.trials import Trial
+from highfive.model.gp.posterior import Posterior
 
 CHANNELS = 4  # way (3) and time (1)
 BEGIN, END = 0.9, -0.3  # s before contact, of the frames that the layer learns from; past contact it should know
-RATE_HZ = 30.0  # of those frames
-NOISE = (5e-3, 1.0)  # bounds of its noise at ``FAR``, in units of the channels' standard deviation
-NEAR, FAR = 0.05, 0.3  # s: how far a hand is from where it will be grows with the time left, from ``NEAR`` on
-ITERATIONS = 100
-FOLDS = 6  # of trials, for the calibration
 REGION = 0.9  # share of contacts that the calibrated regions hold
 KNOTS = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8])  # s of forecast time at which it is calibrated
-SPAN = 0.07  # s around a knot whose frames count for it, at least
-MINIMUM = 30  # frames around a knot, at least
 
 
 @dataclass(frozen=True)
@@ -56,100 +39,3 @@ class ContactLayer:
         way, clock = (np.sqrt(np.interp(time, KNOTS, scales)) for scales in self.scales.T)
         factors = np.array([way, way, way, clock])
         return covariance * factors * factors[:, None]
-
-
-def approaches(trials: Sequence[Trial], history: Sequence[float]) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Hand histories (n, H + 1, 6), m, way and time left (n, 4), and the trial (n,), of frames around the approach."""
-    histories, left, number = [], [], []
-    for index, trial in enumerate(trials):
-        contact = trial.contact_frame / trial.rate_hz
-        times = contact - np.arange(END, BEGIN, 1.0 / RATE_HZ)
-        times = times[(times >= 0.0) & (times <= (len(trial.joints) - 1) / trial.rate_hz)]
-        hands = hand_history(trial, times, history)
-        histories.append(hands)
-        left.append(np.column_stack([trial.palm[trial.contact_frame] - hands[:, 0, KNUCKLES], contact - times]))
-        number.append(np.full(len(times), index))
-    return np.concatenate(histories), np.concatenate(left), np.concatenate(number)
-
-
-def precision(time: Array) -> Array:
-    """How far frames (n,) count whose contact is ``time`` s away, against one that is ``FAR`` away.
-
-    What a hand does not yet know of its way (its speed will change, the other may still move) makes it err by so many
-    metres a second of the time left: the noise's standard deviation grows with it. One noise for all frames lets those
-    far away blur those near contact: 36 held-out simulated trials, angry, 0.1 s before contact, median: 1.5 cm
-    against 3.0.
-    """
-    return ((FAR + NEAR) / (np.abs(time) + NEAR)) ** 2
-
-
-def fit_contact_layer(
-    trials: Sequence[Trial],
-    feature_map: FeatureMap,
-    history: Sequence[float],
-    inducing: int = 200,
-    seed: int = 0,
-    progress: ProgressCallback | None = None,
-) -> ContactLayer:
-    """Learns the layer from trials, and calibrates it on trials that were left out of its weights in turn.
-
-    Args:
-        trials: the training trials.
-        feature_map, history: the model's.
-        inducing: inducing inputs at most.
-        seed: of their choice.
-        progress: called after every step.
-    """
-    hands, left, number = approaches(trials, history)
-    features = np.asarray(feature_map(hands))
-    offset = left.mean(axis=0)
-    scale = np.array([*[left[:, :3].std()] * 3, left[:, 3].std()])
-    values = (left - offset) / scale
-    count, dims = features.shape
-    counts = precision(left[:, 3])
-    targets = Targets(jnp.asarray(values), CHANNELS, 0.0)
-    share = np.sqrt(counts) / np.sqrt(counts).sum()
-    chosen = np.sort(np.random.default_rng(seed).choice(count, min(inducing, count), replace=False, p=share))
-    start = Layer(MotionKernel.initial(dims), jnp.asarray(features[chosen]), sparse.raw_noise(0.2, NOISE))
-
-    points, weights = jnp.asarray(features), jnp.asarray(counts)
-
-    def value(layer: Layer):
-        noise = sparse.noise_variance(layer.raw_noise, NOISE)
-        total = sparse.negative_log_likelihood(layer, points, targets, noise, variational=True, weights=weights)
-        return total / count
-
-    layer, _ = minimise(value, start, ITERATIONS, ITERATIONS, stage="looking ahead", progress=progress)
-    noise = sparse.noise_variance(layer.raw_noise, NOISE)
-
-    def posterior(rows: NDArray[np.bool_]) -> Posterior:
-        units = {"offset": jnp.asarray(offset), "scale": jnp.asarray(scale)}
-        return sparse.fit(layer, features[rows], values[rows], noise, **units, weights=counts[rows])
-
-    error, variance = np.zeros_like(left), np.ones_like(left)
-    folds = min(FOLDS, len(trials))
-    for fold in range(folds if folds > 1 else 0):
-        out = number % folds == fold
-        without = posterior(~out)
-        error[out] = np.asarray(sparse.means(without, features[out])) - left[out]
-        variance[out] = np.asarray(sparse.variances(without, features[out]))
-    scales = np.ones((len(KNOTS), 2))
-    if folds > 1:
-        scales = _scales(left[:, 3] + error[:, 3], error**2 / variance, len(trials))
-    return ContactLayer(posterior(np.ones(count, bool)), scales)
-
-
-def _scales(time: Array, squares: Array, trials: int) -> Array:
-    """Factors (KNOTS, 2) that make the regions hold ``REGION`` of the frames forecast at about each knot's time.
-
-    The level is raised as in split conformal prediction (Vovk et al. 2005), with trials for examples: frames of a trial
-    err together.
-    """
-    level = min(REGION * (1.0 + 1.0 / trials), 1.0)
-    scales = np.empty((len(KNOTS), 2))
-    for row, knot in enumerate(KNOTS):
-        distance = np.abs(time - knot)
-        near = distance <= max(SPAN, np.sort(distance)[min(MINIMUM, len(distance)) - 1])
-        for column, part in enumerate((squares[near, :3], squares[near, 3:])):
-            scales[row, column] = np.quantile(part.sum(axis=1), level) / chdtri(part.shape[1], 1.0 - REGION)
-    return np.maximum(scales, 1e-3)

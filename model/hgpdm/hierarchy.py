@@ -25,13 +25,11 @@ from highfive.model.gp.kernels import Kernel, add_jitter
 from highfive.model.gp.likelihood import from_blocks, in_blocks, over_shards
 from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.dataset import TrainingSet
+from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.features import FeatureMap, fit_feature_map
 from highfive.model.hgpdm.presets import Preset
 
 POINTS = "points"  # the axis of a mesh over which points are spread
-VELOCITY_UNIT = (
-    0.1  # s; latent velocities enter the dynamics' kernel as the change in this time, of the latents' own size
-)
 
 
 class BackConstraint(NamedTuple):
@@ -239,25 +237,6 @@ def latents(parameters: Parameters, task: Problem, points: PointArrays | None = 
     # Rolled rather than gathered: the gradient of a gather goes back point by point.
     steps = jnp.stack([interaction, jnp.roll(interaction, 1, axis=0), jnp.roll(interaction, 2, axis=0)])
     return Latents(avatar, human, interaction, steps)
-
-
-def dynamics_input(now: jax.Array, before: jax.Array, lag: float) -> jax.Array:
-    """Inputs (..., 2 q) of the dynamics from two successive latents (..., q): where it is and how fast it moves.
-
-    An invertible linear change of (i_{n−1}, i_{n−2}) whose lengthscales are not tied by their strong correlation.
-    """
-    return jnp.concatenate([now, (now - before) * (VELOCITY_UNIT / lag)], axis=-1)
-
-
-def dynamics_mean(now: jax.Array, before: jax.Array, lag: float, preset: Preset) -> jax.Array:
-    """Mean of the next latent (..., q) before anything is learned.
-
-    A velocity that dies away: unlike a zero mean it carries a lost hand on smoothly, and unlike a constant velocity it
-    comes to rest.
-    """
-    if preset.velocity_decay == 0.0:
-        return jnp.zeros_like(now)
-    return now + jnp.exp(-lag / preset.velocity_decay) * (now - before)
 
 
 def noises(parameters: Parameters, preset: Preset) -> dict[str, jax.Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from highfive.model.errors import HighFiveError
 
@@ -31,6 +31,10 @@ class Preset:
     channel_tolerance: float  # share of Y1's variance left to the noise when its channels are compressed
     adam_steps: int  # steps of Adam at the beginning of joint training
     iterations: int  # steps of joint training in all; those after Adam's are of L-BFGS
+
+    def with_iterations(self, iterations: int) -> Preset:
+        """The preset with so many steps, in the same proportion of Adam and L-BFGS."""
+        return replace(self, iterations=iterations, adam_steps=round(iterations * self.adam_steps / self.iterations))
 
 
 PAPER = Preset(

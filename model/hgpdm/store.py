@@ -5,21 +5,20 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
+from highfive.model.files import DEFAULT_MODEL, write_whole
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp.sparse import Posterior
+from highfive.model.gp.posterior import MotionParameters, Posterior
 from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ContactLayer
 from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS
 from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.presets import Preset
-from highfive.model.hgpdm.stored_kernel import kernel_arrays, kernel_of
 from highfive.model.hgpdm.trained import HGPDM
 
 VERSION = 4
@@ -63,11 +62,11 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
         raise HighFiveError(f"cannot write the model to {path}: {error.strerror or error}") from None
 
 
-def load_model(path: Path | str, skeleton_hash: str | None = None) -> HGPDM:
+def load_model(path: Path | str = DEFAULT_MODEL, skeleton_hash: str | None = None) -> HGPDM:
     """Reads a model.
 
     Args:
-        path: a file written by :func:`save_model`.
+        path: a file written by :func:`save_model`; the model that ships with the project by default.
         skeleton_hash: hash that the model's skeleton must have; None accepts any.
 
     Raises:
@@ -128,7 +127,12 @@ def load_layer(path: Path | str) -> Posterior:
 
 def _layer_arrays(name: str, layer: Posterior) -> dict[str, Array]:
     values = {f"{name}.{key}": value for key, value in layer._asdict().items() if key != "kernel"}
-    values |= kernel_arrays(f"{name}.kernel", layer.kernel)
+    if isinstance(layer.kernel, MotionParameters):
+        values |= {f"{name}.kernel.{field}": value for field, value in layer.kernel._asdict().items()}
+    else:
+        from highfive.model.hgpdm.stored_kernel import kernel_arrays  # noqa: PLC0415 (JAX takes a second)
+
+        values |= kernel_arrays(f"{name}.kernel", layer.kernel)
     return {key: np.asarray(value) for key, value in values.items() if value is not None}
 
 
@@ -138,8 +142,17 @@ def _layer(name: str, arrays: dict[str, Array]) -> Posterior:
     for field in Posterior._fields:
         key = f"{name}.{field}"
         if field != "kernel":
-            rest[field] = None if field in optional and key not in arrays else jnp.asarray(arrays[key])
-    return Posterior(kernel_of(f"{name}.kernel", arrays), **rest)
+            rest[field] = None if field in optional and key not in arrays else arrays[key]
+    return Posterior(_kernel(f"{name}.kernel", arrays), **rest)
+
+
+def _kernel(name: str, arrays: dict[str, Array]) -> Any:
+    """The parameters of the kernel that the online tick computes; another kernel as itself."""
+    if f"{name}.{MotionParameters._fields[0]}" in arrays:
+        return MotionParameters(*(arrays[f"{name}.{field}"] for field in MotionParameters._fields))
+    from highfive.model.hgpdm.stored_kernel import kernel_of  # noqa: PLC0415 (JAX takes a second)
+
+    return kernel_of(name, arrays)
 
 
 def _build(description: dict, arrays: dict[str, Array]) -> HGPDM:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from highfive.model.geometry.rotations import Array
@@ -41,5 +40,5 @@ def kernel_of(name: str, arrays: dict[str, Array]) -> Kernel:
     for parameter in cls.parameters():
         key = f"{prefix}.{parameter}"
         within = any(other.startswith(f"{key}.") for other in arrays)
-        values[parameter] = kernel_of(key, arrays) if within else jnp.asarray(arrays[key])
+        values[parameter] = kernel_of(key, arrays) if within else arrays[key]
     return cls(**values)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import sparse
-from highfive.model.gp.sparse import Posterior
+from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm.contact_layer import ContactLayer
 from highfive.model.hgpdm.dataset import Channels
 from highfive.model.hgpdm.features import FeatureMap
@@ -73,13 +71,17 @@ class HGPDM:
 
     def back_project(self, history: Array) -> Array:
         """Expected I (T, q), and X¹ (T, q_1) behind it if it is projected back, of hand histories (T, H + 1, 6), m."""
-        values = jnp.asarray(self.feature_map(history))
+        from highfive.model.gp import sparse  # noqa: PLC0415 (JAX takes a second, and a session does without)
+
+        values: Any = self.feature_map(history)
         for stage in self.back:
             values = sparse.means(stage, values)
         return np.asarray(values)
 
     def generate(self, interaction: Array, style: Array) -> Array:
         """Expected avatar channels (T, channels) of latents I (T, q) in one style (K,), going down the hierarchy."""
-        below = sparse.means(self.interaction, jnp.asarray(interaction))
-        styles = jnp.broadcast_to(jnp.asarray(style), (len(interaction), len(self.emotions)))
+        from highfive.model.gp import sparse  # noqa: PLC0415
+
+        below = sparse.means(self.interaction, np.asarray(interaction))
+        styles = np.broadcast_to(np.asarray(style), (len(interaction), len(self.emotions)))
         return np.asarray(sparse.means(self.avatar, below[:, : self.preset.avatar_dims], styles))

@@ -17,9 +17,10 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
 from highfive.model.gp.kernels import MotionKernel, add_jitter
 from highfive.model.gp.optimise import ProgressCallback, State, minimise
-from highfive.model.gp.sparse import Layer, Posterior, Targets
+from highfive.model.gp.posterior import Posterior
+from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.checkpoint import Checkpoint
-from highfive.model.hgpdm.contact_layer import fit_contact_layer
+from highfive.model.hgpdm.contact_training import fit_contact_layer
 from highfive.model.hgpdm.dataset import TrainingSet, training_set
 from highfive.model.hgpdm.hierarchy import (
     Latents,

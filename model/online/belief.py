@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp.kernels import MotionKernel
-from highfive.model.gp.sparse import Posterior
+from highfive.model.gp.posterior import Posterior, motion_parameters
 from highfive.model.hgpdm.dataset import KNUCKLES
-from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
+from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.tick import forecast, generate, observe, predict, step
@@ -56,11 +54,9 @@ def packed(posterior: Posterior, styles: int = 1) -> Array:
     ``styles`` equal ones.
 
     Raises:
-        HighFiveError: a layer with another kernel than :class:`MotionKernel`.
+        HighFiveError: a layer with another kernel than ``MotionKernel``.
     """
-    kernel, inducing = posterior.kernel, np.asarray(posterior.inducing).T
-    if not isinstance(kernel, MotionKernel):
-        raise HighFiveError(f"the online tick computes MotionKernel only, this layer has a {type(kernel).__name__}")
+    kernel, inducing = motion_parameters(posterior.kernel), np.asarray(posterior.inducing).T
     (dims, size), channels = inducing.shape, len(posterior.offset)
     shares, between = np.ones((styles, size)), np.ones((styles, styles))
     if posterior.style is not None and posterior.style_covariance is not None:
@@ -96,7 +92,7 @@ class Filter:
         preset, dims = model.preset, model.preset.interaction_dims
         self.lag, self._seconds = model.lag, 1.0 / rate_hz
         self._coordinates, self._styles = len(model.human.offset), len(model.emotions)
-        now, before = jnp.split(jnp.eye(2 * dims), 2, axis=1)
+        now, before = np.split(np.eye(2 * dims), 2, axis=1)
         # Both are linear in (I now, I one lag ago): these are their matrices.
         inputs = np.asarray(dynamics_input(now, before, model.lag)).T
         self._carry_on = np.asarray(dynamics_mean(now, before, model.lag, preset)).T

@@ -15,13 +15,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
 from highfive.model.geometry.rotations import Array
-from highfive.model.gp import sparse
 from highfive.model.hgpdm.trained import HGPDM
+<<<<<<< HEAD
 from highfive.model.settings import Settings, setting
+=======
+from highfive.model.online.belief import packed
+from highfive.model.online.layer import predict_layer
+
+SHARPENING = 2.0
+"""a is this times the logarithm of a style's peak speed over the median style's: twice as much as makes up for it in a
+reach of minimum jerk, because on the way between styles the mixing of poses takes some away."""
+
+NEAREST = 0.2
+"""m; a meeting point nearer to the resting palm than this is no reach."""
+>>>>>>> origin/main
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ class StyleTiming:
         self.settings = settings or StyleTimingSettings()
         styles = np.eye(len(model.emotions))
         self._where = model.channels
-        self._rest = np.concatenate([model.generate(model.start_mean[None], style) for style in styles])
+        self._rest = np.array([_at_start(model, style) for style in styles])
         speed = peak_speeds(model)
         self._relative_speed = np.maximum(speed / np.median(speed), 1.0)
 
@@ -78,11 +88,19 @@ def _hold(progress: float) -> float:
     return x * x * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
+def _at_start(model: HGPDM, style: Array) -> Array:
+    """Avatar channels (C,) where training trials begin; by the tick's own compiled layers, which are loaded anyway."""
+    below = predict_layer(packed(model.interaction), model.start_mean, np.ones(1))[0]
+    avatar = packed(model.avatar, len(model.emotions))
+    return predict_layer(avatar, below[: model.preset.avatar_dims], style)[0]
+
+
 def peak_speeds(model: HGPDM) -> Array:
     """Peak speed of the palm (K,), m/s, in each emotion: medians over the training trials as the model gives them."""
     styles = np.eye(len(model.emotions))[model.emotion]
-    latents = jnp.asarray(model.avatar_latents, dtype=float)
-    palm = np.asarray(sparse.means(model.avatar, latents, jnp.asarray(styles)))[:, model.channels.palm]
+    layer, latents = packed(model.avatar, len(model.emotions)), model.avatar_latents.astype(float)
+    outputs = [predict_layer(layer, latent, style)[0] for latent, style in zip(latents, styles, strict=True)]
+    palm = np.array(outputs)[:, model.channels.palm]
     speed = np.linalg.norm(np.diff(palm, axis=0), axis=1) / model.lag
     speed[np.diff(model.trial) != 0] = 0.0
     trials, first = np.unique(model.trial, return_index=True)

@@ -6,8 +6,8 @@ import numpy as np
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
-from highfive.model.gp.sparse import Posterior
-from highfive.model.hgpdm.hierarchy import dynamics_input, dynamics_mean
+from highfive.model.gp.posterior import Posterior
+from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief import RESIDUAL_TIME, STYLE_TIME, lagrange, tick_weights
 from highfive.model.online.tick import COVARIANCE_LIMIT, SPEED_SPAN
@@ -17,6 +17,7 @@ from highfive.model.online.tick_values import Belief, Generated
 @jax.jit
 def predicted(posterior: Posterior, point: Array, style: Array | None = None) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Mean (D,), derivative (D, q) and variances (D,), noise included, at one input."""
+    posterior = sparse.with_kernel(posterior)
 
     def mean(at: jax.Array) -> jax.Array:
         return sparse.means(posterior, at[None], None if style is None else style[None])[0]

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from types import TracebackType
+from typing import ClassVar
 
 NAP_S = 0.002
 STILL_S = 0.04
@@ -24,33 +25,43 @@ SILENT = (
 
 
 class StallWatch:
-    """Watches while it is open."""
+    """Watches while it is open. One process watches for all that are opened after each other: it costs a start."""
+
+    process: ClassVar[subprocess.Popen[str] | None] = None
 
     def __enter__(self) -> "StallWatch":
         """Begins."""
-        self.process = subprocess.Popen(
-            [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        if StallWatch.process is None or StallWatch.process.poll() is not None:
+            StallWatch.process = subprocess.Popen(
+                [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            )
+        self.longest()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
         """Ends."""
-        self.process.kill()
-        self.process.communicate()
 
     def longest(self) -> float:
-        """The longest standstill so far, s; it ends with this."""
-        said, _ = self.process.communicate("\n")
-        return float(said)
+        """The longest standstill since it began, or since it was asked, s."""
+        process = StallWatch.process
+        assert process is not None and process.stdin is not None and process.stdout is not None
+        process.stdin.write("\n")
+        process.stdin.flush()
+        return float(process.stdout.readline())
 
 
 def main() -> None:
-    """Sleeps until somebody asks."""
+    """Sleeps; says the longest standstill to whoever asks, until nobody is there any more."""
     longest, last = 0.0, time.monotonic()
-    while not select.select([sys.stdin], [], [], 0)[0]:
+    while True:
+        if select.select([sys.stdin], [], [], 0)[0]:
+            if not sys.stdin.readline():
+                return
+            longest = max(longest, time.monotonic() - last - NAP_S)
+            print(longest, flush=True)
+            longest, last = 0.0, time.monotonic()
         time.sleep(NAP_S)
         longest, last = max(longest, time.monotonic() - last - NAP_S), time.monotonic()
-    print(longest)
 
 
 if __name__ == "__main__":

@@ -6,12 +6,13 @@ import numpy as np
 
 from highfive.hil.sim.avatar import Pose, avatar_skeleton, right_palm
 from highfive.hil.sim.contact_check import contact_report
-from highfive.hil.sim.people.actors import RATE_HZ, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.capture import PERSON_SET, markers_of
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.role import RATE_HZ
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
-from highfive.hil.trials.trial import TrialResult
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator

@@ -14,7 +14,8 @@ import ezc3d
 import numpy as np
 
 from highfive.hil.sim.avatar import right_palm
-from highfive.hil.sim.people.actors import ActorMotion, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
+from highfive.hil.sim.people.role import ActorMotion
 from highfive.mocap_bridge.files.trial_table import write_table
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array

@@ -13,11 +13,12 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
-from highfive.hil.arm.lifecycle import ArmOptions, check_asked, ready_arm
+from highfive.hil.arm.lifecycle import check_asked, ready_arm
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.recording.recording import SessionRecorder, SessionRecording, read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
@@ -160,7 +161,7 @@ def _played(
                 except HighFiveError as error:  # a full disk; there is still a report to try
                     stopped = str(error)
             if stopped := loop.trouble or stopped:
-                remedy = too_busy(trial, loop.cycles(), stopped)
+                remedy = too_busy(trial, loop.cycles(), loop.stopped_by)
                 whole += trial is not None and not trial.broken_off
                 break
             whole += 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from highfive.hil.arm_model.servo_arm import READY
 from highfive.hil.runtime.folders import check_file
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 
 if TYPE_CHECKING:
     from highfive.hil.runtime.console import Bar

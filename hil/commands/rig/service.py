@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from highfive.hil.drivers.bus.control_table import to_si
-from highfive.hil.drivers.bus.joint_bus import TRIPPED, JointBus
+from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports, too_slow
-from highfive.hil.drivers.bus.rig import Rig, load_rig
+from highfive.hil.drivers.bus.rig import LAST_ID, Rig, load_rig
 from highfive.hil.drivers.bus.rig_setup import Difference, configure, differences, missing_servos, shadow_gaps
 from highfive.hil.drivers.bus.servo_bus import Found, ServoBus
-from highfive.hil.drivers.bus.servo_port import PortError
+from highfive.hil.drivers.bus.servo_port import PATIENCE_MS, PortError
+from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED, hardware_errors
 from highfive.hil.runtime.console import counted
 from highfive.hil.safety.limits_file import load_limits
 from highfive.model.errors import HighFiveError
@@ -25,15 +26,13 @@ from highfive.model.errors import HighFiveError
 PROBED_IDS = range(1, 21)
 """IDs that a scan asks for unless it is to ask for all: labs count from 1."""
 
-PATIENCE_MS = 50.0
-"""How long an answer may be late: nothing here is in a hurry, and an adapter may keep it back for 16 ms."""
+EVERY_ID = range(LAST_ID + 1)
+"""All that a servo can have."""
 
 _ELSEWHERE = (
     "is the adapter plugged in, and the arm powered? The port of an emulated arm is found by its name alone, which rig "
     "emulate says: highfive rig scan PORT"
 )
-
-_HARDWARE = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
 
 @dataclass(frozen=True)
@@ -158,10 +157,10 @@ def _health(bus: ServoBus, rig: Rig, servo: int) -> dict[str, Any]:
         "model": table.model,
         "firmware": bus.read(servo, "firmware_version"),
         "torque": bool(bus.read(servo, "torque_enable")),
-        "stopped_by_watchdog": bus.read(servo, "bus_watchdog") == TRIPPED,
+        "stopped_by_watchdog": bus.read(servo, "bus_watchdog") == WATCHDOG_TRIPPED,
         "temperature_C": to_si(table["present_temperature"], bus.read(servo, "present_temperature")),
         "voltage_V": round(to_si(table["present_input_voltage"], bus.read(servo, "present_input_voltage")), 2),
-        "errors": [name for bit, name in _HARDWARE.items() if bits >> bit & 1],
+        "errors": hardware_errors(bits),
     }
 
 

@@ -17,6 +17,8 @@ import numpy as np
 from highfive.hil.drivers.bus.control_table import Table, decode, encode, to_raw, to_si
 from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, wanted_registers
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus, ServoError
+from highfive.hil.drivers.bus.servo_clock import ServoClock
+from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED
 from highfive.hil.drivers.values import Array, JointCommand, JointHealth, JointState
 from highfive.model.errors import HighFiveError
 
@@ -35,9 +37,6 @@ ANSWERS = (
 )
 """What is read in every cycle."""
 
-TRIPPED = -1
-"""What a servo's watchdog shows once it has stopped the servo: goals are refused until it is written 0."""
-
 DEAD_AFTER = 3
 """Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
 
@@ -46,35 +45,6 @@ FED_SHARE = 0.25
 
 DISARM_NS = 1_000_000_000
 """So long servos are told, one after the other, that the bus may fall silent, ns; some may not answer any more."""
-
-
-_TICK_NS = 1_000_000
-_TICKS = 32_768  # then a servo's clock begins at 0 again
-_TOLERANCE_NS = 2_000_000  # of a servo's clock, which counts in ms, and of when it measures
-_DRIFT = 0.01  # the most that a servo's clock runs slower than the host's
-
-
-class _Clock:
-    """A servo's own clock against the host's: tells the answer to a question from a late one to an earlier question."""
-
-    def __init__(self) -> None:
-        """Nothing is known of it."""
-        self._ahead_ns: float | None = None  # the least that the host's clock was ahead when an answer had come
-        self._heard_ns = 0
-
-    def fresh(self, tick: int, asked_ns: int, heard_ns: int) -> bool:
-        """Whether what a servo said at its ``tick`` was measured after it was asked for. Host's times in ns."""
-        ahead = heard_ns - tick * _TICK_NS
-        if self._ahead_ns is None:
-            self._ahead_ns = ahead
-        turn = _TICKS * _TICK_NS
-        more = (ahead - self._ahead_ns + turn / 2) % turn - turn / 2
-        drift = _DRIFT * (heard_ns - self._heard_ns) if self._heard_ns else 0.0
-        if more - (heard_ns - asked_ns) > _TOLERANCE_NS + drift:
-            return False
-        self._ahead_ns += min(more, drift)
-        self._heard_ns = heard_ns
-        return True
 
 
 @dataclass
@@ -86,7 +56,7 @@ class _Servo:
     heard_ns: int = 0
     answered: bool = False
     silent: int = 0
-    clock: _Clock = field(default_factory=_Clock)
+    clock: ServoClock = field(default_factory=ServoClock)
 
 
 class JointBus:
@@ -132,7 +102,7 @@ class JointBus:
         for servo, state in self._servos.items():
             for name, raw in wanted[servo].items() if servo not in live else ():
                 self._bus.write(servo, name, raw)
-            state.silent, state.clock = 0, _Clock()
+            state.silent, state.clock = 0, ServoClock()
 
     def _wanted(self, servo: int) -> dict[str, int]:
         """What is set at the start of a session: raw, by the register's name."""
@@ -219,14 +189,14 @@ class JointBus:
         """Switches one watchdog off. A servo that it had stopped has refused goals since: it shall not go on to an old
         one."""
         self._free(servo)
-        if self._servos[servo].values["bus_watchdog"] == TRIPPED:
+        if self._servos[servo].values["bus_watchdog"] == WATCHDOG_TRIPPED:
             self.write(JointCommand(self._state(self._clock()).positions, currents))
 
     def _free(self, servo: int) -> None:
         """Switches one watchdog off. The trip of a watchdog takes the servo's profile away (the manual): it is written
         again before any goal."""
         self._bus.write(servo, "bus_watchdog", 0)
-        if self._servos[servo].values["bus_watchdog"] == TRIPPED:
+        if self._servos[servo].values["bus_watchdog"] == WATCHDOG_TRIPPED:
             for name in PROFILE:
                 self._bus.write(servo, name, wanted_registers(self._rig)[servo][name])
 
@@ -372,7 +342,7 @@ class JointBus:
             currents=self._mean("present_current", of),
             errors=np.array([_bits(own) for own in of], dtype=np.int64),
             answered=np.array([all(servo.answered for servo in own) for own in of]),
-            tripped=np.array([any(servo.values["bus_watchdog"] == TRIPPED for servo in own) for own in of]),
+            tripped=np.array([any(servo.values["bus_watchdog"] == WATCHDOG_TRIPPED for servo in own) for own in of]),
             apart=np.array([_apart(own) for own in of]),
         )
 

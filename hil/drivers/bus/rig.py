@@ -6,7 +6,6 @@ The arm that comes with the project is ``rig.toml``; a lab's own file works the 
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from highfive.hil.drivers.bus.control_table import baud_index, load_table, models, to_raw
 from highfive.hil.drivers.values import Array
 from highfive.model.errors import HighFiveError
+from highfive.model.toml_file import check_keys, number, read_toml, typed
 
 DEFAULT_RIG = Path(__file__).parent / "rig.toml"
 
@@ -147,12 +147,7 @@ def load_rig(path: str | Path | None = None) -> Rig:
         HighFiveError: there is no such file, it is no TOML, or it makes no sense; one line says what.
     """
     path = Path(path or DEFAULT_RIG)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise HighFiveError(f"cannot read the rig file {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise HighFiveError(f"{path} is no TOML file: {error}") from None
+    document = read_toml(path, "the rig file")
     try:
         rig = _rig(document)
         wanted_registers(rig)
@@ -185,7 +180,7 @@ def _wanted(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
 
 
 def _rig(document: Mapping[str, Any]) -> Rig:
-    _keys(document, "the file", {"name", "baud_rate", "settings", "joints"})
+    check_keys(document, "the file", {"name", "baud_rate", "settings", "joints"})
     entries = document["joints"]
     if not isinstance(entries, list) or not entries:
         raise HighFiveError("joints: expected one table [[joints]] a joint")
@@ -193,8 +188,8 @@ def _rig(document: Mapping[str, Any]) -> Rig:
     _once("joint", [joint.name for joint in joints])
     _once("ID", [str(servo) for joint in joints for servo in joint.ids])
     rig = Rig(
-        _typed(document, "", "name", str),
-        _typed(document, "", "baud_rate", int),
+        typed(document, "", "name", str),
+        typed(document, "", "baud_rate", int),
         _settings(document["settings"]),
         joints,
     )
@@ -219,25 +214,25 @@ def _settings(entry: Mapping[str, Any]) -> RigSettings:
         "homing_offset": (int, -1_044_479, 1_044_479),
         "temperature_limit_C": (float, 1.0, 100.0),
     }
-    _keys(entry, "settings", set(names))
-    values = [_number(entry, "settings", name, *rule) for name, rule in names.items()]
+    check_keys(entry, "settings", set(names))
+    values = [number(entry, "settings: ", name, *rule) for name, rule in names.items()]
     return RigSettings(*values)
 
 
 def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
     where = f"joint {n}"
-    _keys(
+    check_keys(
         entry,
         where,
         {"name", "model", "id", "reversed", "zero", "limits_deg", "current_limit_A", "position_p_gain"},
         optional={"shadow_id", "shadow_offset"},
     )
-    name = _typed(entry, where, "name", str)
+    name = typed(entry, f"{where}: ", "name", str)
     where = f"joint {name!r}"
-    model = _typed(entry, where, "model", str)
+    model = typed(entry, f"{where}: ", "model", str)
     if model not in models():
         raise HighFiveError(f"{where}: no control table for {model!r}; there are {', '.join(models())}")
-    zero = _number(entry, where, "zero", int, 0, COUNTS - 1)
+    zero = number(entry, f"{where}: ", "zero", int, 0, COUNTS - 1)
     lower, upper = _limits(entry, where, zero)
     table = load_table(model)
     if "current_limit" not in table:
@@ -246,15 +241,15 @@ def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
     return RigJoint(
         name=name,
         model=model,
-        id=_number(entry, where, "id", int, 0, LAST_ID),
-        shadow_id=_number(entry, where, "shadow_id", int, 0, LAST_ID) if "shadow_id" in entry else None,
-        shadow_offset=_number({"shadow_offset": 0, **entry}, where, "shadow_offset", int, -COUNTS, COUNTS),
-        reversed=_typed(entry, where, "reversed", bool),
+        id=number(entry, f"{where}: ", "id", int, 0, LAST_ID),
+        shadow_id=number(entry, f"{where}: ", "shadow_id", int, 0, LAST_ID) if "shadow_id" in entry else None,
+        shadow_offset=number({"shadow_offset": 0, **entry}, f"{where}: ", "shadow_offset", int, -COUNTS, COUNTS),
+        reversed=typed(entry, f"{where}: ", "reversed", bool),
         zero=zero,
         lower=lower,
         upper=upper,
-        current_limit=_number(entry, where, "current_limit_A", float, 0.0, highest),
-        position_p_gain=_number(entry, where, "position_p_gain", int, 1, 16_383),
+        current_limit=number(entry, f"{where}: ", "current_limit_A", float, 0.0, highest),
+        position_p_gain=number(entry, f"{where}: ", "position_p_gain", int, 1, 16_383),
     )
 
 
@@ -264,34 +259,5 @@ def _limits(entry: Mapping[str, Any], where: str, zero: int) -> tuple[float, flo
         raise HighFiveError(f"{where}: limits_deg is {limits!r}; expected two numbers, such as [-90.0, 90.0]")
     pair = {"lower": limits[0], "upper": limits[1]}
     low, high = -zero * 360.0 / COUNTS, (COUNTS - zero) * 360.0 / COUNTS  # the servo's one turn
-    lower = _number(pair, f"{where}, limits_deg", "lower", float, low, high)
-    return math.radians(lower), math.radians(_number(pair, f"{where}, limits_deg", "upper", float, lower, high))
-
-
-def _keys(entry: Any, where: str, wanted: set[str], optional: set[str] | None = None) -> None:
-    if not isinstance(entry, Mapping):
-        raise HighFiveError(f"{where}: got {entry!r}, expected a table with {', '.join(sorted(wanted))}")
-    if missing := wanted - set(entry):
-        raise HighFiveError(f"{where}: {', '.join(sorted(missing))} missing")
-    if unknown := set(entry) - wanted - (optional or set()):
-        raise HighFiveError(f"{where}: {', '.join(sorted(unknown))} means nothing here; remove it")
-
-
-def _typed(entry: Mapping[str, Any], where: str, name: str, kind: type) -> Any:
-    value = entry[name]
-    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise HighFiveError(f"{where + ': ' if where else ''}{name} is {value!r}, expected {_KINDS[kind]}")
-    return value
-
-
-def _number(entry: Mapping[str, Any], where: str, name: str, kind: type, low: float, high: float) -> Any:
-    value = entry[name]
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    value = _typed({name: value}, where, name, kind)
-    if not low <= value <= high:
-        raise HighFiveError(f"{where}: {name} is {value}, expected {low:g} to {high:g}")
-    return value
-
-
-_KINDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
+    lower = number(pair, f"{where}, limits_deg: ", "lower", float, low, high)
+    return math.radians(lower), math.radians(number(pair, f"{where}, limits_deg: ", "upper", float, lower, high))

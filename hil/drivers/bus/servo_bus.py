@@ -23,10 +23,8 @@ from dynamixel_sdk.robotis_def import BROADCAST_ID, INST_PING, INST_READ, INST_R
 from highfive.hil.drivers.bus.control_table import Table, decode, encode, load_table, model_of
 from highfive.hil.drivers.bus.rig import LAST_ID
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS, PortError, ServoPort
+from highfive.hil.drivers.servo_errors import ALERT, error_text
 from highfive.model.errors import HighFiveError
-
-ALERT = 0x80
-"""Bit of a status packet's error byte: the servo has a hardware error."""
 
 _TRIES = 3  # of what is not done in a cycle: now and then an answer is late, or the line noisy
 
@@ -40,16 +38,6 @@ _DATA = 9  # where they begin
 _ROWS = 8  # where the rows of an answer of several servos begin
 
 Result = TypeVar("Result")
-
-_ERRORS = {
-    1: "it could not carry out the instruction",
-    2: "it does not know the instruction",
-    3: "the packet came damaged",
-    4: "the value is out of the register's range",
-    5: "the data has the wrong length",
-    6: "the value is beyond a limit that is set",
-    7: "the register cannot be written now (read-only, or torque is on)",
-}
 
 
 class ServoError(HighFiveError):
@@ -267,7 +255,7 @@ class ServoBus:
         self._check(servo, result, name)
         self._open.discard(servo)
         if code := _error(packet):
-            raise ServoError(f"{_named(servo, name)}: {_ERRORS.get(code, f'error {code}')}", code)
+            raise ServoError(f"{_named(servo, name)}: {error_text(code)}", code)
         return bytes(packet[_DATA : _DATA + size])
 
     def _settle(self, servo: int) -> None:

@@ -23,6 +23,9 @@ from highfive.model.errors import HighFiveError
 ALLOWANCE_MS = 4.0
 """How long after its last byte could have come an answer is waited for: two polls of a USB adapter and some more."""
 
+PATIENCE_MS = 50.0
+"""The same where nothing is in a hurry, as before anything moves; an adapter may keep an answer back for 16 ms."""
+
 _BITS = 10  # a byte on the line: start, eight bits, stop
 
 

@@ -13,24 +13,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from highfive.hil.drivers.bus.control_table import load_table
-from highfive.hil.drivers.bus.packet import (
-    ALERT,
-    BROADCAST,
-    Error,
-    FastStatus,
-    Instruction,
-    Packet,
-    PacketError,
-    read_targets,
-    status,
-    write_targets,
-)
+from highfive.hil.drivers.bus.instruction_packets import read_targets, write_targets
+from highfive.hil.drivers.bus.packet import BROADCAST, Instruction, Packet, PacketError
 from highfive.hil.drivers.bus.packet_decoder import Damaged, Decoder
 from highfive.hil.drivers.bus.rig import REVERSE, Rig, wanted_registers
+from highfive.hil.drivers.bus.status_packets import FastStatus, status
 from highfive.hil.drivers.emulator.bus_faults import BusFault
-from highfive.hil.drivers.emulator.emulated_servo import OVERLOAD, EmulatedServo
+from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
 from highfive.hil.drivers.emulator.servo_instructions import FOLLOWED, RESET_ALL, TO_ALL, level, obey
 from highfive.hil.drivers.emulator.simple_plant import SimplePlant
+from highfive.hil.drivers.servo_errors import ALERT, OVERLOAD, Error
 from highfive.hil.drivers.values import Plant
 
 TURNAROUND_NS = 50_000

@@ -6,11 +6,11 @@ Time is passed in, in ns of one clock. Rules are the manual's; where it is silen
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 
-from highfive.hil.drivers.bus.control_table import BAUD_RATES, Register, Table, bounds, decode, encode
-from highfive.hil.drivers.bus.packet import LAST_ID, Error
+from highfive.hil.drivers.bus.control_table import BAUD_RATES, Register, Table
+from highfive.hil.drivers.bus.packet import LAST_ID
+from highfive.hil.drivers.emulator.servo_memory import ServoMemory
 from highfive.hil.drivers.emulator.servo_motion import (
     CURRENT,
     CURRENT_POSITION,
@@ -21,15 +21,11 @@ from highfive.hil.drivers.emulator.servo_motion import (
     VELOCITY,
     Motion,
 )
+from highfive.hil.drivers.emulator.servo_rules import GOALS, refusal, shut_down
+from highfive.hil.drivers.servo_errors import OVERHEATING, OVERLOAD, VOLTAGE_ERROR, WATCHDOG_TRIPPED, Error
 
 REVERSE, SLAVE, TORQUE_BY_GOAL = 0x01, 0x02, 0x08
 """Bits of the drive mode."""
-
-VOLTAGE_ERROR, OVERHEATING, ENCODER_ERROR, SHOCK, OVERLOAD = 0x01, 0x04, 0x08, 0x10, 0x20
-"""Bits of hardware error status and shutdown."""
-
-TRIPPED = -1
-"""What the bus watchdog reads when it has stopped the servo."""
 
 WATCHDOG_NS = 20_000_000
 """Of one count of the bus watchdog."""
@@ -43,17 +39,10 @@ LOWEST_SHARE = 0.5
 OVERLOAD_SHARE, OVERLOAD_S = 0.8, 2.0
 """It is overloaded when it draws this share of its stall current for so long, s (an assumption)."""
 
-GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 _GAINS = ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
-_MEASURED = (
-    "realtime_tick", "moving", "moving_status", "present_pwm", "present_current", "present_load", "present_velocity",
-    "present_position", "velocity_trajectory", "position_trajectory", "present_input_voltage", "present_temperature",
-)  # fmt: skip
 _TO_POSITION = {POSITION, EXTENDED, CURRENT_POSITION}
-_MOST_KEPT = 100  # ways of reading, and of writing, that are remembered
 _TURN = 4096
 _IN_POSITION, _FOLLOWING = 20, 100  # counts: closer than that it is there; further than that it does not follow
-_CODES = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
 
 
 class EmulatedServo:
@@ -80,20 +69,11 @@ class EmulatedServo:
         """
         self.table = table
         self._sign, self._zero = sign, zero
-        self.values: dict[str, int] = {r.name: r.initial or 0 for r in table}
-        self._memory = bytearray(table.end)
-        self._at = {r.address: r for r in table}
-        self._defined = bytearray(table.end)
-        for register in table:
-            self._defined[register.address : register.end] = b"\1" * register.size
-        measured = [table[name] for name in _MEASURED if name in table]
-        self._measured_from, self._measured_at = measured[0].address, -1
-        self._packing = struct.Struct("<" + "".join(_CODES[r.size, r.signed] for r in measured))
+        self._memory = ServoMemory(table)
+        self.values, self._measured_at = self._memory.values, -1
         self._pulse, self._speed = table["present_position"].scale, table["present_velocity"].scale
         ampere = table["present_current"].scale if "present_current" in table else None
         self._load = ampere or table.motor.stall_current * table["present_load"].scale  # A, of one count
-        self._seen: dict[tuple[int, int], tuple[int, ...] | None] = {}
-        self._written: dict[tuple[int, int], tuple[tuple[Register, tuple[int, ...]], ...] | Error] = {}
         self.watchdog_trips = 0
         self.voltage = table.motor.voltage
         self.hot: float | None = None
@@ -141,15 +121,11 @@ class EmulatedServo:
 
     def read(self, address: int, length: int) -> tuple[Error, bytes]:
         """``length`` bytes from ``address``; none with an error."""
-        key = (address, length)
-        if key not in self._seen:
-            self._seen = self._seen if len(self._seen) < _MOST_KEPT else {}
-            self._seen[key] = self._places(address, length)
-        places = self._seen[key]
+        places = self._memory.places(address, length)
         if places is None:
             return Error.ACCESS, b""
         self._measure()
-        return Error.NONE, bytes([self._memory[place] for place in places])
+        return Error.NONE, self._memory.bytes_at(places)
 
     def write(self, address: int, data: bytes, now_ns: int, *, shadow: bool = False) -> Error:
         """Writes ``data`` from ``address`` on, all of it or nothing; ``shadow``: it was meant for whom it follows."""
@@ -249,7 +225,7 @@ class EmulatedServo:
         count = values["bus_watchdog"]
         if count > 0 and values["torque_enable"] and now_ns - self._heard_ns > count * WATCHDOG_NS:
             self.watchdog_trips += 1
-            self._put("bus_watchdog", TRIPPED)
+            self._put("bus_watchdog", WATCHDOG_TRIPPED)
             driving = {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: "goal_pwm"}.get(
                 values["operating_mode"]
             )
@@ -287,7 +263,7 @@ class EmulatedServo:
             self._put(register.name, kept.get(register.name, register.initial or 0))
         self._put("torque_enable", kept.get("torque_enable", self.values["startup_configuration"] & 1))
         self._reset_goals()
-        self._forget_places()
+        self._memory.forget_places()
         self._forget_turns()
         self._stay(self._now)
 
@@ -297,84 +273,24 @@ class EmulatedServo:
             self._put("goal_current", self.values["current_limit"])
 
     def _put(self, name: str, raw: int) -> None:
-        register = self.table.registers[name]
-        self.values[name] = raw
+        self._memory.put(name, raw)
         self._measured_at = -1
-        self._memory[register.address : register.end] = encode(register, raw)
-
-    def _forget_places(self) -> None:
-        """The indirect addresses have changed."""
-        self._seen.clear()
-        self._written.clear()
-
-    def _places(self, address: int, length: int) -> tuple[int, ...] | None:
-        """Where the bytes from ``address`` on really lie: what an indirect address points at. None for nowhere."""
-        if length < 1 or 0 in self._defined[address : address + length] or address + length > len(self._defined):
-            return None
-        return tuple(self._place(one) for one in range(address, address + length))
-
-    def _place(self, address: int) -> int:
-        for block in self.table.indirect:
-            if block.data <= address < block.data + block.count:
-                pointer = block.address + 2 * (address - block.data)
-                place = int.from_bytes(self._memory[pointer : pointer + 2], "little")
-                return place if self._defined[place] else address
-        return address
 
     def _check(self, address: int, data: bytes, shadow: bool) -> tuple[list[tuple[Register, int]], Error]:
         """The registers that a write would set, and to what; or why it may not."""
-        key = (address, len(data))
-        if key not in self._written:
-            self._written = self._written if len(self._written) < _MOST_KEPT else {}
-            self._written[key] = self._plan(*key)
-        plan = self._written[key]
-        if isinstance(plan, Error):
-            return [], plan
-        wanted = [(register, decode(register, bytes([data[n] for n in places]))) for register, places in plan]
+        wanted = self._memory.decoded(address, data)
+        if isinstance(wanted, Error):
+            return [], wanted
         for register, raw in wanted:
-            if error := self._refusal(register, raw, shadow):
+            if error := refusal(self.table, self.values, register, raw, shadow):
                 return [], error
         return wanted, Error.NONE
-
-    def _plan(self, address: int, length: int) -> tuple[tuple[Register, tuple[int, ...]], ...] | Error:
-        """Which registers a write would set, each with which of its bytes; or why it may not."""
-        places = self._places(address, length)
-        if places is None:
-            return Error.ACCESS
-        left = {place: n for n, place in enumerate(places)}
-        plan = []
-        for place in places:
-            if place not in left:
-                continue
-            register = self._at.get(place)
-            if register is None or any(one not in left for one in range(register.address, register.end)):
-                return Error.DATA_LENGTH
-            plan.append((register, tuple(left.pop(one) for one in range(register.address, register.end))))
-        return tuple(plan)
-
-    def _refusal(self, register: Register, raw: int, shadow: bool) -> Error:
-        """Why a register may not be set to a value; no error where it may."""
-        values, name = self.values, register.name
-        if not register.writable or (register.eeprom and (shadow or values["torque_enable"])):
-            return Error.ACCESS
-        if name == "torque_enable" and raw and self._shut_down():
-            return Error.RESULT_FAIL
-        low, high = bounds(register)
-        stopped = values["bus_watchdog"] == TRIPPED and (name in GOALS or (name == "bus_watchdog" and raw))
-        no_mode = name == "operating_mode" and raw not in self.table.operating_modes
-        if stopped or no_mode or not low <= raw <= high:
-            return Error.DATA_RANGE
-        if register.limited_by:
-            low, high = -values[register.limited_by], values[register.limited_by]
-        elif name == "goal_position" and values["operating_mode"] == POSITION:
-            low, high = values["min_position_limit"], values["max_position_limit"]
-        return Error.NONE if low <= raw <= high else Error.DATA_LIMIT
 
     def _react(self, names: set[str], now_ns: int) -> None:
         """What follows from registers having been written."""
         values = self.values
         if any(name.startswith("indirect_address") for name in names):
-            self._forget_places()
+            self._memory.forget_places()
         if "operating_mode" in names:
             self._change_mode()
         if names & {"operating_mode", "drive_mode", "homing_offset"}:
@@ -384,7 +300,12 @@ class EmulatedServo:
         if "bus_watchdog" in names:
             self._heard_ns = now_ns
         goals = names & set(GOALS)
-        if goals and values["drive_mode"] & TORQUE_BY_GOAL and not values["torque_enable"] and not self._shut_down():
+        if (
+            goals
+            and values["drive_mode"] & TORQUE_BY_GOAL
+            and not values["torque_enable"]
+            and not shut_down(self.values)
+        ):
             kept = {name: values[name] for name in goals}
             self._put("torque_enable", 1)
             self._switch_torque(now_ns)
@@ -393,9 +314,6 @@ class EmulatedServo:
         moves = "goal_velocity" if values["operating_mode"] == VELOCITY else "goal_position"
         if moves in names and values["torque_enable"]:
             self.motion.go(values, now_ns * 1e-9)
-
-    def _shut_down(self) -> bool:
-        return bool(self.values["hardware_error_status"] & self.values["shutdown"])
 
     def _change_mode(self) -> None:
         """A new operating mode brings gains, profile and goals back to where they start."""
@@ -459,9 +377,7 @@ class EmulatedServo:
         if values["operating_mode"] in _TO_POSITION:
             status |= (abs(values["goal_position"] - count) <= _IN_POSITION) | (abs(course - count) > _FOLLOWING) << 3
         values["moving"] = int(ongoing or abs(velocity) > values["moving_threshold"])
-        self._packing.pack_into(
-            self._memory,
-            self._measured_from,
+        self._memory.put_measured(
             self._now // 1_000_000 % 32_768,
             values["moving"],
             status,

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from highfive.hil.drivers.bus.packet import (
-    CLEAR_POSITION,
-    Error,
-    Instruction,
-    Packet,
-    PacketError,
-    read_targets,
-    write_targets,
-)
+from highfive.hil.drivers.bus.instruction_packets import CLEAR_POSITION, read_targets, write_targets
+from highfive.hil.drivers.bus.packet import Instruction, Packet, PacketError
 from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
+from highfive.hil.drivers.servo_errors import Error
 
 FOLLOWED = {Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION}
 """Instructions that a servo obeys as well when they go to the ID that it shadows."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import os
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,20 +17,20 @@ from numpy.typing import NDArray
 from highfive.hil.runtime.console import counted, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.runtime.threads import interrupts_held, parallel_map
-from highfive.hil.sim.people.actors import CELLS, RATE_HZ, ActorMotion, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.emotions import EMOTIONS, emotion_style
+from highfive.hil.sim.people.grid import CELLS
+from highfive.hil.sim.people.role import RATE_HZ, ActorMotion
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.files.trial_table import TABLE, table_bytes, write_table
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.errors import HighFiveError
-from highfive.model.files import UNFINISHED, unfinished
+from highfive.model.files import leftovers, unfinished
 from highfive.model.geometry.rotations import Array
 
 PERSON_SET, AVATAR_SET = "paper", "full_body"
-
-_LEFT = re.compile(rf"{re.escape(UNFINISHED)}[0-9a-f]{{8}}-capture")  # what :func:`_beside` makes
 
 
 @dataclass(frozen=True)
@@ -192,8 +191,8 @@ def _jobs(folder: Path, emotions: Sequence[str], repetitions: int, test_repetiti
 def _beside(folder: Path, locked: bool) -> Iterator[Path]:
     """A folder inside ``folder`` for recordings until all are there; gone in the end."""
     beside = unfinished(folder / "capture")
-    for left in sorted(folder.iterdir()) if locked else ():  # nobody else's: this process has the folder's lock
-        if _LEFT.fullmatch(left.name) and left.is_dir() and not left.is_symlink():
+    for left in leftovers(folder / "capture") if locked else ():  # nobody else's: the folder's lock is held
+        if left.is_dir() and not left.is_symlink():
             rmtree(left, ignore_errors=True)
             done = "could not be removed" if left.exists() else "removed"
             say_aside(f"{left.name} {done} from {folder}, which a killed capture left unfinished")

@@ -17,12 +17,13 @@ from highfive.hil.arm.arm_trial import arm_summary, arm_trial
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.lifecycle import full_errors, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm, solve
 from highfive.hil.bench.contact import contact_figures, played, played_by, twin_loop
-from highfive.hil.drivers.bus.arm_process import Mode
+from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
@@ -31,7 +32,7 @@ from highfive.hil.safety.people import Sighting
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import State
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.errors import HighFiveError
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.contact_goal import palm_goal
-from highfive.hil.arm.lifecycle import ArmOptions, check_person, full_errors, ready_arm, retarget_settings
+from highfive.hil.arm.lifecycle import check_person, full_errors, ready_arm, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm

@@ -6,6 +6,7 @@ import socket
 from pathlib import Path
 
 import pytest
+from command_line import failing
 from live_commands import ended, lab_recording, serving, stop, summary
 
 from highfive.hil.cli import main as cli
@@ -16,20 +17,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lab_recording(tmp_path_factory.mktemp("serve") / "lab.c3d")
 
 
-@pytest.fixture
-def fails(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def run(*words: object) -> str:
-        monkeypatch.setattr("sys.argv", ["highfive", "serve", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out, err = capsys.readouterr()
-        assert end.value.code == 2
-        assert out == ""
-        assert len(err.strip().splitlines()) == 1
-        assert err.startswith("error:")
-        return err
-
-    return run
+fails = failing("serve")
 
 
 def test_bad_input_is_one_line(fails, lab: Path, tmp_path: Path) -> None:

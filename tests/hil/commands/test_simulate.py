@@ -2,21 +2,21 @@
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from disk import files_no_larger_than
 from paths import ROOT
 
 from highfive.hil.cli import main as cli
+from highfive.hil.commands.session_lines import print_session
 from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.recording.recording import SessionRecording, read_recording
 from highfive.hil.runtime.console import progress_bars
@@ -125,16 +125,6 @@ def test_style_on_the_command_line_and_nonsense_in_it() -> None:
         cli._style("angry=half")
 
 
-@contextmanager
-def files_no_larger_than(size: int) -> Iterator[None]:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def test_a_full_disk_is_one_line_and_what_was_recorded_stays(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, captured_file: Path
 ) -> None:
@@ -225,7 +215,7 @@ def test_ctrl_c_while_a_session_compiles_leaves_nothing_in_the_way(
 def test_a_session_in_which_nothing_was_finished_is_told_without_figures(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    cli._tell(
+    print_session(
         summarise([], SessionSettings(seed=0, model="m", trials=8, source="qtm://here"), interrupted=True), tmp_path
     )
     said = capsys.readouterr().out

@@ -9,9 +9,9 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
+from command_line import running
 from simulated_reach import RATE_HZ, Reach, simulated_reach
 
-from highfive.hil.cli import main as cli
 from highfive.hil.commands.track import TrackOptions, print_track, track
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.mocap_bridge.files.recording import make_recording
@@ -195,16 +195,7 @@ def test_the_trackers_pose_is_that_of_its_segments():
         np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-9)
 
 
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["highfive", "track", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out, err = capsys.readouterr()
-        return int(str(end.value.code)), out, err
-
-    return run
+run = running("track")
 
 
 @pytest.fixture
@@ -220,7 +211,8 @@ def fails(run, tmp_path: Path):
     return fails
 
 
-def test_json_is_one_object(run, reach: Reach, tmp_path: Path):
+def test_json_is_one_object(run, tmp_path: Path):
+    reach = simulated_reach(tmp_path / "reach.c3d", HAND, frames=120)
     code, out, _ = run(reach.path, "--person", "human:", "--marker-set", "paper", "--json", "--out", tmp_path / "o")
     assert code == 0
     assert json.loads(out)["frames"] == len(reach.markers)
@@ -298,7 +290,7 @@ def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(recordings
 
 def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_path: Path) -> None:
     swapped = tmp_path / "swapped.c3d"
-    simulated_reach(swapped)
+    simulated_reach(swapped, frames=200)
     recording = read_c3d(swapped)
     points = recording.points.copy()
     one, other = (recording.names.index(f"human:{name}") for name in ("RWRA", "RFIN"))
@@ -311,7 +303,7 @@ def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_pat
 
 def test_frames_of_another_unit_are_not_used_and_told(tmp_path: Path) -> None:
     changed = tmp_path / "changed.c3d"
-    simulated_reach(changed)
+    simulated_reach(changed, frames=200)
     recording = read_c3d(changed)
     points = recording.points.copy()
     points[100:130] *= 1e-3

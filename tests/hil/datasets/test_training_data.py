@@ -11,8 +11,9 @@ import pytest
 from highfive.hil.cli import main as cli
 from highfive.hil.datasets.training_data import SolvedPair, load_trials, track_hand
 from highfive.hil.sim.avatar import avatar_skeleton, right_palm
-from highfive.hil.sim.people.actors import ActorMotion, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.capture import trial_seed
+from highfive.hil.sim.people.role import ActorMotion
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.trial_table import read_table, write_table
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set

@@ -6,7 +6,7 @@ import tty
 
 import numpy as np
 
-from highfive.hil.arm.planner import PalmGoal
+from highfive.hil.arm.planner_values import PalmGoal
 from highfive.hil.bench.contact import twin_loop
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import load_rig

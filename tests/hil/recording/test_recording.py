@@ -1,13 +1,12 @@
-import resource
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from disk import files_no_larger_than
 from mcap.reader import make_reader
 from paths import HELPERS
 from trial_results import some_results
@@ -37,16 +36,6 @@ def recorded(result, tmp_path_factory):
         recorder.record_trial(result)
         recorder.record_trial(replace(shortened(result, 60), number=1))
     return path
-
-
-@contextmanager
-def files_no_larger_than(size):
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def one_line(error):

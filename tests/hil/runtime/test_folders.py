@@ -16,6 +16,7 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 import typer
+from writes_for_ever import write_for_ever
 
 from highfive.hil.cli import main as cli
 from highfive.hil.runtime.folders import check_file, next_folder, results_folder
@@ -195,17 +196,12 @@ def test_a_full_disk_and_a_name_that_was_taken_meanwhile_leave_the_old_file(tmp_
     assert contents(tmp_path) == {path: b"new"}
 
 
-def _write_for_ever(path: Path) -> None:
-    for number in range(1_000_000):
-        write_whole(path, bytes([number % 256]) * 400_000)
-
-
 def test_whenever_it_is_killed_the_file_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "whole"
     write_whole(path, b"\0" * 400_000)
     rng = np.random.default_rng(0)
     for _ in range(8):
-        process = get_context("spawn").Process(target=_write_for_ever, args=(path,))
+        process = get_context("spawn").Process(target=write_for_ever, args=(path,))
         process.start()
         seen = path.stat().st_ino
         while path.stat().st_ino == seen:
@@ -253,24 +249,36 @@ def visible(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name[0] != "."}
 
 
-def test_a_capture_replaces_its_own_and_nobody_elses(tmp_path: Path) -> None:
+def test_a_capture_replaces_its_own_and_nobody_elses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Angry, 2 repetitions; then once: what only the first table names is gone, what no table names stays."""
     out = tmp_path / "data"
-    words = ("capture", "--emotion", "angry", "--out", out)
-    said(*words, "--repetitions", 2)
+
+    def captured(*words: object) -> str:
+        monkeypatch.setattr(
+            "sys.argv", ["highfive", "capture", "--emotion", "angry", "--out", *map(str, (out, *words))]
+        )
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        assert end.value.code == 0
+        return capsys.readouterr().err
+
+    # A table of somebody else, however like ours: what it names is not touched.
+    out.mkdir()
+    write_table(out, [("angry_A1_1.c3d", "angry", "A1", "1", "train"), ("angry_A1_7.c3d", "angry", "A1", "7", "train")])
+    (out / "angry_A1_7.c3d").write_bytes(b"somebody's")
+    captured("--repetitions", 2, "--overwrite")
     first = visible(out)
+    assert first["angry_A1_7.c3d"] == b"somebody's"
     (out / "mine.c3d").write_bytes(b"mine")
-    told = said(*words, "--repetitions", 1, "--seed", 3, "--overwrite")
+    told = captured("--repetitions", 1, "--seed", 3, "--overwrite")
     assert "9 recordings of the earlier capture removed" in told and "left as they are" in told and "mine.c3d" in told
     second = visible(out)
     rows = list(csv.DictReader((out / TABLE).read_text().splitlines()))
-    assert set(second) == {row["file"] for row in rows} | {TABLE, "mine.c3d"} and len(rows) == 9
+    assert set(second) == {row["file"] for row in rows} | {TABLE, "mine.c3d", "angry_A1_7.c3d"} and len(rows) == 9
     assert second["mine.c3d"] == b"mine" and second["angry_A1_1.c3d"] != first["angry_A1_1.c3d"]
-    # A table of somebody else, however like ours: what it names is not touched.
-    write_table(out, [("angry_A1_1.c3d", "angry", "A1", "1", "train"), ("angry_A1_7.c3d", "angry", "A1", "7", "train")])
-    (out / "angry_A1_7.c3d").write_bytes(b"somebody's")
-    said(*words, "--repetitions", 1, "--overwrite")
-    assert visible(out)["angry_A1_7.c3d"] == b"somebody's"
+    assert second["angry_A1_7.c3d"] == b"somebody's"
 
 
 @pytest.mark.slow

@@ -64,7 +64,9 @@ def stays(loop: Loop) -> None:
         assert command is not None
         assert np.array_equal(command.positions, place)
         assert (command.currents > 0.0).all()
+    assert loop.before.stopped_by
     loop.tick(wanted_on(loop), acknowledge=True)
+    assert not loop.before.stopped_by
     assert loop.state is State.UNCHECKED
     loop.follow(READY_POSE, 5)  # the check from before does not count
     assert loop.state is State.UNCHECKED
@@ -268,6 +270,7 @@ def test_a_loop_that_is_late_again_and_again() -> None:
     assert loop.state is State.STOPPING
     assert Rule.DEADLINE in loop.report.acted
     assert "6 commands in a row were late" in loop.report.reason
+    assert loop.before.stopped_by == {Rule.DEADLINE}
 
 
 @pytest.mark.parametrize(("elapsed_ns", "reason"), [(81_000_000, "paused for 81 ms"), (-1_000_000, "1.0 ms backwards")])

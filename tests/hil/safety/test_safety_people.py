@@ -196,7 +196,7 @@ def test_a_trembling_tracker_does_not_stop_the_arm() -> None:
     for tick in range(120):
         loop.human = Human(head + chance.normal(0.0, 1e-3, 3), FAR.palm, np.zeros(3), 0)
         loop.tick(READY_POSE + np.array([0.0, 0.0, -0.1 * tick * SECONDS, 0.0, 0.0, 0.0]))
-        shares.append(loop.report.share)
+        shares.append(loop.report.fraction)
     assert min(shares[20:]) > 0.5
 
 

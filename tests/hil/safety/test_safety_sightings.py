@@ -7,7 +7,7 @@ import pytest
 from envelope_cases import FAR, LIMITS, READY_POSE, TICK_NS, Loop, kinematics, plate
 
 from highfive.hil.safety.limits_file import lowered
-from highfive.hil.safety.people import MEASURED, WIDENING, Human, Points, Remembered, Sighting, slowed
+from highfive.hil.safety.people import MEASURED, WIDENING, Human, Points, Remembered, Sighting, monitor_separation
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import State
 from highfive.hil.safety.wire import within_rules
@@ -93,7 +93,7 @@ def fast_past(deviation: float) -> tuple[Remembered, Human, Points, Array, Array
 def test_the_body_by_itself_keeps_out_of_the_wider_zone(deviation: float) -> None:
     """The reference, before anybody looks at what goals lead by."""
     seen, human, points, velocities, jacobian = fast_past(deviation)
-    kept, _, acted = slowed(LIMITS, seen, human, points, velocities, 1e-9 * TICK_NS)
+    kept, _, acted = monitor_separation(LIMITS, seen, human, points, velocities, 1e-9 * TICK_NS)
     slow = float(np.linalg.norm(jacobian @ kept)) <= LIMITS.face.speed
     assert slow is (deviation > 0.0)
     assert (Rule.FACE_ZONE in acted) is slow

@@ -1,6 +1,7 @@
 """The own body: MuJoCo's distances are the oracle, finite differences the gradients'; and nothing of it is touched."""
 
 from collections.abc import Iterable
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -10,7 +11,7 @@ from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.own_body import SOFTNESS, STIFFNESS, OwnBody
 from highfive.hil.session.session import RATE_HZ, Session
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.sim.people.actors import CELLS
+from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene, own_pairs, rest_pose
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.mocap_bridge.sources.source import C3DSource
@@ -60,10 +61,16 @@ def deepest(scene: Scene, data: mujoco.MjData, pose: Pose) -> float:
     scene.set_pose(data, pose)
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_collision(scene.model, data)
-    own = set(own_pairs(scene.skeleton))
-    names = [{scene.model.geom(g).name for g in pair} for pair in data.contact.geom]
-    found = [-c for c, pair in zip(data.contact.dist, names, strict=True) if any(pair == set(p) for p in own)]
-    return max(found, default=0.0)
+    own = own_names(scene.skeleton.names)
+    names = [frozenset(scene.model.geom(g).name for g in pair) for pair in data.contact.geom]
+    return max((-c for c, pair in zip(data.contact.dist, names, strict=True) if pair in own), default=0.0)
+
+
+@cache
+def own_names(joints: tuple[str, ...]) -> frozenset[frozenset[str]]:
+    """The pairs of shapes that shall not touch, in either order."""
+    assert joints == avatar_skeleton().names
+    return frozenset(map(frozenset, own_pairs(avatar_skeleton())))
 
 
 def test_every_pair_that_the_scene_calls_unwanted_is_kept_apart(scene: Scene) -> None:

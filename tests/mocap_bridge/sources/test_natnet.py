@@ -6,13 +6,12 @@ import socket
 import struct
 import threading
 import time
-from dataclasses import replace
 
 import natnet
 import numpy as np
 import pytest
+from live_frames import NAMES, OWN, RATE, frame, live, playing, until
 
-from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.natnet import NatNetServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
@@ -20,24 +19,12 @@ from highfive.mocap_bridge.sources.address import connector, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.natnet import connect_natnet
 from highfive.mocap_bridge.sources.source import Connection
-from highfive.mocap_bridge.wire import natnet as wire
 from highfive.mocap_bridge.wire.errors import LinkError
-from highfive.mocap_bridge.wire.natnet import Kind
+from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, encode, encode_request, encode_server_info
+from highfive.mocap_bridge.wire.natnet_frame import Frame, encode_frame, labelled_markers
+from highfive.mocap_bridge.wire.natnet_model import MarkerSet, encode_model
 
-NAMES = tuple(f"Anna:M{m}" for m in range(12))
-OWN = tuple(name.removeprefix("Anna:") for name in NAMES)
-RNG = np.random.default_rng(4)
-POINTS = RNG.uniform(-1.0, 2.0, size=(12, 3))
-RATE = 120.0
 GROUP = "239.255.42.99"
-
-
-def frame(number, names=NAMES, loose=2, hidden=()):
-    """Every marker has a place of its own, and moves 1 mm a frame."""
-    valid = np.array([name not in hidden for name in names])
-    points = POINTS[[NAMES.index(name) for name in names]] + np.array([0.001 * number, 0.0, 0.0])
-    time_ns = round(number * 1e9 / RATE)
-    return MarkerFrame(tuple(names), points, valid, number, time_ns, time_ns, POINTS[:loose] + 0.1)
 
 
 @pytest.fixture
@@ -51,37 +38,6 @@ def following(server, person=None, **options):
     connect = lambda: connect_natnet(LOOPBACK, server.port, timeout_s=0.5, **options)  # noqa: E731
     with contextlib.closing(LiveSource("natnet", connect, person)) as source:
         yield source
-
-
-@contextlib.contextmanager
-def playing(server, frames=None, rate=RATE):
-    """Sends frames at their rate in a thread until the end of the block."""
-    stop, frames = threading.Event(), frames or (frame(k) for k in itertools.count())
-
-    def send():
-        for one in frames:
-            server.send(one)
-            if stop.wait(1.0 / rate):
-                return
-
-    thread = threading.Thread(target=send)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
-
-
-def until(condition, timeout_s=5.0):
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, "it did not happen"
-        time.sleep(0.002)
-
-
-def live(source):
-    return source.health(time.monotonic_ns()).connection is Connection.LIVE
 
 
 def free_port():
@@ -119,9 +75,9 @@ def motive(version=(3, 0), after=()):
 
     def answer(datagram):
         if datagram[0] == Kind.CONNECT:
-            return [wire.encode_server_info(wire.ServerInfo("Motive", version))]
+            return [encode_server_info(ServerInfo("Motive", version))]
         return (
-            [wire.encode_model([wire.MarkerSet("Anna", ("a", "b"))], version), *after]
+            [encode_model([MarkerSet("Anna", ("a", "b"))], version), *after]
             if datagram[0] == Kind.REQUEST_MODEL
             else []
         )
@@ -209,30 +165,6 @@ def test_names_are_the_same_object_from_frame_to_frame(server):
         assert frames[0].names == NAMES
 
 
-def test_hidden_markers_and_numbers_that_are_none_are_not_valid(server):
-    with following(server) as source:
-        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
-        one = frame(7, hidden=("Anna:M3", "Anna:M5"))
-        one.positions[8] = np.nan
-        one.positions[9] = [np.inf, -np.inf, 0.0]
-        one.positions[10] = 0.0  # at the origin, and seen
-        server.send(replace(one, unlabelled=np.array([[np.nan, 0.0, 0.0], [1.0, 2.0, 3.0]])))
-        until(lambda: source.newest(0).number == 7)
-        got = source.newest(0)
-        assert [name for name, seen in zip(OWN, got.valid, strict=True) if not seen] == ["M3", "M5", "M8", "M9"]
-        assert np.isfinite(got.positions).all()
-        np.testing.assert_allclose(got.unlabelled, [[1.0, 2.0, 3.0]])
-
-
-def test_a_gap_in_the_numbers_counts_as_lost(server):
-    with following(server) as source:
-        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
-        for number in (1, 2, 15, 16):
-            server.send(frame(number))
-        until(lambda: source.newest(0).number == 16)
-        assert source.health(0).lost == 12
-
-
 def test_labels_in_another_order_are_followed(server):
     """In each frame another order, with markers hidden: every point keeps its own name, and no frame is lost."""
     faults = Faults([parse_fault("reorder"), parse_fault("occlusion=0.3")])
@@ -256,74 +188,9 @@ def test_labels_in_another_order_are_followed(server):
         assert source.health(0).lost == 0
 
 
-def test_other_markers_than_before(server):
-    """Somebody loads another recording: fewer markers, other names; no frame is lost over it."""
-    frames = (frame(k, NAMES if k < 20 else NAMES[6:2:-1]) for k in itertools.count())
-    with following(server) as source, playing(server, frames):
-        until(lambda: source.newest(0) is not None and len(source.newest(0).names) == 4)
-        got = source.newest(0)
-        assert got.names == OWN[6:2:-1]
-        np.testing.assert_allclose(got.positions, frame(got.number, NAMES[6:2:-1]).positions, atol=2e-7)
-        assert source.health(0).lost == 0
-
-
-def test_several_persons(server):
-    both = (*NAMES, *(name.replace("Anna", "Bert") for name in NAMES))
-    frames = (
-        replace(one, names=both, positions=np.tile(one.positions, (2, 1)), valid=np.tile(one.valid, 2))
-        for one in (frame(k) for k in itertools.count())
-    )
-    with following(server, "Bert") as source, following(server) as nobody, playing(server, frames):
-        assert source.first().names == OWN
-        until(lambda: "Anna, Bert" in nobody.health(0).trouble)
-
-
-def test_a_server_that_goes_and_comes_back(server):
-    with following(server) as source, playing(server):
-        source.first()
-        server.hang_up()
-        gone = time.monotonic()
-        until(lambda: not live(source), 1.5)
-        assert time.monotonic() - gone < 1.5
-        until(lambda: "nothing listens" in source.health(0).trouble)
-        server.answer()
-        until(lambda: live(source))
-
-
-def test_frames_that_stop_are_seen(server):
-    with following(server) as source:
-        with playing(server):
-            source.first()
-        until(lambda: not live(source), 1.5)
-        until(lambda: "nothing has come" in source.health(0).trouble, 3.0)
-
-
-def test_another_unit_is_told(server):
-    with (
-        following(server) as source,
-        playing(server, (replace(frame(k), positions=POINTS * 1e3) for k in itertools.count())),
-    ):
-        until(lambda: "unit" in source.health(0).trouble)
-
-
-def test_a_slow_reader_gets_the_newest(server):
-    sent = []
-
-    def frames():
-        for k in itertools.count():
-            sent.append(k)
-            yield frame(k)
-
-    with following(server) as source, playing(server, frames()):
-        source.first()
-        for _ in range(20):
-            time.sleep(0.03)
-            assert sent[-1] - source.newest(0).number <= 2  # one on its way, one just made
-
-
 def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as lazy, following(server) as source:
-        lazy.sendto(wire.encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))
+        lazy.sendto(encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))
         until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
         slowest = 0.0
         for number in range(1, 1_000):
@@ -333,27 +200,6 @@ def test_a_client_that_reads_nothing_holds_nobody_up(server):
             time.sleep(0.0002)
         assert slowest < 0.5
         until(lambda: source.newest(0).number > 900)
-
-
-def test_closing_is_quick_and_leaves_nothing():
-    before = set(threading.enumerate())
-    server = NatNetServer(port=0)
-    with following(server) as source, playing(server):
-        source.first()
-        start = time.monotonic()
-        source.close()
-        source.close()
-        assert time.monotonic() - start < 0.5
-    start = time.monotonic()
-    server.close()
-    server.close()
-    assert time.monotonic() - start < 0.5
-    until(lambda: set(threading.enumerate()) <= before)
-
-
-def test_a_port_that_is_taken(server):
-    with pytest.raises(LinkError, match="cannot listen"):
-        NatNetServer(port=server.port)
 
 
 def test_where_nothing_listens():
@@ -388,7 +234,7 @@ def test_what_is_no_natnet_is_told_in_one_line(answer, message):
         assert f"{LOOPBACK}:{port}" in str(error.value)
 
 
-BROKEN = wire.encode(Kind.FRAME, b"\1\0\0\0\xff\xff\xff\xff")
+BROKEN = encode(Kind.FRAME, b"\1\0\0\0\xff\xff\xff\xff")
 
 
 def test_nothing_but_damage_is_our_own_error():
@@ -400,9 +246,7 @@ def test_nothing_but_damage_is_our_own_error():
 
 def test_a_datagram_that_cannot_be_read_ends_nothing():
     points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
-    good = wire.encode_frame(
-        wire.Frame(1, (("Anna", points),), points[:0], wire.labelled_markers([], points[:0], []), 1.0), (4, 1)
-    )
+    good = encode_frame(Frame(1, (("Anna", points),), points[:0], labelled_markers([], points[:0], []), 1.0), (4, 1))
     with impostor(motive((4, 1), [b"junk", BROKEN, good, bytes(40)])) as port:
         link = connect_natnet(LOOPBACK, port)
         with contextlib.closing(link):
@@ -413,18 +257,16 @@ def test_a_datagram_that_cannot_be_read_ends_nothing():
 def test_descriptions_that_get_lost_are_asked_for_again():
     """The frame says that models changed; the first answer never comes."""
     points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
-    data = wire.Frame(1, (("Anna", points),), points[:0], wire.labelled_markers([], points[:0], []), 1.0, True)
+    data = Frame(1, (("Anna", points),), points[:0], labelled_markers([], points[:0], []), 1.0, True)
     asked = []
 
     def answer(datagram):
         if datagram[0] != Kind.REQUEST_MODEL:
             return motive()(datagram)
         asked.append(datagram)
-        before, after = (wire.MarkerSet("Anna", names) for names in (("a", "b"), ("b", "a")))
-        changed = [wire.encode_frame(data, (3, 0))]
-        return {1: [wire.encode_model([before], (3, 0)), *changed], 2: []}.get(
-            len(asked), [wire.encode_model([after], (3, 0))]
-        )
+        before, after = (MarkerSet("Anna", names) for names in (("a", "b"), ("b", "a")))
+        changed = [encode_frame(data, (3, 0))]
+        return {1: [encode_model([before], (3, 0)), *changed], 2: []}.get(len(asked), [encode_model([after], (3, 0))])
 
     with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:
         frames = []
@@ -440,7 +282,7 @@ def test_a_frame_rate_that_no_camera_has_is_asked_for_again(damaged):
     def answer(datagram):
         if datagram[0] == Kind.REQUEST and b"FrameRate" in datagram:
             asked.append(datagram)
-            return [wire.encode(Kind.RESPONSE, struct.pack("<f", damaged if len(asked) < 3 else 100.0))]
+            return [encode(Kind.RESPONSE, struct.pack("<f", damaged if len(asked) < 3 else 100.0))]
         return motive()(datagram)
 
     with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:

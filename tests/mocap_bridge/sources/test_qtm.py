@@ -6,13 +6,12 @@ import itertools
 import socket
 import threading
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import qtm_rt
+from live_frames import NAMES, OWN, RATE, frame, live, playing, until
 
-from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.qtm import QtmServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
@@ -22,20 +21,6 @@ from highfive.mocap_bridge.sources.source import Connection
 from highfive.mocap_bridge.wire import qtm as wire
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.qtm import Kind
-
-NAMES = tuple(f"Anna:M{m}" for m in range(12))
-OWN = tuple(name.removeprefix("Anna:") for name in NAMES)
-RNG = np.random.default_rng(4)
-POINTS = RNG.uniform(-1.0, 2.0, size=(12, 3))
-RATE = 120.0
-
-
-def frame(number, names=NAMES, loose=2, hidden=()):
-    """Every marker has a place of its own, and moves 1 mm a frame."""
-    valid = np.array([name not in hidden for name in names])
-    points = POINTS[[NAMES.index(name) for name in names]] + np.array([0.001 * number, 0.0, 0.0])
-    time_ns = round(number * 1e9 / RATE)
-    return MarkerFrame(tuple(names), points, valid, number, time_ns, time_ns, POINTS[:loose] + 0.1)
 
 
 @pytest.fixture
@@ -49,37 +34,6 @@ def following(server, person=None):
     connect = lambda: connect_qtm(LOOPBACK, server.port, timeout_s=0.5)  # noqa: E731
     with contextlib.closing(LiveSource("qtm", connect, person)) as source:
         yield source
-
-
-@contextlib.contextmanager
-def playing(server, frames=None, rate=RATE):
-    """Sends frames at their rate in a thread until the end of the block."""
-    stop, frames = threading.Event(), frames or (frame(k) for k in itertools.count())
-
-    def send():
-        for one in frames:
-            server.send(one)
-            if stop.wait(1.0 / rate):
-                return
-
-    thread = threading.Thread(target=send)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
-
-
-def until(condition, timeout_s=5.0):
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, "it did not happen"
-        time.sleep(0.002)
-
-
-def live(source):
-    return source.health(time.monotonic_ns()).connection is Connection.LIVE
 
 
 @contextlib.contextmanager
@@ -132,29 +86,6 @@ def test_names_are_the_same_object_from_frame_to_frame(server):
         frames = [*link.receive(0.5), *link.receive(0.5), *link.receive(0.5)]
         assert len({id(one.names) for one in frames}) == 1
         assert frames[0].names == NAMES
-
-
-def test_hidden_markers_and_numbers_that_are_none_are_not_valid(server):
-    with following(server) as source:
-        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
-        one = frame(7, hidden=("Anna:M3", "Anna:M5"))
-        one.positions[8] = np.nan
-        one.positions[9] = [np.inf, -np.inf, 0.0]
-        server.send(replace(one, unlabelled=np.array([[np.nan, 0.0, 0.0], [1.0, 2.0, 3.0]])))
-        until(lambda: source.newest(0).number == 7)
-        got = source.newest(0)
-        assert [name for name, seen in zip(OWN, got.valid, strict=True) if not seen] == ["M3", "M5", "M8", "M9"]
-        assert np.isfinite(got.positions).all()
-        np.testing.assert_allclose(got.unlabelled, [[1.0, 2.0, 3.0]])
-
-
-def test_a_gap_in_the_numbers_counts_as_lost(server):
-    with following(server) as source:
-        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
-        for number in (1, 2, 15, 16):
-            server.send(frame(number))
-        until(lambda: source.newest(0).number == 16)
-        assert source.health(0).lost == 12
 
 
 def test_labels_in_another_order_are_followed(server):
@@ -214,72 +145,6 @@ def _linked(client, qtm, opening):
     return link
 
 
-def test_other_markers_than_before(server):
-    """Somebody loads another recording: fewer markers, other names."""
-    with (
-        following(server) as source,
-        playing(server, (frame(k, NAMES if k < 20 else NAMES[6:2:-1]) for k in itertools.count())),
-    ):
-        until(lambda: source.newest(0) is not None and len(source.newest(0).names) == 4)
-        got = source.newest(0)
-        assert got.names == OWN[6:2:-1]
-        np.testing.assert_allclose(got.positions, frame(got.number, NAMES[6:2:-1]).positions, atol=2e-7)
-
-
-def test_several_persons(server):
-    both = (*NAMES, *(name.replace("Anna", "Bert") for name in NAMES))
-    frames = (
-        replace(one, names=both, positions=np.tile(one.positions, (2, 1)), valid=np.tile(one.valid, 2))
-        for one in (frame(k) for k in itertools.count())
-    )
-    with following(server, "Bert") as source, following(server) as nobody, playing(server, frames):
-        assert source.first().names == OWN
-        until(lambda: "Anna, Bert" in nobody.health(0).trouble)
-
-
-def test_a_server_that_goes_and_comes_back(server):
-    with following(server) as source, playing(server):
-        source.first()
-        server.hang_up()
-        gone = time.monotonic()
-        until(lambda: not live(source), 1.5)
-        assert time.monotonic() - gone < 1.5
-        until(lambda: "nothing listens" in source.health(0).trouble)
-        server.answer()
-        until(lambda: live(source))
-
-
-def test_frames_that_stop_are_seen(server):
-    with following(server) as source:
-        with playing(server):
-            source.first()
-        until(lambda: not live(source), 1.5)
-        until(lambda: "nothing has come" in source.health(0).trouble, 3.0)
-
-
-def test_metres_instead_of_millimetres_are_told(server):
-    with (
-        following(server) as source,
-        playing(server, (replace(frame(k), positions=POINTS * 1e-3) for k in itertools.count())),
-    ):
-        until(lambda: "unit" in source.health(0).trouble)
-
-
-def test_a_slow_reader_gets_the_newest(server):
-    sent = []
-
-    def frames():
-        for k in itertools.count():
-            sent.append(k)
-            yield frame(k)
-
-    with following(server) as source, playing(server, frames()):
-        source.first()
-        for _ in range(20):
-            time.sleep(0.03)
-            assert sent[-1] - source.newest(0).number <= 2  # one on its way, one just made
-
-
 def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.create_connection((LOOPBACK, server.port)) as lazy, following(server) as source:
         lazy.sendall(wire.encode_text(Kind.COMMAND, "StreamFrames AllFrames 3DRes"))
@@ -291,27 +156,6 @@ def test_a_client_that_reads_nothing_holds_nobody_up(server):
             slowest = max(slowest, time.perf_counter() - start)
         assert slowest < 0.5
         until(lambda: source.newest(0).number > 3_000)
-
-
-def test_closing_is_quick_and_leaves_nothing():
-    before = set(threading.enumerate())
-    server = QtmServer(port=0)
-    with following(server) as source, playing(server):
-        source.first()
-        start = time.monotonic()
-        source.close()
-        source.close()
-        assert time.monotonic() - start < 0.5
-    start = time.monotonic()
-    server.close()
-    server.close()
-    assert time.monotonic() - start < 0.5
-    until(lambda: set(threading.enumerate()) <= before)
-
-
-def test_a_port_that_is_taken(server):
-    with pytest.raises(LinkError, match="cannot listen"):
-        QtmServer(port=server.port)
 
 
 def test_where_nothing_listens():

@@ -9,6 +9,7 @@ from any_bytes import a_hundred
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from mutations import mutated
 from qtm_rt.packet import QRTPacket
 
 from highfive.mocap_bridge.sources.qtm import marker_frame
@@ -64,28 +65,6 @@ def digest(stream):
     except LinkError as error:
         return error
     return None
-
-
-def mutated(original, rng):
-    """Some bytes of a message changed, taken out or put in, or its end cut off."""
-    data, places = bytearray(original), rng.integers(len(original), size=4)
-    kind = rng.integers(6)
-    if kind == 0:
-        data[places[0]] = rng.integers(256)
-    elif kind == 1:
-        for place in places:
-            data[place] ^= 1 << int(rng.integers(8))
-    elif kind == 2:
-        data[places[0] : places[0] + 4] = rng.choice(
-            [b"\xff\xff\xff\xff", b"\0\0\0\0", b"\xff\xff\xff\x7f", b"\1\0\0\0"]
-        )
-    elif kind == 3:
-        del data[places[0] :]
-    elif kind == 4:
-        del data[min(places[:2]) : max(places[:2])]
-    else:
-        data[places[0] : places[0]] = data[min(places[1:3]) : max(places[1:3])]
-    return bytes(data)
 
 
 @given(st.integers(0, 2**64 - 1), st.integers(0, 2**32 - 1), POINTS, POINTS, st.permutations(list(Component)))

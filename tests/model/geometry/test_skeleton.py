@@ -17,6 +17,18 @@ def random_hinges(count: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, *low.shape))
 
 
+@pytest.mark.parametrize("shape", [(), (4,)])
+@pytest.mark.parametrize("name", ["pelvis", "right_clavicle", "right_wrist", "left_ankle"])
+def test_chain_to_a_joint_moves_as_in_the_whole_body_to_the_bit(shape: tuple[int, ...], name: str) -> None:
+    rng = np.random.default_rng(2)
+    root, angles = rng.normal(size=(*shape, 3)), rng.uniform(-1.0, 1.0, (*shape, len(SKELETON), 3))
+    positions, orientations = SKELETON.forward_kinematics(root, SKELETON.from_hinges(angles))
+    chain, alone = SKELETON.chain_to(name)
+    position, orientation = alone.forward_kinematics(root, alone.from_hinges(angles[..., chain, :]))
+    np.testing.assert_array_equal(position, positions[..., chain, :])
+    np.testing.assert_array_equal(orientation, orientations[..., chain, :])
+
+
 def test_forward_kinematics_is_the_chain_of_matrices() -> None:
     angles = random_hinges(1)[0]
     root = np.array([0.3, -0.2, 1.1])

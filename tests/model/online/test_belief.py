@@ -8,8 +8,8 @@ import pytest
 from highfive.model.errors import HighFiveError
 from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.sparse import Posterior
+from highfive.model.hgpdm.dynamics import VELOCITY_UNIT, dynamics_mean
 from highfive.model.hgpdm.features import FeatureMap
-from highfive.model.hgpdm.hierarchy import VELOCITY_UNIT, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online import belief, tick
 from highfive.model.online.belief import Filter

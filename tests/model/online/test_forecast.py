@@ -5,15 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 from highfive.model.gp import sparse
-from highfive.model.hgpdm.contact_layer import (
-    KNOTS,
-    REGION,
-    ContactLayer,
-    _scales,
-    approaches,
-    fit_contact_layer,
-    precision,
-)
+from highfive.model.hgpdm.contact_layer import KNOTS, REGION, ContactLayer
+from highfive.model.hgpdm.contact_training import _scales, approaches, fit_contact_layer, precision
 from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
 from highfive.model.hgpdm.features import fit_feature_map
 from highfive.model.hgpdm.trials import Trial

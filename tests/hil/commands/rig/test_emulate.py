@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus import instruction_packets as wire
+from highfive.hil.drivers.bus.packet import Packet
 from highfive.hil.drivers.bus.packet_decoder import Decoder
 
 COMMAND = [sys.executable, "-m", "highfive.hil.cli.main", "rig", "emulate"]
@@ -31,7 +32,7 @@ def test_it_serves_until_it_is_told(tmp_path: Path, how: signal.Signals) -> None
         with serial.Serial(str(link), 1_000_000, timeout=1.0) as line:
             os.write(line.fileno(), wire.ping(8))
             (found,) = Decoder().feed(line.read(14))
-            assert isinstance(found, wire.Packet) and found.id == 8
+            assert isinstance(found, Packet) and found.id == 8
         process.send_signal(how)
         said, _ = process.communicate(timeout=30)
     finally:

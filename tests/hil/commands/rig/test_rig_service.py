@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import running
 
-from highfive.hil.arm.lifecycle import PLANT, ArmOptions, check_arm, ready_arm
-from highfive.hil.cli import main as cli
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.lifecycle import PLANT, check_arm, ready_arm
 from highfive.hil.drivers.bus import ports
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.model.errors import HighFiveError
@@ -21,16 +22,7 @@ ASYNC_LOW_LATENCY = 0x2000
 """Flag of Linux's ``serial_struct`` (linux/tty_flags.h)."""
 
 
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["highfive", "rig", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out, err = capsys.readouterr()
-        return int(str(end.value.code or 0)), out, err
-
-    return run
+run = running("rig")
 
 
 @pytest.fixture

@@ -23,7 +23,8 @@ from mcap.writer import Writer
 from paths import ROOT
 from trial_results import simulated_result
 
-from highfive.hil.arm.lifecycle import PATIENCE_MS, PLANT, ArmOptions, ready_arm
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.lifecycle import PATIENCE_MS, PLANT, ready_arm
 from highfive.hil.cli import main as cli
 from highfive.hil.commands.rig.play import PlayOptions, play
 from highfive.hil.drivers.bus.rig import load_rig
@@ -163,8 +164,8 @@ def test_a_recording_of_another_avatar_is_refused(recorded: Path) -> None:
         recorded_high_fives(other, recorded)
 
 
-def rewritten(path: Path, out: Path, change: Callable[[str, dict[str, Any]], dict[str, Any] | None]) -> Path:
-    """A valid MCAP file whose messages were changed; None leaves one out."""
+def rewritten(path: Path, out: Path, topic: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Path:
+    """A valid MCAP file whose messages of a topic were changed; None leaves one out."""
     writer, channels = Writer(str(out)), dict[str, int]()
     writer.start()
     with path.open("rb") as file:
@@ -173,9 +174,12 @@ def rewritten(path: Path, out: Path, change: Callable[[str, dict[str, Any]], dic
             if channel.topic not in channels:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, "json", number)
-            if (changed := change(channel.topic, json.loads(message.data))) is not None:
+            data = message.data
+            if channel.topic == topic:
+                if (changed := change(json.loads(data))) is None:
+                    continue
                 data = json.dumps(changed).encode()
-                writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time)
+            writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time)
     writer.finish()
     return out
 
@@ -207,12 +211,10 @@ def test_a_recording_whose_values_cannot_be_is_refused_in_one_line_before_the_po
     topic: str, change: dict[str, Any] | None, said: str,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recorded: Path, tmp_path: Path,
 ) -> None:  # fmt: skip
-    def changed(of: str, data: dict[str, Any]) -> dict[str, Any] | None:
-        if of != topic:
-            return data
+    def changed(data: dict[str, Any]) -> dict[str, Any] | None:
         return None if change is None else {key: it for key, it in (data | change).items() if it is not ...}
 
-    path = rewritten(recorded, tmp_path / "damaged.mcap", changed)
+    path = rewritten(recorded, tmp_path / "damaged.mcap", topic, changed)
     # A port that is not there is told only once somebody wants to open it.
     error = refused(monkeypatch, capsys, "rig", "play", path, "--port", tmp_path / "no-port", "--arm", "--slow")
     assert error.startswith(f"error: {path}") and said in error, error

@@ -13,6 +13,7 @@ from threading import Event, Thread
 
 import numpy as np
 import pytest
+from command_line import failing
 from live_commands import ended, lab_recording, serving, start, stop, summary, wait_for
 from rich.console import Console
 
@@ -38,20 +39,7 @@ def vicon(lab: Path) -> Iterator[str]:
     stop(process)
 
 
-@pytest.fixture
-def fails(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def run(*words: object) -> str:
-        monkeypatch.setattr("sys.argv", ["highfive", "stream", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        out, err = capsys.readouterr()
-        assert end.value.code == 2
-        assert out == ""
-        assert len(err.strip().splitlines()) == 1
-        assert err.startswith("error:")
-        return err
-
-    return run
+fails = failing("stream")
 
 
 def test_bad_input_is_one_line(fails, vicon: str, lab: Path, tmp_path: Path) -> None:

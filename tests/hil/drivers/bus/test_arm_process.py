@@ -15,7 +15,8 @@ import pytest
 from test_servo_bus import until
 
 from highfive.hil.commands.rig.service import check, print_check
-from highfive.hil.drivers.bus.arm_process import ArmProcess, Mode
+from highfive.hil.drivers.bus.arm_process import ArmProcess
+from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import Rig, angle, count, load_rig, wanted_registers
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
@@ -392,7 +393,8 @@ def started(script: Path, argument: str, **more: Any) -> subprocess.Popen[str]:
 ORDERLY = """
 import signal, sys, time
 import numpy as np
-from highfive.hil.drivers.bus.arm_process import ArmProcess, Mode
+from highfive.hil.drivers.bus.arm_process import ArmProcess
+from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.drivers.bus.rig import load_rig
 if __name__ == "__main__":

@@ -6,26 +6,22 @@ from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus import instruction_packets as wire
+from highfive.hil.drivers.bus.instruction_packets import ReadTarget, WriteTarget, read_targets, write_targets
 from highfive.hil.drivers.bus.packet import (
     BROADCAST,
+    HEADER,
     LONGEST,
     Instruction,
     Packet,
     PacketError,
-    ReadTarget,
-    Status,
-    WriteTarget,
     crc16,
-    decode_fast_status,
-    decode_status,
     encode,
-    read_targets,
     stuff,
     unstuff,
-    write_targets,
 )
 from highfive.hil.drivers.bus.packet_decoder import Damaged, Decoder
+from highfive.hil.drivers.bus.status_packets import FastStatus, Status, decode_fast_status, decode_status, status
 
 
 def bytes_of(text: str) -> bytes:
@@ -36,19 +32,19 @@ def bytes_of(text: str) -> bytes:
 PRINTED = {
     "ping": (wire.ping(1), "01 03 00 01 19 4E"),
     "broadcast ping": (wire.ping(), "FE 03 00 01 31 42"),
-    "ping, reply 1": (wire.status(1, 0, b"\x06\x04\x26"), "01 07 00 55 00 06 04 26 65 5D"),
-    "ping, reply 2": (wire.status(2, 0, b"\x06\x04\x26"), "02 07 00 55 00 06 04 26 6F 6D"),
+    "ping, reply 1": (status(1, 0, b"\x06\x04\x26"), "01 07 00 55 00 06 04 26 65 5D"),
+    "ping, reply 2": (status(2, 0, b"\x06\x04\x26"), "02 07 00 55 00 06 04 26 6F 6D"),
     "read": (wire.read(1, 132, 4), "01 07 00 02 84 00 04 00 1D 15"),
-    "read, reply": (wire.status(1, 0, b"\xa6\0\0\0"), "01 08 00 55 00 A6 00 00 00 8C C0"),
+    "read, reply": (status(1, 0, b"\xa6\0\0\0"), "01 08 00 55 00 A6 00 00 00 8C C0"),
     "write": (wire.write(1, 116, b"\0\x02\0\0"), "01 09 00 03 74 00 00 02 00 00 CA 89"),
-    "write, reply": (wire.status(1, 0), "01 04 00 55 00 A1 0C"),
+    "write, reply": (status(1, 0), "01 04 00 55 00 A1 0C"),
     "reg write": (wire.reg_write(1, 104, b"\xc8\0\0\0"), "01 09 00 04 68 00 C8 00 00 00 AE 8E"),
     "action": (wire.action(1), "01 03 00 05 02 CE"),
     "factory reset": (wire.factory_reset(1, 1), "01 04 00 06 01 A1 E6"),
     "reboot": (wire.reboot(1), "01 03 00 08 2F 4E"),
     "clear": (wire.clear(1), "01 08 00 10 01 44 58 4C 22 B1 DC"),
     "sync read": (wire.sync_read(132, 4, [1, 2]), "FE 09 00 82 84 00 04 00 01 02 CE FA"),
-    "sync read, reply 2": (wire.status(2, 0, b"\x1f\x08\0\0"), "02 08 00 55 00 1F 08 00 00 BA BE"),
+    "sync read, reply 2": (status(2, 0, b"\x1f\x08\0\0"), "02 08 00 55 00 1F 08 00 00 BA BE"),
     "sync write": (
         wire.sync_write(116, {1: b"\x96\0\0\0", 2: b"\xaa\0\0\0"}),
         "FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
@@ -57,8 +53,8 @@ PRINTED = {
         wire.bulk_read([ReadTarget(1, 144, 2), ReadTarget(2, 146, 1)]),
         "FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05",
     ),
-    "bulk read, reply 1": (wire.status(1, 0, b"\x77\0"), "01 06 00 55 00 77 00 C3 69"),
-    "bulk read, reply 2": (wire.status(2, 0, b"\x24"), "02 05 00 55 00 24 8B A9"),
+    "bulk read, reply 1": (status(1, 0, b"\x77\0"), "01 06 00 55 00 77 00 C3 69"),
+    "bulk read, reply 2": (status(2, 0, b"\x24"), "02 05 00 55 00 24 8B A9"),
     "bulk write": (
         wire.bulk_write([WriteTarget(1, 32, b"\xa0\0"), WriteTarget(2, 31, b"\x50")]),
         "FE 10 00 93 01 20 00 02 00 A0 00 02 1F 00 01 00 50 B7 68",
@@ -88,7 +84,7 @@ PACKETS = st.builds(Packet, IDS, st.sampled_from([i for i in Instruction if i !=
 @given(EVIL)
 def test_stuffing_comes_off_again_and_hides_every_header(body: bytes) -> None:
     assert unstuff(stuff(body)) == body
-    assert wire.HEADER not in stuff(body)
+    assert HEADER not in stuff(body)
 
 
 @given(EVIL)
@@ -99,7 +95,7 @@ def test_stuffing_is_the_makers(parameters: bytes) -> None:
 
 
 def fast_parts(replies: list[tuple[int, int, bytes]]) -> list[bytes]:
-    whole = wire.FastStatus([len(data) for _, _, data in replies])
+    whole = FastStatus([len(data) for _, _, data in replies])
     return [whole.part(*reply) for reply in replies]
 
 
@@ -253,8 +249,8 @@ def test_the_makers_sdk_takes_the_fast_reply() -> None:
         lambda: wire.sync_write(116, {1: b"a", 2: b"bc"}),
         lambda: wire.sync_write(116, {}),
         lambda: wire.write(1, 0, bytes(2000)),
-        lambda: wire.FastStatus([2000]),
-        lambda: decode_fast_status(wire.status(1, 0), {1: 0}),
+        lambda: FastStatus([2000]),
+        lambda: decode_fast_status(status(1, 0), {1: 0}),
         lambda: decode_fast_status(b"", {1: 0}),
         lambda: read_targets(Packet(BROADCAST, Instruction.SYNC_READ, b"\x84\0\4\0\1\1")),
     ],

@@ -11,11 +11,11 @@ import pytest
 from conftest import ALLOWANCE_MS, Adapter
 
 from highfive.hil.drivers.bus import ports
-from highfive.hil.drivers.bus.packet import status
 from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.servo_bus import DamagedAnswer, NoAnswer, ServoBus, ServoError
 from highfive.hil.drivers.bus.servo_port import PortError, ServoPort
+from highfive.hil.drivers.bus.status_packets import status
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.model.errors import HighFiveError
 

@@ -14,8 +14,8 @@ import pytest
 import rustypot
 
 from highfive.hil.drivers.bus.control_table import Table, encode, load_table
-from highfive.hil.drivers.bus.packet import ALERT, Error
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.hil.drivers.servo_errors import ALERT, Error
 
 pytestmark = pytest.mark.realtime
 

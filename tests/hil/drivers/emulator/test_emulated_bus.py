@@ -8,14 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from paths import ROOT
 
-from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus import instruction_packets as wire
 from highfive.hil.drivers.bus.control_table import BAUD_RATES, load_table
-from highfive.hil.drivers.bus.packet import ReadTarget, Status, decode_fast_status, decode_status
+from highfive.hil.drivers.bus.instruction_packets import ReadTarget
+from highfive.hil.drivers.bus.packet import BROADCAST, Packet
 from highfive.hil.drivers.bus.packet_decoder import Decoder
 from highfive.hil.drivers.bus.rig import load_rig, wanted_registers
+from highfive.hil.drivers.bus.status_packets import Status, decode_fast_status, decode_status
 from highfive.hil.drivers.emulator.bus_faults import KINDS, parse_fault, parse_faults
 from highfive.hil.drivers.emulator.emulated_bus import TURNAROUND_NS, EmulatedBus, build_servos
 from highfive.hil.drivers.emulator.emulated_servo import BOOT_NS, EmulatedServo
+from highfive.hil.drivers.servo_errors import Error
 from highfive.model.errors import HighFiveError
 
 MS = 1_000_000
@@ -35,7 +38,7 @@ def ask(bus: EmulatedBus, said: bytes, at: int = 0, baud: int = 1_000_000) -> tu
 
 
 def statuses(data: bytes) -> list[Status]:
-    return [decode_status(found) for found in Decoder().feed(data) if isinstance(found, wire.Packet)]
+    return [decode_status(found) for found in Decoder().feed(data) if isinstance(found, Packet)]
 
 
 @settings(max_examples=30)
@@ -95,11 +98,11 @@ def test_status_return_level(level: int, speaks: list[int]) -> None:
 
 def test_to_all_nobody_replies_but_to_a_ping() -> None:
     bus = bus_of(3)
-    assert ask(bus, wire.write(wire.BROADCAST, 65, b"\1"))[0] == b""
+    assert ask(bus, wire.write(BROADCAST, 65, b"\1"))[0] == b""
     assert [servo.values["led"] for servo in bus.servos] == [1, 1, 1]
-    assert ask(bus, wire.factory_reset(wire.BROADCAST, 0xFF), 100 * MS)[0] == b""
+    assert ask(bus, wire.factory_reset(BROADCAST, 0xFF), 100 * MS)[0] == b""
     assert [servo.id for servo in bus.servos] == [1, 2, 3]
-    assert ask(bus, wire.reboot(wire.BROADCAST), 200 * MS)[0] == b""
+    assert ask(bus, wire.reboot(BROADCAST), 200 * MS)[0] == b""
     assert ask(bus, wire.ping(), 210 * MS)[0] == b"", "they are starting"
     assert len(statuses(ask(bus, wire.ping(), 210 * MS + BOOT_NS)[0])) == 3
 
@@ -108,7 +111,7 @@ def test_a_damaged_instruction_is_answered_with_a_crc_error() -> None:
     bus = bus_of(2)
     said = bytearray(wire.read(1, 132, 4))
     said[-1] ^= 1
-    assert statuses(ask(bus, bytes(said))[0]) == [Status(1, wire.Error.CRC, False, b"")]
+    assert statuses(ask(bus, bytes(said))[0]) == [Status(1, Error.CRC, False, b"")]
     assert ask(bus, wire.read(1, 132, 4)[:9], 100 * MS)[0] == b""
     assert statuses(ask(bus, wire.ping(2), 200 * MS)[0]), "half a packet does not hide what comes after a pause"
     assert bus.counts.damaged == 2

@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from highfive.hil.drivers.bus.control_table import decode, encode, load_table, models, to_si
-from highfive.hil.drivers.bus.packet import CLEAR_POSITION, Error, Instruction, Packet
-from highfive.hil.drivers.emulator.emulated_servo import BOOT_NS, OVERHEATING, OVERLOAD, VOLTAGE_ERROR, EmulatedServo
+from highfive.hil.drivers.bus.instruction_packets import CLEAR_POSITION
+from highfive.hil.drivers.bus.packet import Instruction, Packet
+from highfive.hil.drivers.emulator.emulated_servo import BOOT_NS, EmulatedServo
 from highfive.hil.drivers.emulator.servo_instructions import obey
 from highfive.hil.drivers.emulator.simple_plant import SimplePlant
+from highfive.hil.drivers.servo_errors import OVERHEATING, OVERLOAD, VOLTAGE_ERROR, Error
 
 STEP_NS = 1_000_000
 BIG = load_table("XM540-W270")

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from highfive.hil.drivers.bus import packet as wire
+from highfive.hil.drivers.bus import instruction_packets as wire
+from highfive.hil.drivers.bus.packet import Packet
 from highfive.hil.drivers.bus.packet_decoder import Decoder
 from highfive.hil.drivers.emulator.emulator import Emulator
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess, make_bus
@@ -30,7 +31,7 @@ def reply(line: serial.Serial, said: bytes, seconds: float = 2.0) -> list[int]:
     while (left := end - time.monotonic()) > 0:
         if not select.select([line.fileno()], [], [], min(left, 0.3 if found else left))[0]:
             break
-        found += [one.id for one in decoder.feed(os.read(line.fileno(), 4096)) if isinstance(one, wire.Packet)]
+        found += [one.id for one in decoder.feed(os.read(line.fileno(), 4096)) if isinstance(one, Packet)]
     return found
 
 

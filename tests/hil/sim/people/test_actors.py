@@ -5,8 +5,10 @@ import pytest
 
 from highfive.hil.sim.avatar import right_palm
 from highfive.hil.sim.limb_ik import solve_arm, solve_leg
-from highfive.hil.sim.people.actors import CELLS, GRID_Y, GRID_Z, RATE_HZ, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
+from highfive.hil.sim.people.role import RATE_HZ
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 

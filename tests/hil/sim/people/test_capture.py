@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from highfive.hil.sim.people.actors import CELLS, RATE_HZ, PairTrial, simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.capture import CLEAN, Defects, _beside, capture, markers_of, record_pair, trial_seed
+from highfive.hil.sim.people.grid import CELLS
+from highfive.hil.sim.people.role import RATE_HZ
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.files.trial_table import COLUMNS, write_table

@@ -7,15 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from highfive.calibration.subject import Subject, fit_subject
-from highfive.hil.runtime.console import Bar
-from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.markers.recognise import find_marker_set
-from highfive.mocap_bridge.sources.live import of_another_unit, spans
+from highfive.mocap_bridge.wire.plausible import of_another_unit, spans
 from highfive.model.errors import HighFiveError
 
 
@@ -86,21 +83,6 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     prefix = "".join(whole.prefixes) if person is None else person.removesuffix(":")
     strange = of_another_unit(spans(one.points, one.valid))  # a live system that changed its unit was recorded so
     return OnePerson(path, prefix, replace(one, valid=one.valid & ~strange[:, None]), marker_set, int(strange.sum()))
-
-
-def fitted_subject(person: OnePerson, bar: Bar) -> Subject:
-    """The marker set on this person's own body.
-
-    Raises:
-        HighFiveError: the recording shows too little of it.
-    """
-    base = person.marker_set
-    points, seen = base.arrange(person.recording.names, person.recording.points, person.recording.valid)
-    advance = bar("fitting the body", 1)
-    try:
-        return fit_subject(avatar_skeleton(), base, points, seen)
-    finally:
-        advance()
 
 
 def shows_right_arm(one: Recording, asked: MarkerSet | None) -> bool:

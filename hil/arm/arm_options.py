@@ -1,0 +1,45 @@
+"""Which arm takes part in a session, and what was said about who is near it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+EMULATED = "emulated"
+"""In place of a port: an emulated arm, started for the session."""
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """Which arm.
+
+    Attributes:
+        port: path of a serial port, or :data:`EMULATED`.
+        rig: file of the rig; None for the one that comes with the project.
+        limits: file of limits, none of them less safe than those that come with the project; None for these.
+        lower: limits that are made safer, such as ``contact.speed=0.5``.
+        armed: a person said that a real arm may move.
+        estop: path of a named pipe that pulls the emergency stop, besides key and signals.
+        faults: what goes wrong on an emulated bus.
+        person: address of the live person whom the arm meets; '' where nobody is tracked.
+        registration: file that says where the arm's base stands in that person's room.
+        nobody_near: the operator answers for it that the arm can reach nobody.
+        slow: every known point of the arm is as slow as near a face.
+    """
+
+    port: str = EMULATED
+    rig: Path | None = None
+    limits: Path | None = None
+    lower: tuple[str, ...] = ()
+    armed: bool = False
+    estop: Path | None = None
+    faults: tuple[str, ...] = ()
+    person: str = ""
+    registration: Path | None = None
+    nobody_near: bool = False
+    slow: bool = False
+
+    @property
+    def emulated(self) -> bool:
+        """No real arm moves."""
+        return self.port == EMULATED

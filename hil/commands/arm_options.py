@@ -1,0 +1,50 @@
+"""The servo arm as a command line gives it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from highfive.model.errors import HighFiveError
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_options import ArmOptions
+
+
+def arm_options(
+    port: str | None,
+    armed: bool,
+    rig: Path | None,
+    limits: Path | None,
+    lower: list[str] | None,
+    estop: Path | None,
+    registration: Path | None,
+    nobody_near: bool,
+    slow: bool,
+) -> ArmOptions | None:
+    """The arm that takes part in a session, if there is one.
+
+    Raises:
+        HighFiveError: something is said about an arm, and none takes part.
+    """
+    if port is not None:
+        from highfive.hil.arm.arm_options import ArmOptions  # noqa: PLC0415 (most sessions have none)
+
+        changes = tuple(lower or ())
+        return ArmOptions(
+            port, rig, limits, changes, armed, estop,
+            registration=registration, nobody_near=nobody_near, slow=slow,
+        )  # fmt: skip
+    given = {
+        "--arm": armed,
+        "--rig-file": rig,
+        "--limits": limits,
+        "--lower": lower,
+        "--estop": estop,
+        "--registration": registration,
+        "--nobody-near": nobody_near,
+        "--slow": slow,
+    }
+    if said := next((name for name, value in given.items() if value), None):
+        raise HighFiveError(f"{said} is about an arm, and none takes part; add --rig emulated, or --rig PORT")
+    return None

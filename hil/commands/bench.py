@@ -1,0 +1,101 @@
+"""``highfive bench``: each benchmark with what the command line gives it. No other module knows of benchmarks."""
+
+# Every benchmark loads other things, some of them heavy: each is imported by who asks for it.
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from highfive.hil.runtime.console import Bar
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a benchmark found, and what prints it for people."""
+
+    figures: dict[str, Any]
+    show: Callable[[dict[str, Any]], None]
+
+
+def model(
+    points: int, channels: int, inducing: int, preset: str, seed: int, peer_python: Path | None, quick: bool, bar: Bar
+) -> Measured:
+    """Objective, training and online step; see :mod:`highfive.hil.bench.speed`."""
+    from highfive.hil.bench.speed import BenchOptions, bench_model, print_bench
+
+    options = BenchOptions(points, channels, inducing, preset=preset, seed=seed)
+    if peer_python is not None:
+        options = replace(options, peer_python=peer_python)
+    if quick:
+        options = replace(options, sizes=(500, 1000, 2000), repeats=3, training=False)
+    return Measured(bench_model(options, bar), print_bench)
+
+
+def ablation(data: Path, inducing: int, seed: int, bar: Bar) -> Measured:
+    """What each part of the model is worth; see :mod:`highfive.hil.bench.ablation`."""
+    from highfive.hil.bench.ablation import ablate, print_ablation
+
+    return Measured(ablate(data, inducing, seed, bar), print_ablation)
+
+
+def tracker(real: Path | None, person: str | None, peers_python: Path | None, quick: bool, bar: Bar) -> Measured:
+    """Hidden markers; see :mod:`highfive.hil.bench.tracker`."""
+    from highfive.hil.bench.tracker import TrackerBenchOptions, bench_tracker, print_tracker_bench
+
+    options = TrackerBenchOptions(real=real, person=person)
+    if quick:
+        options = replace(options, seeds=2, seconds=6.0, high_fives=1, pairs=20, episodes=4, real_frames=1440)
+    if peers_python is not None:
+        options = replace(options, peers_python=peers_python)
+    return Measured(bench_tracker(options, bar), print_tracker_bench)
+
+
+def protocols(
+    file: Path | None, protocol: Sequence[str] | None, seconds: float, person: str | None, bar: Bar
+) -> Measured:
+    """Live protocols on loopback; see :mod:`highfive.hil.bench.protocols`."""
+    from highfive.hil.bench.protocols import ProtocolBenchOptions, bench_protocols, print_protocol_bench
+    from highfive.mocap_bridge.sources.registry import BUILT_IN
+
+    options = ProtocolBenchOptions(file, tuple(protocol or BUILT_IN), seconds, person)
+    return Measured(bench_protocols(options, bar), print_protocol_bench)
+
+
+def bus(seconds: float, bar: Bar) -> Measured:
+    """Cycles of the servo bus; see :mod:`highfive.hil.bench.bus`."""
+    from highfive.hil.bench.bus import BusBenchOptions, bench_bus, print_bus_bench
+
+    return Measured(bench_bus(BusBenchOptions(seconds), bar), print_bus_bench)
+
+
+def contact(
+    emotions: Sequence[str] | None,
+    cells: Sequence[str] | None,
+    players: Sequence[str] | None,
+    baseline: Path | None,
+    picture: Path | None,
+    foretold: bool,
+    overwrite: bool,
+    seed: int,
+    bar: Bar,
+) -> Measured:
+    """How far off each palm is; see :mod:`highfive.hil.bench.contact`."""
+    from highfive.hil.bench.contact import PLAYERS, ContactOptions, bench_contact, print_contact
+    from highfive.model import DEFAULT_MODEL
+    from highfive.model.hgpdm.store import load_model
+
+    whom = tuple(emotions or ()), tuple(cells or ()), tuple(players or PLAYERS)
+    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite)
+    return Measured(bench_contact(options, load_model(DEFAULT_MODEL), bar), print_contact)
+
+
+def locked(file: Path | None, bar: Bar) -> Measured:
+    """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
+    from highfive.hil.bench.locked import bench_locked, print_locked
+    from highfive.model import DEFAULT_MODEL
+
+    return Measured(bench_locked(file or DEFAULT_MODEL, bar), print_locked)

@@ -1,0 +1,66 @@
+"""What a session came to, in lines for people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from highfive.hil.runtime.console import STDERR, counted, escape
+from highfive.hil.trials.summary import kind
+from highfive.hil.trials.targets import BEFORE_MM
+
+
+def print_session(summary: dict[str, Any], folder: Path) -> None:
+    """A session's ``summary`` for people, and where in ``folder`` there is more."""
+    count, tick, styles = summary["trials"], summary["tick_ms"], summary["contact_error_mm"]["by_emotion"]
+    print(f"{counted(count, 'high five')} with a {kind(summary)} person, answered as {', '.join(styles) or 'nothing'}")
+    for label, key, digits, unit, target in (
+        ("true palm at first touch", "true_error_at_touch_mm", 1, "mm", ""),
+        ("closing speed then", "closing_speed_at_touch_m_s", 2, "m/s", ""),
+        ("before correction", "uncorrected_error_mm", 1, "mm", f" (target: median ≤ {BEFORE_MM:g} mm)"),
+        ("after, to tracked palm", "contact_error_mm", 2, "mm", ""),
+    ):
+        if summary[key]["median"] is not None:
+            print(f"  {label:<26}{_spread(summary[key], count, digits, unit)}{target}")
+    if count:
+        print(f"  one tick                  median {tick['p50']:.2f} ms, p99 {tick['p99']:.2f} ms")
+    for label, key in (
+        ("out of reach", "out_of_reach"),
+        ("no contact", "missed"),
+        ("unwanted contacts", "unwanted_contacts"),
+    ):
+        if summary[key]:
+            print(f"  {label + ':':<26}{summary[key]}")
+    if summary["arm"]:
+        _print_arm(summary["arm"])
+    if summary["interrupted"]:
+        print("  interrupted; the report covers the trials until then")
+    for warning in summary["warnings"]:
+        STDERR.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
+    print(f"Open {folder / 'report.html'}")
+
+
+def _spread(extent: dict[str, float], count: int, digits: int, unit: str) -> str:
+    """Median and worst; of a single trial the one figure that there is."""
+    if count == 1:
+        return f"{extent['median']:.{digits}f} {unit}"
+    return f"median {extent['median']:.{digits}f} {unit}, worst {extent['max']:.{digits}f} {unit}"
+
+
+def _print_arm(arm: dict[str, Any]) -> None:
+    """What the servo arm did, for people."""
+    error, late = arm["error_mm"], arm["time_error_ms"]
+    able = arm["trials"] - arm["broken_off"] - len(arm["unreachable"])
+    if error["median"] is not None:
+        print(f"  servo arm's plate to palm  {_spread(error, able, 1, 'mm')}")
+    if late["median"] is not None:
+        print(f"    off in time             {_spread(late, able - arm['missed'], 0, 'ms')}")
+    print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
+    for label, key in (
+        ("no contact", "missed"),
+        ("broken off", "broken_off"),
+        ("unreachable", "unreachable"),
+        ("stopped", "stopped"),
+    ):
+        if arm[key]:
+            print(f"    {label + ':':<24}{arm[key] if isinstance(arm[key], int | str) else ', '.join(arm[key])}")

@@ -1,0 +1,97 @@
+"""What one trial came to: how near, how fast and how smoothly the palms met."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highfive.hil.session.reach import Phase
+from highfive.hil.session.session import RATE_HZ, Tick
+from highfive.hil.sim.avatar import Pose
+from highfive.hil.sim.contact_check import ContactReport, common_normal, contact_report
+from highfive.hil.sim.playout import PlayState
+from highfive.hil.trials.partners import Partner
+from highfive.hil.trials.trial_result import TrialResult
+from highfive.model.geometry.rotations import Array
+
+
+def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlayState], tick_ms: Array) -> TrialResult:
+    """The figures of a trial, from its ``ticks``, what was played in each and how long each took, (T,) ms."""
+    contact = contact_report(states)
+    person_palm = np.array([state.person_palm.position for state in states])
+    palm = np.array([state.palm.position for state in states])
+    generated_palm = np.array([tick.generated_palm.position for tick in ticks])
+    times = np.arange(len(ticks)) / RATE_HZ
+    touched = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
+    known = partner.contact_frame >= 0
+    met = contact.met_time_ns
+    contact_time = np.nan if met is None else 1e-9 * met
+    nearest = round(1e-9 * contact.nearest_time_ns * RATE_HZ)
+    touch_error, touch_speed = _felt(states, contact, partner.palm)
+    hinges, generated = _hinge_track([t.pose for t in ticks]), _hinge_track([t.generated for t in ticks])
+    fading = np.array([tick.target.phase is Phase.APPROACH for tick in ticks])
+    return TrialResult(
+        number=number,
+        title=partner.title,
+        emotion=partner.emotion,
+        style=partner.emotion,
+        cell=partner.cell,
+        simulated=partner.simulated,
+        notes=partner.notes,
+        contact=contact,
+        error=contact.distance,
+        uncorrected_error=_nearest(generated_palm, person_palm),
+        true_error=np.nan if partner.palm is None else float(np.linalg.norm(palm[nearest] - partner.palm[nearest])),
+        touch_error=touch_error,
+        touch_speed=touch_speed,
+        palm_angle=contact.palm_angle,
+        out_of_reach=any(ticks[i].out_of_reach for i in touched),
+        contact_time=contact_time,
+        time_error=contact_time - partner.contact_frame / RATE_HZ if known else np.nan,
+        other_error=np.nan if partner.other_palm is None else _nearest(partner.other_palm, person_palm),
+        speed_change=_speed_change(hinges, fading),
+        uncorrected_speed_change=_speed_change(generated, np.ones_like(fading)),
+        times=times,
+        people=tuple(tick.person for tick in ticks),
+        poses=tuple(state.pose for state in states),
+        generated=tuple(tick.generated for tick in ticks),
+        person_palm=person_palm,
+        palm=palm,
+        generated_palm=generated_palm,
+        other_palm=partner.other_palm,
+        weight=np.array([tick.target.weight for tick in ticks]),
+        expected=np.array([tick.response.time_to_contact for tick in ticks]),
+        seen=np.array([tick.markers.seen for tick in ticks]),
+        tick_ms=tick_ms,
+    )
+
+
+def _felt(states: Sequence[PlayState], contact: ContactReport, true_palm: Array | None) -> tuple[float, float]:
+    """What the person would feel at first touch: distance, m, of the played palm from the true one (T, 3), and closing
+    speed, m/s; NaN where they did not touch, or nobody knows the true palm."""
+    state = next((state for state in states if state.time_ns == contact.met_time_ns), None)
+    if state is None or true_palm is None:
+        return np.nan, np.nan
+    frame = min(max(round(1e-9 * state.time_ns * RATE_HZ), 1), len(true_palm) - 1)
+    distance = np.linalg.norm(state.palm.position - true_palm[frame])
+    velocity = (true_palm[frame] - true_palm[frame - 1]) * RATE_HZ
+    closing = (state.palm.velocity - velocity) @ common_normal(state.palm, state.person_palm)
+    return float(distance), float(closing)
+
+
+def _hinge_track(poses: list[Pose]) -> Array:
+    return np.array([pose.hinges for pose in poses])
+
+
+def _nearest(a: Array, b: Array) -> float:
+    count = min(len(a), len(b))
+    return float(np.linalg.norm(a[:count] - b[:count], axis=-1).min())
+
+
+def _speed_change(hinges: Array, where: NDArray[np.bool_]) -> float:
+    """Largest change of any hinge's speed between ticks, rad/s, over the ticks ``where`` it counts."""
+    change = np.abs(np.diff(hinges, n=2, axis=0)).max(axis=(1, 2)) * RATE_HZ
+    chosen = change[where[2:]]
+    return float(chosen.max()) if chosen.size else 0.0

@@ -1,0 +1,1 @@
+../../../highfive/__init__.py

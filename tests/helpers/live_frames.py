@@ -1,0 +1,55 @@
+"""Frames of a made-up person, sent live by any of the servers."""
+
+import contextlib
+import itertools
+import threading
+import time
+
+import numpy as np
+
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.source import Connection
+
+NAMES = tuple(f"Anna:M{m}" for m in range(12))
+OWN = tuple(name.removeprefix("Anna:") for name in NAMES)
+POINTS = np.random.default_rng(4).uniform(-1.0, 2.0, size=(12, 3))
+RATE = 120.0
+
+
+def frame(number, names=NAMES, loose=2, hidden=()):
+    """Every marker has a place of its own, and moves 1 mm a frame."""
+    valid = np.array([name not in hidden for name in names])
+    points = POINTS[[NAMES.index(name) for name in names]] + np.array([0.001 * number, 0.0, 0.0])
+    time_ns = round(number * 1e9 / RATE)
+    return MarkerFrame(tuple(names), points, valid, number, time_ns, time_ns, POINTS[:loose] + 0.1)
+
+
+@contextlib.contextmanager
+def playing(server, frames=None, rate=RATE):
+    """Sends frames at their rate in a thread until the end of the block."""
+    stop, frames = threading.Event(), frames or (frame(k) for k in itertools.count())
+
+    def send():
+        for one in frames:
+            server.send(one)
+            if stop.wait(1.0 / rate):
+                return
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def until(condition, timeout_s=5.0):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.002)
+
+
+def live(source):
+    return source.health(time.monotonic_ns()).connection is Connection.LIVE

@@ -9,7 +9,7 @@ from paths import ROOT
 
 PACKAGE = "highfive"
 OURS = ("calibration", "hil", "mocap_bridge", "model", "scenes")
-ERRORS = {"model.toml_file", "model.errors", "model.files", "model.plugins"}
+ERRORS = {"model.toml_file", "model.errors", "model.files", "model.plugins", "model.settings"}
 MODEL = {"model"}  # with every room of it
 BRIDGE = {"mocap_bridge"}
 SIM = {"hil.sim", "hil.arm_model", "hil.runtime", "scenes"}
@@ -33,14 +33,14 @@ ALLOWED: dict[str, set[str]] = {
     "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},
     "mocap_bridge.markers": ERRORS | {"model.geometry", "mocap_bridge.wire", "mocap_bridge.files"},
-    "mocap_bridge.tracking": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry"}
+    "mocap_bridge.tracking": ERRORS | {"model.compiled", "model.linear_algebra", "model.geometry"}
     | {"mocap_bridge.frames", "mocap_bridge.markers", "mocap_bridge.files"},
-    "mocap_bridge.body": {"model.errors", "model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
+    "mocap_bridge.body": ERRORS | {"model.geometry", "mocap_bridge.markers", "mocap_bridge.files"},
     "calibration": ERRORS | {"model.geometry"} | BRIDGE,
     "hil": set(),
     "hil.runtime": ERRORS,
     "hil.arm_model": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry", "scenes"},
-    "hil.sim": {"model.errors", "model.geometry", "mocap_bridge.frames", "mocap_bridge.markers"}
+    "hil.sim": {"model.errors", "model.settings", "model.geometry", "mocap_bridge.frames", "mocap_bridge.markers"}
     | {"hil.arm_model", "hil.runtime", "scenes"},
     "hil.sim.people": ERRORS
     | {"model.geometry", "mocap_bridge.markers", "mocap_bridge.files", "mocap_bridge.frames"}

@@ -8,6 +8,7 @@ weighed by what they are worth, as in :mod:`highfive.hil.session.reach`, but the
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,31 +20,40 @@ from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.online.contact_forecast import ContactForecast
+from highfive.model.settings import Settings, setting
 
-SURE = 0.25
-"""A forecast whose time is no surer than this, s, does not set the arm off before the session's own approach."""
-PLACED = 0.3
-"""Unless its place is surer than this, m, in all directions together."""
-EARLY = 0.9
-"""Nor one of a contact later than this, s."""
-LOST = 1.0
-"""A clock with this standard deviation, s, says nothing."""
-LONG = 0.6
-"""s; forecasts of less are too long: by nothing here, by ..."""
-TOO_LONG = 0.2
-"""... this share at the end (72 simulated high fives)."""
-BRAKING = 0.8
-"""m/s² by which a hand brakes otherwise than it seems to, in each direction."""
-UNSTEADY = 0.2
-"""Share of the way that a hand goes at its present speed which is not to be relied on."""
-SEEN = 0.002
-"""m, deviation of a tracked palm."""
-REACH = ReachSettings()
 STEP, LATEST = 1.0 / RATE_HZ, 1.0
 """s; the session's clock is run forward in such steps, no further than this."""
 
 
-def palm_goal(tick: Tick) -> PalmGoal:
+@dataclass(frozen=True)
+class ContactGoalSettings(Settings):
+    """How the hand and the model's forecast are weighed. Chosen on 72 simulated high fives of seed 0."""
+
+    sure: float = setting(0.25, "s", least=0.0)
+    """A forecast whose time is no surer than this does not set the arm off before the session's own approach."""
+    placed: float = setting(0.3, "m", least=0.0)
+    """Unless its place is surer than this, in all directions together."""
+    early: float = setting(0.9, "s", least=0.0)
+    """Nor one of a contact later than this."""
+    lost: float = setting(1.0, "s", least=0.0)
+    """A clock with this standard deviation says nothing."""
+    long: float = setting(0.6, "s", above=0.0)
+    """Forecasts of less are too long: by nothing here, by ..."""
+    too_long: float = setting(0.2, least=0.0, most=1.0)
+    """... this share at the end."""
+    braking: float = setting(0.8, "m/s²", least=0.0)
+    """By so much a hand brakes otherwise than it seems to, in each direction."""
+    unsteady: float = setting(0.2, least=0.0)
+    """Share of the distance covered at the present speed that is not to be relied on."""
+    palm_deviation: float = setting(0.002, "m", above=0.0)
+    """Of a tracked palm."""
+
+
+SETTINGS, REACH = ContactGoalSettings(), ReachSettings()
+
+
+def palm_goal(tick: Tick, settings: ContactGoalSettings = SETTINGS) -> PalmGoal:
     """The goal of one tick."""
     arm = tick.person
     person, head = (arm.palm, arm.head_position) if arm.valid else (None, None)
@@ -51,50 +61,52 @@ def palm_goal(tick: Tick) -> PalmGoal:
         tick.palm,
         person,
         head,
-        None if person is None else _contact(tick, person),
+        None if person is None else _contact(tick, person, settings),
         Sighting(arm.hand_unseen_ns, arm.hand_deviation),
         Sighting(arm.head_unseen_ns, arm.head_deviation),
     )
 
 
-def _contact(tick: Tick, person: PalmPose) -> ExpectedContact | None:
-    forecast, phase = _forecast(tick), tick.target.phase
+def _contact(tick: Tick, person: PalmPose, settings: ContactGoalSettings) -> ExpectedContact | None:
+    forecast, phase = _forecast(tick, settings), tick.target.phase
     if phase is Phase.TOUCH:
-        return ExpectedContact(person.position, SEEN**2 * np.eye(3), -person.normal, 0.0)
+        return ExpectedContact(person.position, settings.palm_deviation**2 * np.eye(3), -person.normal, 0.0)
     if phase is Phase.APPROACH:
-        time = until_touch(tick.target, forecast)
-    elif phase is Phase.IDLE and forecast and 0.0 < forecast.time < EARLY and _says_enough(forecast):
-        time = _corrected(forecast.time)
+        time = until_touch(tick.target, forecast, settings)
+    elif phase is Phase.IDLE and forecast and 0.0 < forecast.time < settings.early and _says_enough(forecast, settings):
+        time = _corrected(forecast.time, settings)
     else:
         return None
-    point, covariance = meeting(person, time, forecast)
+    point, covariance = meeting(person, time, forecast, settings)
     return ExpectedContact(point, covariance, -person.normal, time)
 
 
-def _says_enough(forecast: ContactForecast) -> bool:
+def _says_enough(forecast: ContactForecast, settings: ContactGoalSettings) -> bool:
     """Surely enough when, or where: who knows the place may go there and wait."""
-    return forecast.deviation < SURE or float(np.trace(forecast.covariance[:3, :3])) < PLACED**2
+    return forecast.deviation < settings.sure or float(np.trace(forecast.covariance[:3, :3])) < settings.placed**2
 
 
-def _forecast(tick: Tick) -> ContactForecast | None:
+def _forecast(tick: Tick, settings: ContactGoalSettings) -> ContactForecast | None:
     """The model's word, where it knows such hands and the hand is not on its way back.
 
     The clock of the avatar's layer does not know hands that come up fast; the contact layer does.
     """
     r = tick.response
-    coming = r.time_to_contact > END and (r.time_to_contact < BEGIN or r.time_to_contact_std > LOST)
+    coming = r.time_to_contact > END and (r.time_to_contact < BEGIN or r.time_to_contact_std > settings.lost)
     return r.contact if r.in_distribution and coming else None
 
 
-def until_touch(target: ReachTarget, forecast: ContactForecast | None) -> float:
+def until_touch(
+    target: ReachTarget, forecast: ContactForecast | None, settings: ContactGoalSettings = SETTINGS
+) -> float:
     """s until the session has the palms touch: its clock run forward, as it goes after the forecast's.
 
     What is left runs out at a rate of its own, which follows the difference between the two clocks: neither of them
     alone says when it will be over.
     """
     left, rate, time = target.remaining, target.rate, 0.0
-    known = forecast is not None and forecast.deviation < SURE
-    expected = _corrected(forecast.time) if forecast is not None and known else math.inf
+    known = forecast is not None and forecast.deviation < settings.sure
+    expected = _corrected(forecast.time, settings) if forecast is not None and known else math.inf
     while time < LATEST:
         rate = REACH.next_rate(rate, REACH.wanted_rate(left, expected), STEP)
         if rate * STEP >= left:
@@ -103,12 +115,14 @@ def until_touch(target: ReachTarget, forecast: ContactForecast | None) -> float:
     return time
 
 
-def _corrected(time: float) -> float:
+def _corrected(time: float, settings: ContactGoalSettings) -> float:
     """A forecast time, s, less what forecasts are too long by."""
-    return max(time, 0.0) * (1.0 - TOO_LONG * (1.0 - min(max(time, 0.0) / LONG, 1.0)))
+    return max(time, 0.0) * (1.0 - settings.too_long * (1.0 - min(max(time, 0.0) / settings.long, 1.0)))
 
 
-def meeting(person: PalmPose, time: float, forecast: ContactForecast | None) -> tuple[Array, Array]:
+def meeting(
+    person: PalmPose, time: float, forecast: ContactForecast | None, settings: ContactGoalSettings = SETTINGS
+) -> tuple[Array, Array]:
     """Where palms will meet in ``time`` s, (3,) m, and its covariance (3, 3), m²: the hand's word and the model's.
 
     A hand brakes before it is met: of the way that its speed says it covers three quarters, or less if there is time.
@@ -116,7 +130,7 @@ def meeting(person: PalmPose, time: float, forecast: ContactForecast | None) -> 
     speed = float(np.linalg.norm(person.velocity))
     share = max(0.75 - 3.0 * time, 0.45)
     hand = person.position + share * time * person.velocity
-    deviation = SEEN + 0.5 * BRAKING * time**2 + UNSTEADY * speed * time
+    deviation = settings.palm_deviation + 0.5 * settings.braking * time**2 + settings.unsteady * speed * time
     doubt = deviation**2 * np.eye(3)
     if forecast is None:
         return hand, doubt

@@ -18,6 +18,7 @@ from highfive.hil.session.reach import Phase
 from highfive.hil.session.session import RATE_HZ, Tick
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
 if TYPE_CHECKING:
     pass
@@ -26,28 +27,25 @@ if TYPE_CHECKING:
 TICK = 1.0 / RATE_HZ
 
 
-SKIN = 0.002
-"""Palm and plate this near, m along the plate's normal, touch."""
+@dataclass(frozen=True)
+class OutcomeSettings(Settings):
+    """What counts as met, as known and as reached."""
+
+    skin: float = setting(0.002, "m", above=0.0)
+    """Palm and plate this near, along the plate's normal, touch."""
+    astray: float = setting(0.10, "m", above=0.0)
+    """Palms that pass further than this beside the plate have not met it."""
+    known: float = setting(0.05, "m", above=0.0)
+    """Who knows the place so well may set off for it."""
+    exact: float = setting(1e-3, "m", above=0.0)
+    """Deviation of a contact that is foretold exactly."""
+    reached: float = setting(0.01, "m", above=0.0)
+    """A plate that can come so near reaches the place."""
+    earliest: float = setting(0.25, "s", least=0.0)
+    """Before the session's own contact, from which on a touch counts as this high five's."""
 
 
-ASTRAY = 0.10
-"""Palms that pass further than this, m, beside the plate have not met it."""
-
-
-KNOWN = 0.05
-"""m: who knows the place so well may set off for it."""
-
-
-EXACT = 1e-3
-"""m, deviation of a contact that is foretold exactly."""
-
-
-REACHED = 0.01
-"""m: a plate that can come so near reaches the place."""
-
-
-EARLIEST = 0.25
-"""s before the session's own contact from which on a touch counts as this high five's."""
+OUTCOME = OutcomeSettings()
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,7 @@ def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Re
     )
 
 
-def with_known_contact(asked: ReferenceTrajectory) -> ReferenceTrajectory:
+def with_known_contact(asked: ReferenceTrajectory, settings: OutcomeSettings = OUTCOME) -> ReferenceTrajectory:
     """The same, but from when a contact was first foretold the arm knows exactly where and when it will be.
 
     What it then misses by is its own; the rest is what the forecast does not know.
@@ -153,7 +151,9 @@ def with_known_contact(asked: ReferenceTrajectory) -> ReferenceTrajectory:
         return asked
     goals = list(asked.goals)
     for i in range(began, asked.due):
-        known = ExpectedContact(asked.person[asked.due], EXACT**2 * np.eye(3), last.normal, (asked.due - i) * TICK)
+        known = ExpectedContact(
+            asked.person[asked.due], settings.exact**2 * np.eye(3), last.normal, (asked.due - i) * TICK
+        )
         goals[i] = replace(goals[i], contact=known)
     return replace(asked, goals=tuple(goals))
 
@@ -163,7 +163,7 @@ def avatar_outcome(asked: ReferenceTrajectory) -> ContactOutcome:
     return judged(asked, asked.avatar, asked.avatar_normals, None, ConstraintRelaxation())
 
 
-def notice(asked: ReferenceTrajectory, retarget: Retarget) -> LeadTime:
+def notice(asked: ReferenceTrajectory, retarget: Retarget, settings: OutcomeSettings = OUTCOME) -> LeadTime:
     """What the arm could do about this high five, and how long before it knew."""
     place, goal = asked.person[asked.due], asked.goals[asked.due].contact
     if goal is None:
@@ -173,10 +173,10 @@ def notice(asked: ReferenceTrajectory, retarget: Retarget) -> LeadTime:
         for one in asked.goals[: asked.due]
     ]
     began = next((i for i, distance in enumerate(off) if np.isfinite(distance)), asked.due)
-    astray = max((i for i, distance in enumerate(off) if distance > KNOWN), default=-1)
+    astray = max((i for i, distance in enumerate(off) if distance > settings.known), default=-1)
     given, known = (asked.due - began) * TICK - retarget.settings.lag, (asked.due - 1 - astray) * TICK
     joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)
-    if miss >= REACHED:
+    if miss >= settings.reached:
         return LeadTime(False, np.inf, given, known)
     seconds, head = float(dynamics.quickest(retarget.arm.packed, retarget.ready, joints)), asked.goals[asked.due].head
     longer = 1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)
@@ -199,7 +199,12 @@ def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: A
 
 
 def judged(
-    asked: ReferenceTrajectory, places: Array, normals: Array, had: LeadTime | None, sacrifice: ConstraintRelaxation
+    asked: ReferenceTrajectory,
+    places: Array,
+    normals: Array,
+    had: LeadTime | None,
+    sacrifice: ConstraintRelaxation,
+    settings: OutcomeSettings = OUTCOME,
 ) -> ContactOutcome:
     """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand.
 
@@ -207,9 +212,9 @@ def judged(
     """
     apart = asked.person[: len(places)] - places
     gap, distance = np.einsum("ti,ti->t", apart, normals), np.linalg.norm(apart, axis=1)
-    last = min(asked.due + round(EARLIEST * RATE_HZ), len(gap) - 2)
-    first = min(max(asked.due - round(EARLIEST * RATE_HZ), 1), last)  # stopped before: where it was in the end
-    touching = np.flatnonzero((gap[first : last + 1] < SKIN) & (distance[first : last + 1] < ASTRAY))
+    last = min(asked.due + round(settings.earliest * RATE_HZ), len(gap) - 2)
+    first = min(max(asked.due - round(settings.earliest * RATE_HZ), 1), last)  # stopped before: where it was in the end
+    touching = np.flatnonzero((gap[first : last + 1] < settings.skin) & (distance[first : last + 1] < settings.astray))
     touched = len(touching) > 0
     tick = first + int(touching[0] if touched else distance[first : last + 1].argmin())
     speed = float(np.linalg.norm(apart[tick] - apart[tick - 1]) / TICK)

@@ -36,7 +36,207 @@ from highfive.hil.arm_model.servo_arm import JOINTS, ServoArm, solve
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
+<<<<<<< HEAD
+KNOTS = 12
+CONTACT_KNOT = 10
+"""Of those, the one at the expected contact, as long as it is further than so many ticks away."""
+
+
+@dataclass(frozen=True)
+class RetargetSettings(Settings):
+    """How the arm's plan meets a hand."""
+
+    tick: float = setting(1.0 / 120.0, "s", above=0.0)
+    lag: float = setting(0.03, "s", least=0.0)
+    """The arm is where it was told to be so long ago."""
+    sag: tuple[float, ...] = setting((), "rad/(N·m)", least=0.0)
+    """rad per N·m, by how much each joint gives way to a torque; the command goes beyond by that. Empty: 0."""
+    contact_speed: float = setting(0.78, "m/s", above=0.0)
+    """Largest speed of the plate relative to the hand that it meets (ISO/TS 15066 by a two-body model)."""
+    face_speed: float = setting(0.22, "m/s", above=0.0)
+    """Largest speed of the plate near the head, ..."""
+    face_radius: float = setting(0.30, "m", least=0.0)
+    """... which is so near its centre, ..."""
+    face_braking: float = setting(4.0, "m/s²", above=0.0)
+    """... and what it can lose of more on the way there, m/s²."""
+    head_radius: float = setting(0.14, "m", least=0.0)
+    """No part of the arm plans to come nearer the head's centre than this and a margin."""
+    care: float = setting(0.8, above=0.0, most=1.0)
+    """Share of those speeds that is planned for at contact: what is measured is late and noisy."""
+    sharpness: float = setting(0.002, "m", above=0.0)
+    """Deviation of the place of contact that the plan does not tell from none."""
+    loose: float = setting(0.08, "m", above=0.0)
+    """Deviation from the scaled path that costs as much as one standard deviation of the place of contact."""
+    leisurely: float = setting(0.3, "m/s", above=0.0)
+    """m/s: where the plate has to be faster than this on average it hurries, and the path counts less."""
+    turned: float = setting(0.15, "rad", above=0.0)
+    """rad, the same for the direction in which the plate faces at contact, ..."""
+    turning: float = setting(1.5, "rad/s", least=0.0)
+    """... which is surer by this many rad for each s nearer: a hand on its way faces elsewhere."""
+    facing: float = setting(0.3, "s", above=0.0)
+    """s before contact within which the plate turns from where it faces when it waits to the person's palm."""
+    rounds: int = setting(1, least=1)
+    """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005)."""
+    effort: float = setting(3e-5, least=0.0)
+    """Cost of a joint acceleration of 1 rad/s² at a knot."""
+    memory: float = setting(0.25, "s", least=0.0)
+    """A contact that nobody speaks of any more is expected for this long, ..."""
+    forgetting: float = setting(0.3, "m/s", least=0.0)
+    """... less surely by this, m/s."""
+    longest_delay: float = setting(0.3, "s", least=0.0)
+    """A hand that could not be met in time is followed at most so long."""
+    touch: float = setting(0.06, "s", least=0.0)
+    """The plate stays with a hand that it has met so long."""
+    near: float = setting(0.10, "m", least=0.0)
+    waiting: float = setting(0.15, "m/s", least=0.0)
+    """A hand that could not be met in time is followed only if it is this near and no faster than this, m/s."""
+    press: float = setting(0.025, "s", least=0.0)
+    most_press: float = setting(0.02, "m", least=0.0)
+    """The plate aims so far through the hand as the two close in this time, s, but no further than this, m, and so far
+    once it is late: a hand that is not met goes back, and the contact is then missed altogether."""
+    slowest: float = setting(0.35, "m/s", least=0.0)
+    """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
+    where a hand that goes back a moment sooner was."""
+    calm: float = setting(0.03, least=0.0)
+    """Cost of a joint speed of 1 rad/s at a knot."""
+    met: float = setting(0.004, "m", least=0.0)
+    """A commanded plate this near the place of contact is there."""
+    settle: float = setting(0.15, "s", least=0.0)
+    """So long before contact the plate is in front of the hand, ..."""
+    beforehand: float = setting(0.25, "s", least=0.0)
+    """... where it has to hurry up to so much longer: a fast hand is near before contact, and near it the plate may
+    hardly move, ..."""
+    standoff: float = setting(0.02, "m", least=0.0)
+    """... this far away, and goes with it: neither the place nor the time of contact is known well before, but where
+    the hand is is, and near it the plate may not make up for what is missing."""
+    yielding: float = setting(0.93, above=0.0, most=1.0)
+    """Share of the largest speed relative to the hand that is planned for on the way."""
+    shortest_knot: float = setting(0.015, "s", above=0.0)
+    """The plan's knots are no nearer each other than this, s, and ..."""
+    longest_knot: float = setting(0.07, "s", above=0.0)
+    """... no further apart than this."""
+
+
+@dataclass(frozen=True)
+class ExpectedContact:
+    """Where and when the palms will meet.
+
+    Attributes:
+        point: (3,) m, in the world.
+        covariance: (3, 3) m².
+        normal: (3,) unit vector out of the plate.
+        time: s from now; 0 while the palms touch.
+    """
+
+    point: Array
+    covariance: Array
+    normal: Array
+    time: float
+
+
+@dataclass(frozen=True)
+class PalmGoal:
+    """What the session asks of the arm in one tick.
+
+    Attributes:
+        palm: the avatar's palm.
+        person: the person's palm; None where nobody knows it.
+        head: (3,) m, centre of the person's head, or None.
+        contact: None while no high five is on.
+        person_seen, head_seen: how well palm and head are known, as of the tick's frame; None: measured in it where
+            they are given.
+    """
+
+    palm: PalmPose
+    person: PalmPose | None = None
+    head: Array | None = None
+    contact: ExpectedContact | None = None
+    person_seen: Sighting | None = None
+    head_seen: Sighting | None = None
+
+
+@dataclass(frozen=True)
+class ConstraintRelaxation:
+    """What a high five had to give up.
+
+    Attributes:
+        scale: size of the plate's path beside the avatar's palm's.
+        delay: s, by how much the plate came late.
+        time_scale: the time that the approach took over the time that was left when it began.
+        miss: m, distance of the commanded plate from the place of contact when contact was due.
+        limits: bits of :mod:`highfive.hil.arm.planning_limits` of the limits that shortened a step.
+    """
+
+    scale: float = 1.0
+    delay: float = 0.0
+    time_scale: float = 1.0
+    miss: float = 0.0
+    limits: int = 0
+
+    @property
+    def limit_names(self) -> tuple[str, ...]:
+        """The limits in words."""
+        names = ("acceleration", "speed", "joint stop", "torque", "nearness")
+        return tuple(name for bit, name in enumerate(names) if self.limits >> bit & 1)
+
+
+@dataclass(frozen=True)
+class RetargetState:
+    """What one tick hands to the next.
+
+    Attributes:
+        joints, speeds: (J,) rad and rad/s, as commanded.
+        pushes: (N, J) rad/s², the plan; its knots are ``knot`` s apart.
+        guess: (J,) rad, a posture that meets the hand.
+        knot: s.
+        scale: of the avatar's path about the contact; None between high fives.
+        given: s that were left when this approach began.
+        late: s since contact was due.
+        together: s since the commanded plate was there.
+        sacrifice: of the high five that is on, or was last.
+        said: the contact that is expected, if one is.
+        unsaid: s since it was last spoken of.
+    """
+
+    joints: Array
+    speeds: Array
+    pushes: Array = field(default_factory=lambda: np.zeros((KNOTS, JOINTS)))
+    guess: Array = field(default_factory=lambda: np.zeros(JOINTS))
+    knot: float = 0.05
+    scale: float | None = None
+    given: float = 0.0
+    late: float = 0.0
+    together: float = 0.0
+    sacrifice: ConstraintRelaxation = ConstraintRelaxation()
+    said: ExpectedContact | None = None
+    unsaid: float = 0.0
+
+
+@dataclass(frozen=True)
+class ArmStep:
+    """One tick's command.
+
+    Attributes:
+        positions: (J,) rad, the command: where the joints shall be, and beyond by what they give way.
+        joints, speeds: (J,) rad and rad/s, where they shall be a lag after the end of the tick.
+        torques: (J,) N·m, that this takes, gravity and friction included.
+        time: s until the commanded plate should meet the hand; infinite between high fives.
+        miss: m, planned distance from the place of contact then.
+        limits: bits of the limits that shortened this step.
+    """
+
+    positions: Array
+    joints: Array
+    speeds: Array
+    torques: Array
+    time: float
+    miss: float
+    limits: int
+
+=======
+>>>>>>> origin/main
 
 class Retarget:
     """The arm, its ready posture and the settings: what does not change from tick to tick."""

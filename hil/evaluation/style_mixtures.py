@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highfive.hil.session.style_timing import Tempo
+from highfive.hil.session.style_timing import StyledTiming
 from highfive.hil.sim.avatar import avatar_skeleton, right_palm
 from highfive.model.evaluation import metrics
 from highfive.model.geometry.rotations import Array
@@ -58,9 +58,9 @@ def morphs(model: HGPDM, trials: Sequence[Trial]) -> list[Morph]:
 
 def _morph(model: HGPDM, trial: Trial, start: str, end: str, weight: float) -> Morph:
     responder = Responder(model, {start: 1.0 - weight, end: weight}, trial.rate_hz)
-    tempo, skeleton = Tempo(model), avatar_skeleton()
-    waiting = tempo.waiting(responder.style)
-    poses = [tempo.answering(responder.step(hand), responder.style, waiting) for hand in trial.hand_points]
+    timing, skeleton = StyledTiming(model), avatar_skeleton()
+    waiting = timing.waiting(responder.style)
+    poses = [timing.answering(responder.step(hand), responder.style, waiting) for hand in trial.hand_points]
     roots, hinges = np.array([pose.root_in_world for pose in poses]), np.array([pose.hinges for pose in poses])
     joints, turned = skeleton.forward_kinematics(roots, skeleton.from_hinges(hinges))
     palm, _, _ = right_palm(skeleton, joints, turned)

@@ -27,21 +27,35 @@ from highfive.hil.sim.avatar import Pose
 from highfive.hil.sim.scene import CORRECTED_JOINTS, Scene
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
-POSITION_WEIGHT = 1.0  # a metre
-NORMAL_WEIGHT = 0.1  # a radian
-POSTURE_WEIGHT = 0.006  # a radian, times the joint's share below
-_JOINT_SHARE = {"thoracic_12": 4.0, "thoracic_8": 4.0, "right_clavicle": 2.5}
-CONVERGED = 1e-9  # m²: 0.03 mm
-_OWN_BODY = 0.004
-"""k: how strongly hand and forearm are kept off the own body while no palm is to be met."""
-SOLVED = 1e-16  # m²: nothing is asked
-_STEADY = 12.0
-"""Of the posture's weight at share 0: what the change may not change from tick to tick. Where the palm leaves a choice,
-an arm that the model leads through the own body takes some ticks, not one, from one side to the other."""
-_TRUST = 0.5  # rad a step
-OUT_OF_REACH_M = 0.004
-"""A palm that stays further than this from its target is out of reach."""
+_JOINT_WEIGHTS = {"thoracic_12": 4.0, "thoracic_8": 4.0, "right_clavicle": 2.5}
+"""Of the posture's weight, for joints that move less readily than 1."""
+
+
+@dataclass(frozen=True)
+class CorrectionSettings(Settings):
+    """What the correction weighs. Chosen on simulated high fives of seed 0."""
+
+    position_weight: float = setting(1.0, "1/m", least=0.0)
+    normal_weight: float = setting(0.1, "1/rad", least=0.0)
+    posture_weight: float = setting(0.006, "1/rad", above=0.0)
+    """Times the joint's own weight."""
+    steadiness: float = setting(12.0, least=0.0)
+    """Of the posture's weight at weight 0: what the change may not change from tick to tick. Where the palm leaves a
+    choice, an arm that the model leads through the own body takes some ticks, not one, from one side to the other."""
+    own_body: float = setting(0.004, above=0.0)
+    """How strongly hand and forearm are kept off the own body while no palm is to be met."""
+    iterations: int = setting(6, least=1)
+    """They bound the cost of a tick."""
+    converged: float = setting(1e-9, "m²", above=0.0)
+    """An iteration that gains less is the last: 0.03 mm."""
+    solved: float = setting(1e-16, "m²", above=0.0)
+    """A cost below it leaves nothing to correct."""
+    longest_step: float = setting(0.5, "rad", above=0.0)
+    """Of an iteration: the model is linear for some 30° at the most."""
+    out_of_reach: float = setting(0.004, "m", above=0.0)
+    """A palm that stays further than this from its target is out of reach."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +78,10 @@ class Correction:
 class ContactCorrection:
     """The solver; it starts each tick from the last tick's change."""
 
-    def __init__(self, scene: Scene, iterations: int = 6) -> None:
-        """Makes a state of its own in ``scene``; ``iterations`` bounds the cost of a tick."""
-        self._scene, self._model, self._iterations = scene, scene.model, iterations
+    def __init__(self, scene: Scene, settings: CorrectionSettings | None = None) -> None:
+        """Makes a state of its own in ``scene``."""
+        self.settings = settings or CorrectionSettings()
+        self._scene, self._model = scene, scene.model
         self._data = mujoco.MjData(scene.model)
         self._own_body = OwnBody(scene, self._data)
         self._dofs = scene.arm_dofs
@@ -74,8 +89,8 @@ class ContactCorrection:
         self._qpos = scene.hinge_qpos[scene.arm_joints].ravel()
         limits = scene.skeleton.hinge_limits[scene.arm_joints].reshape(-1, 2)
         self._low, self._high = limits[:, 0], limits[:, 1]
-        share = np.repeat([_JOINT_SHARE.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
-        self.posture_cost = (POSTURE_WEIGHT * share) ** 2
+        share = np.repeat([_JOINT_WEIGHTS.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
+        self.posture_cost = (self.settings.posture_weight * share) ** 2
         self._pull = self.posture_cost
         count = len(self._dofs)
         self._translation, self._rotation = np.zeros((3, scene.model.nv)), np.zeros((3, scene.model.nv))
@@ -107,7 +122,7 @@ class ContactCorrection:
         ``share``, 0 to 1, says how much the palm's place counts; at 0 the pose is only kept off the own body.
         """
         generated = self._set(pose)
-        before, steady = self._change, (1.0 - share) * _STEADY
+        before, steady = self._change, (1.0 - share) * self.settings.steadiness
         if before is None:
             before, steady = np.zeros_like(generated), 0.0
         # Both terms of the posture are one about a point between what is generated and that with the last change.
@@ -116,8 +131,8 @@ class ContactCorrection:
         angles = np.clip(generated + before, self._low, self._high)
         cost, gradient, hessian = self._linearise(angles, centre, position, normal, share)
         damping = 1e-7
-        for _ in range(self._iterations):
-            if cost < SOLVED:
+        for _ in range(self.settings.iterations):
+            if cost < self.settings.solved:
                 break
             candidate = self._step(angles, gradient, hessian, damping)
             trial = self._linearise(candidate, centre, position, normal, share)
@@ -127,14 +142,14 @@ class ContactCorrection:
                 damping = max(0.1 * damping, 1e-7)
             else:
                 damping = max(10.0 * damping, 1e-4)
-            if abs(gain) < CONVERGED:
+            if abs(gain) < self.settings.converged:
                 break
         self._change = angles - generated
         self._data.qpos[self._qpos] = angles
         mujoco.mj_kinematics(self._model, self._data)
         palm = self._palm_now()
         miss = float(np.linalg.norm(palm.position - position))
-        return Correction(self._scene.get_pose(self._data), palm, miss, miss > OUT_OF_REACH_M)
+        return Correction(self._scene.get_pose(self._data), palm, miss, miss > self.settings.out_of_reach)
 
     def _set(self, pose: Pose) -> Array:
         """Puts a pose into the solver's data; returns the arm's angles (18,)."""
@@ -159,7 +174,11 @@ class ContactCorrection:
             cost += float(residual @ residual)
             gradient = gradient + jacobian.T @ residual
             hessian += jacobian.T @ jacobian
-        return cost + self._own_body.keep_off(share * share + _OWN_BODY, gradient, hessian), gradient, hessian
+        return (
+            cost + self._own_body.keep_off(share * share + self.settings.own_body, gradient, hessian),
+            gradient,
+            hessian,
+        )
 
     def _palm_terms(self, position: Array, normal: Array, share: float) -> tuple[Array, Array]:
         """Residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
@@ -168,7 +187,7 @@ class ContactCorrection:
         mujoco.mj_jacSite(model, data, self._translation, self._rotation, self._scene.palm_site)
         facing = self._axes[:, 2]
         residual, jacobian = np.empty(6), np.empty((6, len(self._dofs)))
-        placed, turned = share * POSITION_WEIGHT, share * NORMAL_WEIGHT
+        placed, turned = share * self.settings.position_weight, share * self.settings.normal_weight
         residual[:3] = placed * (self._place - position)
         residual[3:] = turned * (facing - normal)
         np.multiply(self._translation[:, self._dofs], placed, out=jacobian[:3])
@@ -181,7 +200,7 @@ class ContactCorrection:
         damped = hessian.copy()
         damped.flat[:: len(angles) + 1] += damping
         step = np.zeros_like(angles)
-        # The model is linear for some 30° at the most.
-        low, high = np.maximum(self._low - angles, -_TRUST), np.minimum(self._high - angles, _TRUST)
+        longest = self.settings.longest_step
+        low, high = np.maximum(self._low - angles, -longest), np.minimum(self._high - angles, longest)
         mujoco.mju_boxQP(step, self._work, self._index, damped, gradient, low, high)
         return angles + step

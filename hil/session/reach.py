@@ -24,6 +24,7 @@ from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
 
 class Phase(Enum):
@@ -36,51 +37,51 @@ class Phase(Enum):
 
 
 @dataclass(frozen=True)
-class ReachSettings:
-    """Times in s, lengths in m, speeds in m/s."""
+class ReachSettings(Settings):
+    """When and how the avatar's palm is led to the person's."""
 
-    fade_in: float = 0.6
+    fade_in: float = setting(0.6, "s", above=0.0)
     """The correction starts this long before contact, later if contact is seen later."""
-    shortest_fade_in: float = 0.25
-    longest: float = 1.0
+    shortest_fade_in: float = setting(0.25, "s", above=0.0)
+    longest: float = setting(1.0, "s", least=0.0)
     """An approach that has taken so long, of a hand that hangs again, has missed it."""
-    touch: float = 0.06
+    touch: float = setting(0.06, "s", least=0.0)
     """How long the palms stay together."""
-    fade_out: float = 0.5
-    landing: float = 0.06
+    fade_out: float = setting(0.5, "s", above=0.0)
+    landing: float = setting(0.06, "s", above=0.0)
     """Over this last stretch the closing speed runs out, as flesh would take it up."""
-    sure: float = 0.35
+    sure: float = setting(0.35, "s", least=0.0)
     """A clock with a larger standard deviation than this, s, is not read."""
-    near: float = 0.08
+    near: float = setting(0.08, "m", least=0.0)
     """Palms this close meet, where the clock cannot be read."""
-    horizon: float = 0.35
+    horizon: float = setting(0.35, "s", least=0.0)
     """Closer than this, where the clock cannot be read, the time to the nearest approach at constant speed counts."""
-    soon: float = 3.0
+    soon: float = setting(3.0, "s", least=0.0)
     """A palm that would take longer than this to be here at its present speed, s, is not on its way."""
-    slowest: float = 0.1
-    fastest: float = 2.0
+    slowest: float = setting(0.1, least=0.0)
+    fastest: float = setting(2.0, least=0.0)
     """Bounds of the rate at which the remaining time runs out, against the clock."""
-    catching_up: float = 0.08
+    catching_up: float = setting(0.08, "s", above=0.0)
     """A difference between both clocks is made up for in about this time."""
-    smoothing: float = 0.03
+    smoothing: float = setting(0.03, "s", above=0.0)
     """Time constant of the relative velocity and of the rate."""
-    steady: float = 26.0
+    steady: float = setting(26.0, "rad/s", above=0.0)
     """Bandwidth of the miss, rad/s, ..."""
-    homing: float = 0.2
+    homing: float = setting(0.2, "s", above=0.0)
     """... which opens over this last stretch, so that the palms meet."""
-    easing: float = 0.05
+    easing: float = setting(0.05, "s", above=0.0)
     """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""
-    bend: float = 0.12
+    bend: float = setting(0.12, "m", above=0.0)
     """A larger miss than this is not believed in full before the palms are about to meet."""
-    raised: float = 1.05
+    raised: float = setting(1.05, "m", least=0.0)
     """An unfamiliar hand above this height, m, is held out to be met; no hand below is, ..."""
-    rising: float = 0.1
+    rising: float = setting(0.1, "m/s", least=0.0)
     """... unless it comes up at this speed, m/s, ..."""
-    arm: float = 1.15
+    arm: float = setting(1.15, "m", least=0.0)
     """... and an unfamiliar one only if it comes this near the avatar's shoulder, m."""
-    braking: float = 3.0
+    braking: float = setting(3.0, "m/s²", least=0.0)
     """A hand brakes otherwise than assumed by about this much, m/s² in each direction: 36 held-out simulated trials."""
-    late: float = 0.3
+    late: float = setting(0.3, "s", least=0.0)
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
 
     def wanted_rate(self, remaining: float, expected: float) -> float:

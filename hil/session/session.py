@@ -25,14 +25,19 @@ from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.reaction import Reaction, ReactionModel
 from highfive.model.online.responder import HAND_VARIANCE
+from highfive.model.settings import Settings, setting
 
 RATE_HZ = 120.0
 
-QUICKEST = 30.0
-"""No hinge of the generated pose turns faster than this, rad/s; an angry elbow reaches some 20."""
 
-CALMING = 0.12
-"""Time constant with which the avatar goes from the model's pose to a calm one and back, s."""
+@dataclass(frozen=True)
+class PoseSettings(Settings):
+    """What keeps the generated pose calm. Chosen on simulated high fives of seed 0."""
+
+    quickest: float = setting(30.0, "rad/s", above=0.0)
+    """No hinge of the generated pose turns faster than this; an angry elbow reaches some 20."""
+    calming: float = setting(0.12, "s", above=0.0)
+    """Time constant with which the avatar goes from the model's pose to a calm one and back."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,7 @@ class Session:
         scene: Scene,
         *,
         correct: bool = True,
+        settings: PoseSettings | None = None,
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
 
@@ -87,12 +93,13 @@ class Session:
                 somebody else's fails.
         """
         use_one_blas_thread()
+        self._settings = settings or PoseSettings()
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
         self._return = HandReturn()
         self._palm = PalmFilter()
         self._responder = open_responder(model, style, RATE_HZ)
-        self._tempo = timing_of(model)
+        self._timing = timing_of(model)
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
@@ -109,7 +116,7 @@ class Session:
         self._palm.reset()
         self._trust = [0.0, 0.0]
         self._responder.reset()
-        self._last = self._tempo.waiting(self._responder.style)
+        self._last = self._timing.waiting(self._responder.style)
         self._reach.reset()
         self._correction.reset()
 
@@ -143,14 +150,15 @@ class Session:
         return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
 
     def _pose(self, response: Reaction, familiar: bool) -> Pose:
-        """The model's pose at the style's tempo; where the person is a stranger to it, the pose in which it waits."""
+        """The model's pose in the style's timing; where the person is a stranger to it, the pose in which it waits."""
         style = self._responder.style
-        waiting = self._tempo.waiting(style)
-        pose = self._tempo.answering(response, style, waiting)
+        waiting = self._timing.waiting(style)
+        pose = self._timing.answering(response, style, waiting)
         # Far from what it has learned the model may leap; no arm does.
-        step = np.clip(pose.hinges - self._last.hinges, -QUICKEST / RATE_HZ, QUICKEST / RATE_HZ)
+        largest = self._settings.quickest / RATE_HZ
+        step = np.clip(pose.hinges - self._last.hinges, -largest, largest)
         self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
-        share = 1.0 - math.exp(-1.0 / (RATE_HZ * CALMING))
+        share = 1.0 - math.exp(-1.0 / (RATE_HZ * self._settings.calming))
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
         self._trust[0] += share * (float(familiar) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])

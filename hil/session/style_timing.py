@@ -1,4 +1,4 @@
-"""The model's answer as a pose of the avatar, at its style's own tempo."""
+"""The model's answer as a pose of the avatar, with its style's own timing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from highfive.hil.sim.avatar import Pose, avatar_skeleton, between
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.reaction import Reaction, ReactionModel
-from highfive.model.online.style_timing import Emphasis
+from highfive.model.online.style_timing import StyleTiming
 
 
 class PoseTiming:
@@ -32,26 +32,26 @@ class PoseTiming:
         return _inside_limits(response.root, response.joints)
 
 
-class Tempo(PoseTiming):
+class StyledTiming(PoseTiming):
     """Poses inside the joint limits, their reach sharpened as :mod:`highfive.model.online.style_timing` says."""
 
     def __init__(self, model: HGPDM) -> None:
         """Works out once what does not change from tick to tick."""
-        self._emphasis = Emphasis(model)
-        rests = [self._emphasis.rest(style) for style in np.eye(len(model.emotions))]
+        self._timing = StyleTiming(model)
+        rests = [self._timing.rest(style) for style in np.eye(len(model.emotions))]
         where = model.channels
         super().__init__([(rest[where.root], rest[: where.joints]) for rest in rests])
 
     def answering(self, response: Reaction, style: Array, waiting: Pose) -> Pose:
         """The pose in which it answers, between the one it waits in and the one the model gave with ``style`` (K,)."""
-        share = self._emphasis.share(response.palm, response.contact_point, style)
-        return between(waiting, _inside_limits(response.root, response.joints), share)
+        fraction = self._timing.fraction(response.palm, response.contact_point, style)
+        return between(waiting, _inside_limits(response.root, response.joints), fraction)
 
 
 def timing_of(model: HGPDM | ReactionModel) -> PoseTiming:
     """The timing of a model's poses: the hierarchical one keeps its styles apart, another one is played as it is."""
     if isinstance(model, HGPDM):
-        return Tempo(model)
+        return StyledTiming(model)
     return PoseTiming([guarded_rest(model, style) for style in np.eye(len(model.emotions))])
 
 

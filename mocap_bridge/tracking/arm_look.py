@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.chain_kinematics import SHIFT, Chain
-from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 
@@ -94,7 +93,7 @@ def arm_model(chain: Chain, marker_set: MarkerSet, names: list[str], segments: t
     return ArmModel(
         markers=markers.astype(np.int64),
         carrier=carrier,
-        variance=MARKER_SIGMA**2 + np.square(chain.spreads[markers]),
+        variance=chain.settings.marker_sigma**2 + np.square(chain.spreads[markers]),
         stretch=np.array(lengths[1:]),
         shoulder_variance=shoulder,
         segments=np.array(segments, dtype=np.int64),
@@ -104,10 +103,10 @@ def arm_model(chain: Chain, marker_set: MarkerSet, names: list[str], segments: t
 
 
 @compiled_entry
-def sharpened(tracked: Array, measured: Array, seen: NDArray[np.bool_]) -> Array:
+def sharpened(noise: float, tracked: Array, measured: Array, seen: NDArray[np.bool_]) -> Array:
     """Markers (N, 3), m, where they are ``tracked``, or nearer to where they are ``measured`` and ``seen`` (N,).
 
-    A tracker lags where people are quicker than it expects. What is off by more than noise is taken from the
+    A tracker lags where people are quicker than it expects. What is off by more than ``noise``, m, is taken from the
     measurement, and the more so the further it is off.
     """
     result = tracked.copy()
@@ -115,8 +114,8 @@ def sharpened(tracked: Array, measured: Array, seen: NDArray[np.bool_]) -> Array
         square = 0.0
         for i in range(3):
             square += (measured[m, i] - tracked[m, i]) ** 2
-        if seen[m] and square > (_NOISE * MARKER_SIGMA) ** 2:
-            share = 1.0 - (_NOISE * MARKER_SIGMA) ** 2 / square
+        if seen[m] and square > (_NOISE * noise) ** 2:
+            share = 1.0 - (_NOISE * noise) ** 2 / square
             for i in range(3):
                 result[m, i] += share * (measured[m, i] - tracked[m, i])
     return result

@@ -10,6 +10,7 @@ import numpy as np
 
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, SHIFT, TURN, Chain
+from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
 from highfive.model.geometry.rotations import Array
 
 _TILT = 0.35  # rad, standard deviation of a free segment from upright
@@ -55,7 +56,7 @@ def segment_order(marker_set: MarkerSet) -> list[str]:
     return order
 
 
-def make_chain(marker_set: MarkerSet) -> Chain:
+def make_chain(marker_set: MarkerSet, settings: FilterSettings | None = None) -> Chain:
     """The chain of a marker set, on the body for which the set was written."""
     names = segment_order(marker_set)
     segments = [marker_set.segments[name] for name in names]
@@ -96,6 +97,7 @@ def make_chain(marker_set: MarkerSet) -> Chain:
         spreads=np.array(marker_set.spreads, dtype=float),
         strangeness=_strangeness(marker_set, names, parents, offsets),
         head=names.index("head") if "head" in free and len(free) > 1 else -1,
+        settings=(settings or FilterSettings()).compiled(),
     )
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 
@@ -37,6 +38,7 @@ class Chain(NamedTuple):
         strangeness: (M,) m², variance of a coordinate of where a marker is on somebody in a known pose: by its place
             and by the lengths of the segments that lead to it.
         head: the free segment whose heading the others follow, or -1.
+        settings: what the filter is tuned by, in the form that compiled code takes.
     """
 
     parents: NDArray[np.int64]
@@ -57,6 +59,7 @@ class Chain(NamedTuple):
     spreads: Array
     strangeness: Array
     head: int
+    settings: FilterSettings
 
 
 class Pose(NamedTuple):

@@ -2,103 +2,71 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-MARKER_SIGMA = 0.0012
-"""Standard deviation of a measured marker, m."""
-
-
-PULL_S = 2.0
-"""Time in which the expected pose weighs as much as one look at it, s."""
-
-
-SLIP = 0.001
-"""How far a marker wanders on its segment, m per √s: skin moves."""
-
-
-FADING_S = 0.15
-"""Time in which what a hidden marker was last seen beside its place falls to a third, s."""
-
-
-SLIDE = 0.012
-"""Most that a marker moves on its segment, or otherwise than before, from one frame to the next, m."""
-
-
-FIRST_STEP = 0.04
-"""Most that a marker moves in the frame after it was seen again, m: 5 m/s."""
-
-
-RETURN_NS = 40_000_000
-"""A marker that was not seen for so long brings back a part of the body whose speed is not known any more."""
-
-
-RETURN_SPEED = 6.0
-"""How fast that part may be, rad/s."""
-
-
-UNSURE = 0.1
-"""A freedom counts as out of sight from this standard deviation on, rad."""
-
-
-MISFIT_S = 0.5
-"""Time over which the misfit between markers and chain is averaged, s."""
-
-
-LARGEST_MISFIT = 0.02
-"""Most that a marker's misfit may count, m."""
-
-
-GATE = 25.0
-"""Squared Mahalanobis distance, three degrees of freedom, beyond which a point is not believed (15 in a million)."""
-
-
-TAKE_UP_GATE = 11.3
-"""The same within which a point without a label may be taken for a marker (1 in 100 missed)."""
-
-
-GHOSTS = 20.0
-"""Points without a label that belong to nothing, in a m³ about the body."""
-
-
-TAKEN = 0.02
-"""How probable it is that a hidden marker has a point without a label, over the odds that are asked for to take it."""
-
-
-CAUTION = 0.1
-"""Share of what was not known of a marker that is added to its variance in the frame in which it is seen again.
-
-A wrong point may come under a right label; it must not shut out the right one in the next frame.
-"""
-
-
-REACH = 0.10
-"""Most that a point without a label may be away from the marker that it is taken for, m."""
-
-
-DRIFT = 0.15
-"""How much further off a marker may reappear than its covariance says, m per second hidden: no model is right."""
-
-
-USABLE_SIGMA = 0.06
-"""An estimate is valid up to this standard deviation a coordinate, m."""
-
-
-RESET_NS = 250_000_000
-"""A marker that was not believed for so long is believed: it has slipped on its segment."""
-
-
-SLIPPED = 0.15
-"""Further off than this, m, from where the set has it, it is no marker of this segment."""
-
-
-LOST_SHARE = 0.6
-"""More than this share of the visible markers not believed, and the frame counts as astray."""
-
+from highfive.model.settings import Settings, named_tuple, setting
 
 NEVER = np.iinfo(np.int64).max
+"""Age, ns, of a marker that was never seen."""
 
 
-ROUNDS = 3  # linearisations of one update at most
+@dataclass(frozen=True)
+class FilterSettings(Settings):
+    """Chosen on simulated motion and a part of a real recording (CMU 85, 12)."""
+
+    marker_sigma: float = setting(0.0012, "m", above=0.0)
+    """Standard deviation of a measured marker."""
+    pull_s: float = setting(2.0, "s", above=0.0)
+    """Time in which the expected pose weighs as much as one look at it."""
+    slip: float = setting(0.001, "m/√s", above=0.0)
+    """How far a marker wanders on its segment: skin moves."""
+    fading_s: float = setting(0.15, "s", above=0.0)
+    """Time in which what a hidden marker was last seen beside its place falls to a third."""
+    slide: float = setting(0.012, "m", above=0.0)
+    """Most that a marker moves on its segment, or otherwise than before, from one frame to the next."""
+    first_step: float = setting(0.04, "m", above=0.0)
+    """Most that a marker moves in the frame after it was seen again: 5 m/s."""
+    return_ns: int = setting(40_000_000, "ns", least=0)
+    """A marker that was not seen for so long brings back a part of the body whose speed is not known any more."""
+    return_speed: float = setting(6.0, "rad/s", above=0.0)
+    """How fast that part may be."""
+    unsure: float = setting(0.1, "rad", above=0.0)
+    """A freedom counts as out of sight from this standard deviation on."""
+    misfit_s: float = setting(0.5, "s", above=0.0)
+    """Time over which the misfit between markers and chain is averaged."""
+    largest_misfit: float = setting(0.02, "m", above=0.0)
+    """Most that a marker's misfit may count."""
+    gate: float = setting(25.0, above=0.0)
+    """Squared Mahalanobis distance, three degrees of freedom, beyond which no point is believed (15 in a million)."""
+    take_up_gate: float = setting(11.3, above=0.0)
+    """The same within which a point without a label may be taken for a marker (1 in 100 missed)."""
+    ghosts: float = setting(20.0, "1/m³", above=0.0)
+    """Points without a label that belong to nothing, about the body."""
+    taken: float = setting(0.02, above=0.0)
+    """How probable it is that a hidden marker has a point without a label, over the odds required to take it."""
+    caution: float = setting(0.1, least=0.0)
+    """Share of what was not known of a marker that is added to its variance in the frame in which it is seen again.
+
+    A wrong point may come under a right label; it must not shut out the right one in the next frame.
+    """
+    reach: float = setting(0.10, "m", above=0.0)
+    """Most that a point without a label may be away from the marker that it is taken for."""
+    drift: float = setting(0.15, "m/s", least=0.0)
+    """How much further off a marker may reappear than its covariance says, per second hidden: no model is right."""
+    usable_sigma: float = setting(0.06, "m", above=0.0)
+    """An estimate is valid up to this standard deviation per coordinate."""
+    reset_ns: int = setting(250_000_000, "ns", least=0)
+    """A marker that was not believed for so long is believed: it has slipped on its segment."""
+    slipped: float = setting(0.15, "m", above=0.0)
+    """Further off than this from where the set has it, it is no marker of this segment."""
+    lost_share: float = setting(0.6, above=0.0, most=1.0)
+    """More than this share of the visible markers not believed, and the frame counts as astray."""
+    rounds: int = setting(3, least=1)
+    """Linearisations of one update at most."""
+    small: float = setting(2e-3, "rad or m", above=0.0)
+    """After a step below it, the next one would be a thousandth of that."""
 
 
-SMALL = 2e-3  # rad or m: after a step below it, the next one would be a thousandth of that
+FilterSettingsValues = named_tuple(FilterSettings)

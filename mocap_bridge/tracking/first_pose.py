@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, SHIFT, Chain, Pose, kinematics, on_segments
-from highfive.mocap_bridge.tracking.filter_settings import GATE, MARKER_SIGMA, NEVER, PULL_S
+from highfive.mocap_bridge.tracking.filter_settings import NEVER
 from highfive.mocap_bridge.tracking.following import misfit_of
 from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, places_doubt, settled
 from highfive.model.geometry.rotations import Array
@@ -94,9 +94,9 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
     wide = state._replace(covariance=state.covariance + np.stack([places_doubt(chain, state), *np.zeros((2, n, n))]))
     markers, covariances, _ = expected(chain, wide)
     gap = points - markers
-    precisions = np.linalg.inv(covariances + MARKER_SIGMA**2 * np.eye(3))
+    precisions = np.linalg.inv(covariances + chain.settings.marker_sigma**2 * np.eye(3))
     away = np.einsum("mi,mij,mj->m", gap, precisions, gap)
-    seen = seen & ((state.ages != NEVER) | (away < GATE))  # the first sight may be of something else
+    seen = seen & ((state.ages != NEVER) | (away < chain.settings.gate))  # the first sight may be of something else
     new = seen & (state.ages == NEVER)
     if not new.any():
         return state
@@ -148,7 +148,7 @@ def _fitted(
         pose, np.zeros(n), covariance, offsets, places, places, chain.spreads**2, none, np.zeros((markers, 3)),
         ages, later, points, np.full((markers, 3), np.nan), 0,
     )  # fmt: skip
-    state, worked = corrected(chain, state, points, seen, none, PULL_S, _ROUNDS, _SMALL)
+    state, worked = corrected(chain, state, points, seen, none, chain.settings.pull_s, _ROUNDS, _SMALL)
     if not worked or not np.isfinite(state.pose.centres).all():
         return state, math.inf
     return state, misfit_of(chain, state, points, seen)

@@ -12,22 +12,7 @@ from highfive.mocap_bridge.tracking.chain_kinematics import (
     kinematics,
     on_segments,
 )
-from highfive.mocap_bridge.tracking.filter_settings import (
-    CAUTION,
-    DRIFT,
-    GATE,
-    LOST_SHARE,
-    MARKER_SIGMA,
-    NEVER,
-    RESET_NS,
-    RETURN_NS,
-    RETURN_SPEED,
-    ROUNDS,
-    SLIPPED,
-    SMALL,
-    UNSURE,
-    USABLE_SIGMA,
-)
+from highfive.mocap_bridge.tracking.filter_settings import NEVER
 from highfive.mocap_bridge.tracking.label_gating import believed, precision_of, taken_up
 from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, marker_covariance, predicted, settled
 from highfive.model.compiled import compiled, compiled_entry
@@ -81,20 +66,20 @@ def followed(
         for i in range(3):
             square += (points[m, i] - markers[m, i]) ** 2
         # No variance is below the measurement's own, so that what is this near lies inside the gate.
-        if not labelled[m] or square > GATE * MARKER_SIGMA**2 or state.ages[m] > 0:
+        if not labelled[m] or square > chain.settings.gate * chain.settings.marker_sigma**2 or state.ages[m] > 0:
             # Only while its label is nowhere: one that is somewhere else is not believed for staying there.
-            slack = DRIFT * 1e-9 * (state.ages[m] - min(state.disbelieved[m], state.ages[m]))
+            slack = chain.settings.drift * 1e-9 * (state.ages[m] - min(state.disbelieved[m], state.ages[m]))
             marker_covariance(chain, state, axes, m, markers[m], slopes, precisions[m])
             if state.ages[m] > 0:
                 for i in range(3):
-                    caution[m] += CAUTION * precisions[m, i, i] / 3.0
-            precision_of(precisions[m], MARKER_SIGMA**2 + state.misfit[m] + slack * slack)
+                    caution[m] += chain.settings.caution * precisions[m, i, i] / 3.0
+            precision_of(precisions[m], chain.settings.marker_sigma**2 + state.misfit[m] + slack * slack)
         if state.ages[m] == 0:
             for i in range(3):
                 slides[m, i] = markers[m, i]
                 for k in range(3):
                     slides[m, i] += state.pose.frames[chain.carrier[m], i, k] * state.left[m, k]
-    seen = believed(state, markers, precisions, slides, points, labelled)
+    seen = believed(chain.settings, state, markers, precisions, slides, points, labelled)
     doubted, rejected, wanting = np.zeros(count, dtype=np.bool_), 0, False
     for m in range(count):
         known = state.ages[m] != NEVER
@@ -102,9 +87,9 @@ def followed(
         rejected += 1 if doubted[m] else 0
         wanting = wanting or (known and not seen[m])
     if wanting and rejected + len(loose) > 0:
-        points = taken_up(state, markers, precisions, points, loose, seen, doubted)
+        points = taken_up(chain.settings, state, markers, precisions, points, loose, seen, doubted)
     state = without_speeds(chain, state, seen)
-    state, worked = corrected(chain, state, points, seen, caution, seconds, ROUNDS, SMALL)
+    state, worked = corrected(chain, state, points, seen, caution, seconds, chain.settings.rounds, chain.settings.small)
     state = remembered(
         chain, settled(chain, state, points, seen, seconds), points, labelled, seen, rejected, elapsed_ns
     )
@@ -120,18 +105,18 @@ def without_speeds(chain: Chain, state: State, seen: NDArray[np.bool_]) -> State
     """
     covariance, copied = state.covariance, False
     for m in range(len(seen)):
-        if not seen[m] or state.ages[m] < RETURN_NS or state.ages[m] == NEVER:
+        if not seen[m] or state.ages[m] < chain.settings.return_ns or state.ages[m] == NEVER:
             continue
         j = chain.carrier[m]
         for a in range(chain.lengths[j]):
             d = chain.path[j, a]
-            if chain.kind[d] == 0 or covariance[0, d, d] < UNSURE**2:
+            if chain.kind[d] == 0 or covariance[0, d, d] < chain.settings.unsure**2:
                 continue
             if not copied:
                 covariance, copied = covariance.copy(), True
             for i in range(len(state.speeds)):
                 covariance[1, d, i] = covariance[2, d, i] = covariance[2, i, d] = 0.0
-            covariance[2, d, d] = RETURN_SPEED**2
+            covariance[2, d, d] = chain.settings.return_speed**2
     return State(
         state.pose, state.speeds, covariance, state.offsets, state.places, state.homes, state.doubt, state.misfit,
         state.left,        state.ages, state.disbelieved, state.last, state.pace, state.astray,
@@ -152,14 +137,14 @@ def remembered(
     for m in range(len(ages)):
         shown += 1 if labelled[m] and ages[m] != NEVER else 0
         disbelieved[m] = disbelieved[m] + elapsed_ns if labelled[m] and not seen[m] else 0
-        if labelled[m] and not seen[m] and disbelieved[m] > RESET_NS:
+        if labelled[m] and not seen[m] and disbelieved[m] > chain.settings.reset_ns:
             square, j = 0.0, chain.carrier[m]
             for i in range(3):
                 local[i] = 0.0
                 for k in range(3):
                     local[i] += state.pose.frames[j, k, i] * (points[m, k] - state.pose.centres[j, k])
                 square += (local[i] - chain.places[m, i]) ** 2
-            if square < SLIPPED**2:
+            if square < chain.settings.slipped**2:
                 places[m], homes[m], left[m], doubt[m], seen[m] = local, local, 0.0, chain.spreads[m] ** 2, True
         for i in range(3):
             pace[m, i] = points[m, i] - last[m, i] if seen[m] and ages[m] == 0 else np.nan
@@ -168,7 +153,7 @@ def remembered(
             ages[m] = 0
         elif ages[m] != NEVER:
             ages[m] += elapsed_ns
-    astray = state.astray + 1 if shown > 0 and rejected > LOST_SHARE * shown else 0
+    astray = state.astray + 1 if shown > 0 and rejected > chain.settings.lost_share * shown else 0
     return State(
         state.pose, state.speeds, state.covariance, state.offsets, places, homes, doubt, state.misfit, left,
         ages, disbelieved, last, pace, astray,
@@ -183,8 +168,8 @@ def shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], do
     for m in range(len(markers)):
         j, own = chain.carrier[m], 0.0
         if seen[m]:  # what chain and place do not explain is the skin's own motion, for the most part
-            share = state.misfit[m] / (state.misfit[m] + MARKER_SIGMA**2)
-            own = share * MARKER_SIGMA**2
+            share = state.misfit[m] / (state.misfit[m] + chain.settings.marker_sigma**2)
+            own = share * chain.settings.marker_sigma**2
             for i in range(3):
                 markers[m, i] += share * (points[m, i] - markers[m, i])
         else:
@@ -196,7 +181,7 @@ def shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], do
         for i in range(3):
             variance += covariances[m, i, i]
             covariances[m, i, i] += own
-        valid[m] = variance < 3.0 * USABLE_SIGMA**2
+        valid[m] = variance < 3.0 * chain.settings.usable_sigma**2
     return Followed(markers, velocities, covariances, seen, valid, doubted)
 
 
@@ -211,7 +196,7 @@ def misfit_of(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]
             square = 0.0
             for i in range(3):
                 square += (points[m, i] - markers[m, i]) ** 2
-            total += square / (MARKER_SIGMA**2 + state.doubt[m])
+            total += square / (chain.settings.marker_sigma**2 + state.doubt[m])
     for d in range(len(chain.kind)):
         if chain.kind[d] == 2:
             total += chain.stiffness[d] * (pose.angles[d] - chain.rest[d]) ** 2

@@ -162,7 +162,8 @@ def arm_angles_of(chain: Chain, arm: ArmModel, state: State, tracked: Array, see
     base, limb, markers = int(arm.segments[0]), arm.segments[1:], arm.markers
     look = looked(
         arm, pose.centres[limb[0]], pose.frames[limb], state.offsets[limb[1:]], state.homes[markers],
-        sharpened(tracked[markers], state.last[markers], seen[markers]), state.ages[markers] != NEVER,
+        sharpened(chain.settings.marker_sigma, tracked[markers], state.last[markers], seen[markers]),
+        state.ages[markers] != NEVER,
         tracking_covariance(chain, arm, axes, state.covariance[0]),
     )  # fmt: skip
     frames = np.concatenate([pose.frames[base : base + 1], look.frames])

@@ -7,16 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive.mocap_bridge.tracking.filter_settings import (
-    FIRST_STEP,
-    GATE,
-    GHOSTS,
-    NEVER,
-    REACH,
-    SLIDE,
-    TAKE_UP_GATE,
-    TAKEN,
-)
+from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.pose_filter import State
 from highfive.model.compiled import compiled
 from highfive.model.geometry.rotations import Array
@@ -49,7 +40,13 @@ def squared_distance(precision: Array, gap: Array) -> float:
 
 @compiled
 def believed(
-    state: State, markers: Array, precisions: Array, slides: Array, points: Array, labelled: NDArray[np.bool_]
+    settings: FilterSettings,
+    state: State,
+    markers: Array,
+    precisions: Array,
+    slides: Array,
+    points: Array,
+    labelled: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Which labelled points (M, 3) of known markers are believed.
 
@@ -66,14 +63,15 @@ def believed(
             gap[i] = points[m, i] - markers[m, i]
             slid += (points[m, i] - slides[m, i]) ** 2
             went += (points[m, i] - state.last[m, i] - (state.pace[m, i] if paced else 0.0)) ** 2
-        far = 0.0 if state.ages[m] > 0 else SLIDE if paced else FIRST_STEP
-        seen[m] = slid < SLIDE**2 or went < far**2 or squared_distance(precisions[m], gap) < GATE
+        far = 0.0 if state.ages[m] > 0 else settings.slide if paced else settings.first_step
+        seen[m] = slid < settings.slide**2 or went < far**2 or squared_distance(precisions[m], gap) < settings.gate
     return seen
 
 
 @compiled
 def taken_up(
-    state: State, markers: Array, precisions: Array, points: Array, loose: Array, seen: NDArray[np.bool_],
+    settings: FilterSettings, state: State, markers: Array, precisions: Array, points: Array,
+    loose: Array, seen: NDArray[np.bool_],
     doubted: NDArray[np.bool_],
 ) -> Array:  # fmt: skip
     """Gives loose points (U, 3), and labelled ones that are ``doubted`` (M,), to markers that are not ``seen`` (M,).
@@ -96,8 +94,13 @@ def taken_up(
                 square += gap[i] * gap[i]
             away = squared_distance(precisions[m], gap)
             # Odds that it is the marker and not one of the ghosts in the space where the marker may be.
-            odds = TAKEN * math.sqrt(determinant(precisions[m])) * math.exp(-0.5 * away) / (GHOSTS * 15.75)
-            if square < REACH * REACH and away < TAKE_UP_GATE and odds > 1.0:
+            odds = (
+                settings.taken
+                * math.sqrt(determinant(precisions[m]))
+                * math.exp(-0.5 * away)
+                / (settings.ghosts * 15.75)
+            )
+            if square < settings.reach * settings.reach and away < settings.take_up_gate and odds > 1.0:
                 owner[p] = m if owner[p] == -1 else -2
                 choice[m] = p if choice[m] == -1 else -2
     for m in range(count):

@@ -11,30 +11,35 @@ Direction: a critically damped second-order low pass, whose output changes its s
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
-SLOW = 18.0
-"""Bandwidth of the position where the hand rests, rad/s."""
 
-FASTER = 30.0
-"""How much wider it gets with the speed of the hand, rad/s for each m/s."""
+@dataclass(frozen=True)
+class PalmFilterSettings(Settings):
+    """Chosen on simulated high fives of seed 0."""
 
-FASTEST = 60.0
-"""Bound of the bandwidth, rad/s."""
-
-TURNING = 14.0
-"""Bandwidth of the palm's directions, rad/s."""
+    slow: float = setting(18.0, "rad/s", above=0.0)
+    """Bandwidth of the position where the hand rests."""
+    faster: float = setting(30.0, "rad/m", above=0.0)
+    """How much wider it gets with the speed of the hand."""
+    fastest: float = setting(60.0, "rad/s", above=0.0)
+    """Bound of the bandwidth."""
+    turning: float = setting(14.0, "rad/s", above=0.0)
+    """Bandwidth of the palm's directions."""
 
 
 class PalmFilter:
     """Smooths a palm tick by tick."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: PalmFilterSettings | None = None) -> None:
         """Starts without a palm."""
+        self.settings = settings or PalmFilterSettings()
         self.reset()
 
     def reset(self) -> None:
@@ -54,8 +59,8 @@ class PalmFilter:
             self._state = palm.position, palm.velocity, np.zeros(3)
             self._directions, self._turning = directions, np.zeros((2, 3))
             return palm
-        self._state = _alpha_beta_gamma(self._state, palm.position, dt)
-        pull = TURNING**2 * (directions - self._directions) - 2.0 * TURNING * self._turning
+        self._state = _alpha_beta_gamma(self.settings, self._state, palm.position, dt)
+        pull = self.settings.turning**2 * (directions - self._directions) - 2.0 * self.settings.turning * self._turning
         self._turning = self._turning + pull * dt
         self._directions = self._directions + self._turning * dt
         normal, fingers = self._directions
@@ -64,10 +69,12 @@ class PalmFilter:
         return PalmPose(self._state[0], normal, fingers / math.sqrt(fingers @ fingers), self._state[1])
 
 
-def _alpha_beta_gamma(state: tuple[Array, Array, Array], measured: Array, dt: float) -> tuple[Array, Array, Array]:
+def _alpha_beta_gamma(
+    settings: PalmFilterSettings, state: tuple[Array, Array, Array], measured: Array, dt: float
+) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration, (3,) each, after a measured position (3,)."""
     position, velocity, acceleration = state
-    bandwidth = min(SLOW + FASTER * math.sqrt(velocity @ velocity), FASTEST)
+    bandwidth = min(settings.slow + settings.faster * math.sqrt(velocity @ velocity), settings.fastest)
     forget = math.exp(-bandwidth * dt)
     alpha = 1.0 - forget**3
     beta = 1.5 * (1.0 - forget) ** 2 * (1.0 + forget)

@@ -25,15 +25,7 @@ from highfive.mocap_bridge.tracking.chain_kinematics import (
     point_jacobian,
     shifted,
 )
-from highfive.mocap_bridge.tracking.filter_settings import (
-    FADING_S,
-    LARGEST_MISFIT,
-    MARKER_SIGMA,
-    MISFIT_S,
-    NEVER,
-    PULL_S,
-    SLIP,
-)
+from highfive.mocap_bridge.tracking.filter_settings import NEVER
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 from highfive.model.linear_algebra import (
@@ -102,8 +94,8 @@ def predicted(chain: Chain, state: State, seconds: float) -> State:
         covariance[1, i, i] += chain.power[i] * seconds**2 / 2.0
         covariance[2, i, i] += chain.power[i] * seconds
     pose, _ = kinematics(chain, state.offsets, shifted(chain, state.pose, step))
-    fading = math.exp(-seconds / FADING_S)
-    wander = SLIP * SLIP * seconds
+    fading = math.exp(-seconds / chain.settings.fading_s)
+    wander = chain.settings.slip * chain.settings.slip * seconds
     doubt, left = np.empty_like(state.doubt), np.empty_like(state.left)
     for m in range(len(doubt)):
         doubt[m] = min(state.doubt[m] + wander, chain.spreads[m] ** 2)
@@ -178,7 +170,7 @@ def expected(chain: Chain, state: State) -> tuple[Array, Array, Array]:
 @compiled
 def _expect_rest(chain: Chain, pose: Pose, seconds: float, system: Array, right: Array) -> None:
     """Adds what is known of bodies without looking: hinges stay about rest, free segments upright and ahead."""
-    share = seconds / PULL_S
+    share = seconds / chain.settings.pull_s
     for d in range(len(right)):
         weight = share * chain.stiffness[d]
         if weight == 0.0:
@@ -214,7 +206,7 @@ def _look(
             continue
         j = chain.carrier[m]
         count = point_jacobian(chain, pose, axes, j, markers[m], slopes)
-        weight = 1.0 / (MARKER_SIGMA**2 + state.doubt[m] + state.misfit[m] + caution[m])
+        weight = 1.0 / (chain.settings.marker_sigma**2 + state.doubt[m] + state.misfit[m] + caution[m])
         for k in range(3):
             gap[k] = weight * (points[m, k] - markers[m, k])
         for a in range(count):
@@ -239,7 +231,7 @@ def places_doubt(chain: Chain, state: State) -> Array:
         state.pose, state.speeds, state.covariance, state.offsets, state.places, state.homes, chain.strangeness,
         np.zeros_like(state.misfit), state.left, state.ages, state.disbelieved, state.last, state.pace, state.astray,
     )  # fmt: skip
-    _expect_rest(chain, pose, PULL_S, system, right)
+    _expect_rest(chain, pose, chain.settings.pull_s, system, right)
     markers = on_segments(chain, pose, state.places)
     _look(chain, doubtful, pose, axes, markers, state.ages != NEVER, np.zeros(len(markers)), system, right)
     for d in range(n):
@@ -323,16 +315,16 @@ def corrected(
 def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], seconds: float) -> State:
     """The state after the markers' places on their segments have followed what was seen."""
     places, doubt, misfit, left = (state.places.copy(), state.doubt.copy(), state.misfit.copy(), state.left.copy())
-    share = min(seconds / MISFIT_S, 1.0)
+    share = min(seconds / chain.settings.misfit_s, 1.0)
     beside = np.empty(3)
     for m in range(len(places)):
         if not seen[m]:
             continue
         j = chain.carrier[m]
-        gain = doubt[m] / (doubt[m] + MARKER_SIGMA**2 + misfit[m])
+        gain = doubt[m] / (doubt[m] + chain.settings.marker_sigma**2 + misfit[m])
         # A turn of a segment and a shift of all its markers look alike. In the long run it is the turn: markers wander
         # about their homes, at most as far as they lie apart from person to person.
-        homing = seconds * SLIP**2 / chain.spreads[m] ** 2
+        homing = seconds * chain.settings.slip**2 / chain.spreads[m] ** 2
         square = 0.0
         for i in range(3):
             local = 0.0
@@ -343,8 +335,8 @@ def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], 
             left[m, i] = (1.0 - gain) * beside[i]
             square += left[m, i] * left[m, i] / 3.0
         doubt[m] *= 1.0 - gain
-        misfit[m] += share * (max(square - MARKER_SIGMA**2, 0.0) - misfit[m])
-        misfit[m] = min(misfit[m], LARGEST_MISFIT**2)
+        misfit[m] += share * (max(square - chain.settings.marker_sigma**2, 0.0) - misfit[m])
+        misfit[m] = min(misfit[m], chain.settings.largest_misfit**2)
     return State(
         state.pose,
         state.speeds,

@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from highfive.mocap_bridge.frames import HumanArm
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
-BANDWIDTH = 45.0
-"""How fast the difference runs out, rad/s: of the 3 cm that 0.3 s of guessing cost, 1 mm is left after 0.1 s.
 
-Slower is smoother, but a hand that comes back just before contact is then met where it was guessed to be.
-"""
+@dataclass(frozen=True)
+class ReacquisitionSettings(Settings):
+    """Chosen on simulated high fives of seed 0 and one real one (CMU 20/21, 11)."""
 
-AVERAGING = 0.25  # share of the newest tick in the speed of a hand: a guessed one trembles
+    bandwidth: float = setting(45.0, "rad/s", above=0.0)
+    """How fast the difference runs out: of the 3 cm that 0.3 s of guessing cost, 1 mm is left after 0.1 s.
+
+    Slower is smoother, but a hand that comes back just before contact is then met where it was guessed to be.
+    """
+    averaging: float = setting(0.25, above=0.0, most=1.0)
+    """Share of the newest tick in the speed of a hand: a guessed one trembles."""
 
 
 class HandReturn:
     """Carries a hand from where it was guessed to where it is seen, along a critically damped curve."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: ReacquisitionSettings | None = None) -> None:
         """Starts without a hand."""
+        self.settings = settings or ReacquisitionSettings()
         self.reset()
 
     def reset(self) -> None:
@@ -47,14 +54,17 @@ class HandReturn:
             if self._new:
                 self._rate, self._new = (self._step - (raw - self._raw)) / dt, False
             # x'' = -w² x - 2 w x', which is x = (x0 + (x0' + w x0) t) exp(-w t).
-            fall, start = math.exp(-BANDWIDTH * dt), self._rate + BANDWIDTH * self._difference
+            fall, start = (
+                math.exp(-self.settings.bandwidth * dt),
+                self._rate + self.settings.bandwidth * self._difference,
+            )
             self._difference = (self._difference + start * dt) * fall
-            self._rate = (self._rate - BANDWIDTH * start * dt) * fall
+            self._rate = (self._rate - self.settings.bandwidth * start * dt) * fall
             if np.abs(self._difference).max() < 1e-5:
                 self._difference, self._rate = np.zeros((3, 3)), np.zeros((3, 3))
         said = raw + self._difference
         if self._known:  # each point on its own: a hand turns, and its wrist is not as fast as its palm
-            self._step = self._step + AVERAGING * (said - self._said - self._step)
+            self._step = self._step + self.settings.averaging * (said - self._said - self._step)
         self._raw, self._said, self._age_ns, self._known = raw, said, arm.age_ns, True
         if not self._difference.any():
             return arm

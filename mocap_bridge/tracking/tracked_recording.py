@@ -16,7 +16,7 @@ from highfive.mocap_bridge.markers.one_person import read_person
 from highfive.mocap_bridge.tracking.chain import segment_order
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.joint_angles import ANGLES
-from highfive.mocap_bridge.tracking.tracker import ELSEWHERE, Tracker
+from highfive.mocap_bridge.tracking.tracker import RestartSettings, Tracker
 from highfive.model.geometry.rotations import Array
 
 _BLIND = 1e12  # m², variance of an estimate that is not valid
@@ -129,13 +129,14 @@ def track_recording(
         usable = forward.valid | back.valid
     segments, parents = _tree(marker_set)
     away = np.linalg.norm(measured - forward.positions, axis=-1)
+    elsewhere = RestartSettings().elsewhere
     return TrackedRecording(
         marker_set=marker_set,
         rate_hz=recording.rate_hz,
         measured=measured,
         there=there,
         skeleton=forward.skeleton,
-        disbelieved=there & np.isfinite(forward.headings)[:, None] & (~forward.seen | (away > ELSEWHERE)),
+        disbelieved=there & np.isfinite(forward.headings)[:, None] & (~forward.seen | (away > elsewhere)),
         filled=np.where(there[..., None], measured, filled),
         usable=there | usable,
         angles=_unwrapped(forward.angles),

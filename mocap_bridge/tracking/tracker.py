@@ -9,6 +9,7 @@ Kalman 1960; gating and association: Bar-Shalom, Li & Kirubarajan 2001, ch. 3.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,44 +19,60 @@ from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.arm_look import arm_model
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
 from highfive.mocap_bridge.tracking.chain_kinematics import kinematics, on_segments
-from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA, NEVER
+from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing, welcomed
 from highfive.mocap_bridge.tracking.following import Followed, followed
 from highfive.mocap_bridge.tracking.joint_angles import ArmAngles, arm_angles_of, arm_segments
 from highfive.mocap_bridge.tracking.pose_filter import State
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
-LONGEST_NS = 1_000_000_000
-"""After a longer pause the tracker begins anew."""
 
-PATIENCE = 4.0
-"""Labels that the tracker does not believe must stay where they are for so many times as long as it agreed with all
-before it asks whether it is wrong itself."""
+@dataclass(frozen=True)
+class RestartSettings(Settings):
+    """When the tracker begins anew. Chosen on simulated motion and a part of a real recording (CMU 85, 12)."""
 
-PATIENCE_NS = (40_000_000, 5_000_000_000)
-"""Shortest and longest such time, ns."""
-
-ELSEWHERE = 0.03
-"""A label this far from its marker is not believed, m."""
-
-EXPLAINED = 16.0
-"""Squared distance, over the variance of a coordinate, up to which a point is where the marker may sit on somebody."""
-
-BETTER = 0.5
-"""A new beginning must explain a frame so much better than the pose that has been followed."""
-
-LOST_FRAMES = 4
-"""After so many frames in a row of which most is not believed, the tracker begins anew: it must be wrong itself."""
+    longest_ns: int = setting(1_000_000_000, "ns", above=0)
+    """After a longer pause the tracker begins anew."""
+    patience: float = setting(4.0, above=0.0)
+    """Labels that the tracker does not believe must stay where they are for so many times as long as it agreed with all
+    before it asks whether it is wrong itself."""
+    shortest_patience_ns: int = setting(40_000_000, "ns", least=0)
+    longest_patience_ns: int = setting(5_000_000_000, "ns", least=0)
+    """Shortest and longest such time."""
+    elsewhere: float = setting(0.03, "m", above=0.0)
+    """A label this far from its marker is not believed."""
+    explained: float = setting(16.0, above=0.0)
+    """Squared distance, over the variance of a coordinate, up to which a point is where the marker may sit on
+    somebody."""
+    better: float = setting(0.5, above=0.0, most=1.0)
+    """A new beginning must explain a frame so much better than the pose that has been followed."""
+    lost_frames: int = setting(4, least=1)
+    """After so many frames in a row of which most is not believed, the tracker begins anew: it must be wrong itself."""
 
 
 class Tracker:
     """Follows every marker of a set; one call a frame, each at the same cost but for beginnings (some milliseconds)."""
 
-    def __init__(self, marker_set: MarkerSet, rate_hz: float = 120.0):
-        """Args: ``rate_hz`` is the nominal rate, used where two frames have the same time stamp."""
+    def __init__(
+        self,
+        marker_set: MarkerSet,
+        rate_hz: float = 120.0,
+        settings: FilterSettings | None = None,
+        restart: RestartSettings | None = None,
+    ):
+        """Prepares the filter and compiles it.
+
+        Args:
+            marker_set: the markers, and the segments that they sit on.
+            rate_hz: the nominal rate, used where two frames have the same time stamp.
+            settings: of the filter.
+            restart: when it begins anew.
+        """
         self._set = marker_set
         self._period_ns = round(1e9 / rate_hz)
-        self._chain = make_chain(marker_set)
+        self._restart = restart or RestartSettings()
+        self._chain = make_chain(marker_set, settings or FilterSettings())
         order = segment_order(marker_set)
         lifting = [
             self._chain.first[j] for j, name in enumerate(order)
@@ -103,7 +120,7 @@ class Tracker:
         self._state, found, worked = followed(self._chain, self._state, points, labelled, frame.unlabelled, elapsed)
         self._found = found
         self._doubted_ns = self._doubts(points, labelled, found, elapsed)
-        if not worked or self._state.astray > LOST_FRAMES:
+        if not worked or self._state.astray > self._restart.lost_frames:
             self.reset()  # the covariance is spoilt by rounding, or the tracker is wrong: start anew
             return self.update(frame) if worked else self._nothing(frame)
         return TrackedMarkers(
@@ -127,13 +144,16 @@ class Tracker:
             self._agreed_ns += elapsed
             self._asked_ns = 0
             return state
-        shortest, longest = PATIENCE_NS
-        patience = min(max(round(PATIENCE * self._agreed_ns), shortest), longest)
+        restart = self._restart
+        patience = round(restart.patience * self._agreed_ns)
+        patience = min(max(patience, restart.shortest_patience_ns), restart.longest_patience_ns)
         if doubted < patience + self._asked_ns:
             return state
         self._asked_ns = doubted  # should it have been right, it is not asked again at once
         fresh = first_state(self._chain, self._shoulders, points, labelled)
-        if fresh is None or self._cost(fresh, points, labelled) > BETTER * self._cost(state, points, labelled):
+        if fresh is None or self._cost(fresh, points, labelled) > self._restart.better * self._cost(
+            state, points, labelled
+        ):
             return state
         self._agreed_ns = self._asked_ns = 0
         return fresh
@@ -142,15 +162,19 @@ class Tracker:
         """For how long, ns, each label has been at a point that is not its marker's."""
         if not found.rejected.any():
             return np.zeros_like(self._doubted_ns)
-        away = labelled & (np.square(points - found.positions).sum(axis=1) > ELSEWHERE**2)
+        away = labelled & (np.square(points - found.positions).sum(axis=1) > self._restart.elsewhere**2)
         return np.where(away, self._doubted_ns + elapsed, np.where(labelled, 0, self._doubted_ns))
 
     def _cost(self, state: State, points: Array, labelled: NDArray[np.bool_]) -> float:
         """How far labelled points are from where the set has the markers, against how people differ; none counts beyond
-        :data:`EXPLAINED`."""
+        ``RestartSettings.explained``."""
         pose, _ = kinematics(self._chain, state.offsets, state.pose)
         away = np.square(points - on_segments(self._chain, pose, state.homes)).sum(axis=1)
-        return float(np.minimum(away / (MARKER_SIGMA**2 + self._chain.spreads**2), EXPLAINED)[labelled].sum())
+        return float(
+            np.minimum(away / (self._chain.settings.marker_sigma**2 + self._chain.spreads**2), self._restart.explained)[
+                labelled
+            ].sum()
+        )
 
     @property
     def arm_angles(self) -> ArmAngles | None:
@@ -200,10 +224,10 @@ class Tracker:
         if before is None:
             return self._period_ns
         elapsed = time_ns - before
-        if abs(elapsed) > LONGEST_NS:
+        if abs(elapsed) > self._restart.longest_ns:
             self.reset()
             self._time_ns = time_ns
-        return elapsed if 0 < elapsed <= LONGEST_NS else self._period_ns
+        return elapsed if 0 < elapsed <= self._restart.longest_ns else self._period_ns
 
     def _nothing(self, frame: MarkerFrame) -> TrackedMarkers:
         """What is known before enough was seen."""

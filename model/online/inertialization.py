@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
-GENTLE = 80.0  # rad/s² or m/s²: what the difference may add to the acceleration
-SETTLING = 3  # ticks for which values that jumped are not yet to be trusted
-SHORTEST, LONGEST = 0.08, 0.25  # s in which a difference runs out
 PEAK = 10.0 / math.sqrt(3.0)  # largest acceleration of the quintic that takes away 1 in 1 from rest, to rest
 
 
-class Inertia:
+@dataclass(frozen=True)
+class InertializationSettings(Settings):
+    """How a difference runs out."""
+
+    gentle: float = setting(80.0, "rad/s² or m/s²", above=0.0)
+    """What the difference may add to the acceleration."""
+    settling: int = setting(3, least=1)
+    """Ticks for which values that jumped are not yet to be trusted."""
+    shortest: float = setting(0.08, "s", above=0.0)
+    longest: float = setting(0.25, "s", above=0.0)
+    """Time in which a difference runs out."""
+
+
+class Inertializer:
     """Follows values from tick to tick; what it says has no step in position or speed when they jump."""
 
-    def __init__(self, seconds: float) -> None:
-        """Begins with the first values, ``seconds`` a tick."""
+    def __init__(self, seconds: float, settings: InertializationSettings | None = None) -> None:
+        """Begins with the first values, ``seconds`` per tick."""
+        self.settings = settings or InertializationSettings()
         self._seconds = seconds
         self.reset()
 
@@ -26,31 +39,31 @@ class Inertia:
         """Forgets what was."""
         self._said: Array | None = None
         self._velocity = self._offset = self._drift = np.zeros(0)
-        self._wanted, self._age, self._length = np.zeros(0), 0, 0.0
+        self._target, self._age, self._length = np.zeros(0), 0, 0.0
 
     def step(self, values: Array, jumps: bool) -> Array:
         """What to say for ``values`` (C,), which are not where they would be from the tick before if it ``jumps``."""
         if self._said is None:
             said, self._velocity = values, np.zeros_like(values)
-            self._said, self._wanted = said, values
+            self._said, self._target = said, values
             return said
         if jumps:
-            self._age = -SETTLING
+            self._age = -self.settings.settling
         if self._age < 0:  # on as before, until it shows how fast the values go now
             said = self._said + self._velocity * self._seconds
             self._offset, self._age = said - values, self._age + 1 or 1
             self._length = 0.0
         elif self._age == 1 and self._length == 0.0:
-            self._drift = self._velocity - (values - self._wanted) / self._seconds
-            needed = math.sqrt(PEAK * float(np.abs(self._offset).max()) / GENTLE)
-            self._length = min(max(needed, SHORTEST), LONGEST)
+            self._drift = self._velocity - (values - self._target) / self._seconds
+            needed = math.sqrt(PEAK * float(np.abs(self._offset).max()) / self.settings.gentle)
+            self._length = min(max(needed, self.settings.shortest), self.settings.longest)
             said = values + self._left()
         elif self._age:
             said = values + self._left()
         else:
             said = values
         self._velocity = (said - self._said) / self._seconds
-        self._said, self._wanted = said, values
+        self._said, self._target = said, values
         return said
 
     def _left(self) -> Array:

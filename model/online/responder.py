@@ -17,7 +17,7 @@ from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief import Filter
 from highfive.model.online.contact_forecast import ContactForecast
-from highfive.model.online.inertialization import Inertia
+from highfive.model.online.inertialization import Inertializer
 from highfive.model.online.tick_values import Belief, Generated
 
 HAND_SHAPE = (2, 3)
@@ -129,7 +129,7 @@ class Responder:
             raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks a second")
         self._model, self._where = model, model.channels
         self._style = _checked(style_weights, model)
-        self._filter, self._inertia = Filter(model, rate_hz), Inertia(1.0 / rate_hz)
+        self._filter, self._inertializer = Filter(model, rate_hz), Inertializer(1.0 / rate_hz)
         self.reset()
 
     @property
@@ -145,7 +145,7 @@ class Responder:
     def reset(self) -> None:
         """Forgets the person: the next hand seen begins a new interaction."""
         self._belief = self._filter.initial(self._style)
-        self._inertia.reset()
+        self._inertializer.reset()
 
     def set_style(self, weights: str | Mapping[str, float] | ArrayLike) -> None:
         """Changes the style; the answer moves there smoothly within a few tenths of a second."""
@@ -180,7 +180,7 @@ class Responder:
             belief, generated = self._filter.step(self._belief, None, HAND_VARIANCE, self._style)
         self._belief = belief
         # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
-        generated = generated._replace(avatar=self._inertia.step(generated.avatar, changed))
+        generated = generated._replace(avatar=self._inertializer.step(generated.avatar, changed))
         foresee = partial(self._filter.foresee, self._belief)
         return self._response(self._belief.latent, self._belief.covariance, generated, foresee, 0.0)
 

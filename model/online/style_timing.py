@@ -1,4 +1,4 @@
-"""Lets a style keep its own tempo with whoever raises a hand.
+"""Lets a style keep its own timing with whoever raises a hand.
 
 In recordings an angry actor answers an angry person: how fast the avatar moves is learned as a function of how the
 person moves, and the style weights change its posture alone. On the way from one style to another the hand even slows,
@@ -13,11 +13,15 @@ it holds back, is faster in the middle, and is where the model wants it at rest 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.trained import HGPDM
+<<<<<<< HEAD
+from highfive.model.settings import Settings, setting
+=======
 from highfive.model.online.belief import packed
 from highfive.model.online.layer import predict_layer
 
@@ -27,18 +31,31 @@ reach of minimum jerk, because on the way between styles the mixing of poses tak
 
 NEAREST = 0.2
 """m; a meeting point nearer to the resting palm than this is no reach."""
+>>>>>>> origin/main
 
 
-class Emphasis:
+@dataclass(frozen=True)
+class StyleTimingSettings(Settings):
+    """How the reach of a quick style is sharpened. Chosen on the simulated training trials."""
+
+    sharpening: float = setting(2.0, least=0.0)
+    """a is this times the logarithm of a style's peak speed over the median style's: twice as much as makes up for it
+    in a reach of minimum jerk, because on the way between styles the mixing of poses takes some away."""
+    nearest: float = setting(0.2, "m", above=0.0)
+    """A meeting point nearer to the resting palm than this is no reach."""
+
+
+class StyleTiming:
     """How a model's styles differ in speed, and the poses in which they wait."""
 
-    def __init__(self, model: HGPDM) -> None:
+    def __init__(self, model: HGPDM, settings: StyleTimingSettings | None = None) -> None:
         """Looks at the poses that the model gives at its training points."""
+        self.settings = settings or StyleTimingSettings()
         styles = np.eye(len(model.emotions))
         self._where = model.channels
         self._rest = np.array([_at_start(model, style) for style in styles])
         speed = peak_speeds(model)
-        self._tempo = np.maximum(speed / np.median(speed), 1.0)
+        self._relative_speed = np.maximum(speed / np.median(speed), 1.0)
 
     def rest(self, style: Array) -> Array:
         """Channels (C,) in which an avatar of style weights (K,) waits: the model is linear in the weights."""
@@ -46,10 +63,10 @@ class Emphasis:
 
     def sharpness(self, style: Array) -> float:
         """How much the course is sharpened, a: 0 for the slower half of the styles; beyond 1 it would turn back."""
-        return min(SHARPENING * math.log(float(style @ self._tempo)), 1.0)
+        return min(self.settings.sharpening * math.log(float(style @ self._relative_speed)), 1.0)
 
-    def share(self, palm: Array, contact_point: Array, style: Array) -> float:
-        """S(φ) / φ, the share of the way from rest to the generated pose.
+    def fraction(self, palm: Array, contact_point: Array, style: Array) -> float:
+        """S(φ) / φ, the fraction of the way from rest to the generated pose.
 
         Args:
             palm: (3,) m, as the model gives it beside the joints.
@@ -58,7 +75,7 @@ class Emphasis:
         """
         rest = self.rest(style)[self._where.palm]
         way, gone = contact_point - rest, palm - rest
-        progress = float(gone.dot(way)) / max(float(way.dot(way)), NEAREST**2)
+        progress = float(gone.dot(way)) / max(float(way.dot(way)), self.settings.nearest**2)
         sharpness = self.sharpness(style)
         return 1.0 - sharpness + sharpness * _hold(progress)
 

@@ -8,10 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from highfive.hil.arm import planning_cost
+<<<<<<< HEAD
+from highfive.hil.arm.contact_goal import ContactGoalSettings, meeting, until_touch
+from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
+=======
 from highfive.hil.arm.contact_goal import until_touch
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal, RetargetState
+>>>>>>> origin/main
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve
@@ -20,6 +25,7 @@ from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
 from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
+from highfive.model.online.contact_forecast import ContactForecast
 
 TICK = 1.0 / 120.0
 UP = np.array([0.0, 0.0, 1.0])
@@ -103,6 +109,18 @@ def test_the_sessions_clock_runs_out_when_it_is_said_to(left: float, rate: float
         rate += step / settings.smoothing * (1.0 - rate)
         remaining, time = remaining - rate * step, time + step
     assert until_touch(target, None) == pytest.approx(time, abs=0.012)
+
+
+def test_settings_reach_the_goal() -> None:
+    point, normal = cell_point("B2"), facing()
+    theirs = palm(point, -normal, -0.5 * normal)
+    forecast = ContactForecast(point + 0.1 * normal, 0.2, np.diag([1e-4, 1e-4, 1e-4, 1e-2]))
+    trusting, usual = (
+        meeting(theirs, 0.4, forecast, s)[0] for s in (ContactGoalSettings(unsteady=5.0), ContactGoalSettings())
+    )
+    assert np.linalg.norm(trusting - forecast.point) < np.linalg.norm(usual - forecast.point)
+    target = ReachTarget(Phase.APPROACH, 0.5, 0.5, np.zeros(3), normal, 1.0)
+    assert until_touch(target, forecast) < until_touch(target, forecast, ContactGoalSettings(sure=0.0)) - 0.05
 
 
 def test_a_contact_too_soon_is_late_and_says_so(arm: ServoArm, retarget: Retarget) -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mujoco import minimize
 
-from highfive.hil.session.contact_correction import NORMAL_WEIGHT, POSITION_WEIGHT, ContactCorrection
+from highfive.hil.session.contact_correction import ContactCorrection, CorrectionSettings
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.sim.people.actors import simulate_pair
 from highfive.hil.sim.scene import Scene, build_scene
@@ -70,7 +70,7 @@ def test_where_nothing_is_asked_nothing_changes(scene: Scene, contact_pose: Pose
 
 
 def test_cost_is_no_higher_than_the_oracles(scene: Scene, contact_pose: Pose) -> None:
-    correction = ContactCorrection(scene, iterations=30)
+    correction = ContactCorrection(scene, CorrectionSettings(iterations=30))
     palm = correction.palm_of(contact_pose)
     model, data = scene.model, mujoco.MjData(scene.model)
     qpos = scene.hinge_qpos[scene.arm_joints].ravel()
@@ -87,8 +87,10 @@ def test_cost_is_no_higher_than_the_oracles(scene: Scene, contact_pose: Pose) ->
                 data.qpos[qpos] = x
                 mujoco.mj_kinematics(model, data)
                 site = data.site_xmat[scene.palm_site].reshape(3, 3)[:, 2]
-                place = POSITION_WEIGHT * (data.site_xpos[scene.palm_site] - target)
-                out.append(np.concatenate([place, NORMAL_WEIGHT * (site - normal), scale * (x - start)]))
+                place = CorrectionSettings().position_weight * (data.site_xpos[scene.palm_site] - target)
+                out.append(
+                    np.concatenate([place, CorrectionSettings().normal_weight * (site - normal), scale * (x - start)])
+                )
             return np.array(out).T
 
         oracle, _ = minimize.least_squares(start, residual, bounds=[limits[:, 0], limits[:, 1]], verbose=0)
@@ -120,3 +122,12 @@ def test_a_target_that_moves_smoothly_moves_the_joints_smoothly(scene: Scene, co
         track.append(correction.solve(contact_pose, palm.position + offset, palm.normal).pose.hinges)
     accelerations = np.diff(np.array(track), n=2, axis=0) * 120.0**2
     assert np.abs(accelerations).max() < 6.0  # rad/s²; the target itself accelerates by 0.3 m/s²
+
+
+def test_settings_reach_the_solver(scene: Scene, contact_pose: Pose) -> None:
+    """A posture that is held hard leaves the palm where the model had it."""
+    usual, held = ContactCorrection(scene), ContactCorrection(scene, CorrectionSettings(posture_weight=10.0))
+    palm = usual.palm_of(contact_pose)
+    place = palm.position + np.array([0.0, 0.02, 0.02])
+    assert usual.solve(contact_pose, place, palm.normal).miss < 0.005
+    assert held.solve(contact_pose, place, palm.normal).miss > 0.02

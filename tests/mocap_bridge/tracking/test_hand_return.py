@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highfive.mocap_bridge.frames import HumanArm, PalmPose
-from highfive.mocap_bridge.tracking.reacquisition import BANDWIDTH, HandReturn
+from highfive.mocap_bridge.tracking.reacquisition import HandReturn, ReacquisitionSettings
 
 DT = 1.0 / 120.0
 HIDDEN = range(40, 76)  # frames
@@ -46,7 +46,7 @@ def test_neither_place_nor_speed_jumps(tracks: tuple[np.ndarray, np.ndarray]) ->
     jump_in, jump_out = (np.linalg.norm(np.diff(track, n=2, axis=0), axis=-1).max() for track in tracks)
     assert jump_in > 0.5 * np.linalg.norm(SLIP)
     # A critically damped curve from rest bends by at most its first pull, w² x, with the guess's own drift on top.
-    assert jump_out < BANDWIDTH**2 * np.linalg.norm(SLIP) * DT**2 + 2e-3
+    assert jump_out < ReacquisitionSettings().bandwidth ** 2 * np.linalg.norm(SLIP) * DT**2 + 2e-3
 
 
 def test_it_is_soon_where_it_really_is_and_rigid(tracks: tuple[np.ndarray, np.ndarray]) -> None:
@@ -76,3 +76,13 @@ def test_a_hand_never_hidden_and_a_new_hand_pass_as_they_are() -> None:
     carry.reset()
     arm = hand(90)
     assert carry(arm, DT) is arm
+
+
+def test_settings_reach_it(tracks: tuple[np.ndarray, np.ndarray]) -> None:
+    def after(settings: ReacquisitionSettings) -> np.ndarray:
+        carry = HandReturn(settings)
+        return np.array([carry(hand(frame), DT).palm.position for frame in range(HIDDEN.stop + 10)])[-1]
+
+    came = tracks[0][HIDDEN.stop + 9, 2]
+    slow, fast = (after(ReacquisitionSettings(bandwidth=bandwidth)) for bandwidth in (10.0, 100.0))
+    assert np.linalg.norm(slow - came) > 5.0 * np.linalg.norm(fast - came)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from highfive.mocap_bridge.frames import PalmPose
-from highfive.mocap_bridge.tracking.palm_filter import SLOW, PalmFilter
+from highfive.mocap_bridge.tracking.palm_filter import PalmFilter, PalmFilterSettings
 from highfive.model.geometry import rotations
 
 DT = 1.0 / 120.0
@@ -56,7 +56,7 @@ def test_at_rest_the_variance_falls_as_theory_says():
     noise = 1e-6  # m; so little that the speed it feigns does not widen the band
     measured = np.random.default_rng(3).normal(scale=noise, size=(6000, 3))
     out = np.array([p.position for p in smooth([palm(position) for position in measured])])[600:]
-    t = np.exp(-SLOW * DT)
+    t = np.exp(-PalmFilterSettings().slow * DT)
     theory = (1 - t) * (1 + 6 * t + 16 * t**2 + 24 * t**3 + 19 * t**4) / (1 + t) ** 5
     assert out.var() / noise**2 == pytest.approx(theory, rel=0.15)
 
@@ -113,3 +113,15 @@ def test_the_callers_palm_is_left_alone():
     smooth(measured)
     for p, position in zip(measured, before, strict=True):
         np.testing.assert_array_equal(p.position, position)
+
+
+def test_settings_reach_the_filter():
+    measured = waving(0.002)[:20]
+    slow, usual = PalmFilter(PalmFilterSettings(slow=2.0, faster=0.1)), PalmFilter()
+    for p in measured:
+        left, right = slow(p, DT), usual(p, DT)
+    assert not np.array_equal(left.position, right.position)
+    turning = PalmFilter(PalmFilterSettings(turning=1.0))
+    for p in measured:
+        left = turning(p, DT)
+    assert not np.array_equal(left.normal, right.normal)

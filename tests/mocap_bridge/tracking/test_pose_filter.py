@@ -6,7 +6,7 @@ import pytest
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.chain import make_chain
 from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, Pose, kinematics, on_segments, shifted
-from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA, NEVER
+from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing
 from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, predicted
 
@@ -75,7 +75,7 @@ def test_the_update_is_the_textbooks(chain):
     rows = np.repeat(seen, 3)
     h = np.hstack([slopes[rows], np.zeros((rows.sum(), n))])
     prior = np.block([[state.covariance[0], state.covariance[1].T], [state.covariance[1], state.covariance[2]]])
-    noise = np.repeat(MARKER_SIGMA**2 + state.doubt + state.misfit + caution, 3)[rows]
+    noise = np.repeat(FilterSettings().marker_sigma ** 2 + state.doubt + state.misfit + caution, 3)[rows]
     gain = prior @ h.T @ np.linalg.inv(h @ prior @ h.T + np.diag(noise))
     step = gain @ (points - markers).reshape(-1)[rows]
     posterior = prior - gain @ h @ prior

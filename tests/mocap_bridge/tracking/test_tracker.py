@@ -8,10 +8,10 @@ import pytest
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
-from highfive.mocap_bridge.tracking.filter_settings import MARKER_SIGMA, NEVER
+from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.joint_angles import ANGLES, angles_between
-from highfive.mocap_bridge.tracking.tracker import Tracker
+from highfive.mocap_bridge.tracking.tracker import RestartSettings, Tracker
 from highfive.model.geometry import rotations
 
 SKELETON = avatar_skeleton()
@@ -61,7 +61,7 @@ def test_seen_markers_are_smoothed_not_spoilt():
 
 def test_innovations_are_about_as_large_as_predicted():
     """Normalised innovation squared: mean near its dimension, 3, on noise of the size that the tracker assumes."""
-    points = TRUTH + np.random.default_rng(1).normal(scale=MARKER_SIGMA, size=TRUTH.shape)
+    points = TRUTH + np.random.default_rng(1).normal(scale=FilterSettings().marker_sigma, size=TRUTH.shape)
     tracker = Tracker(PAPER)
     squared = []
     for k in range(len(points)):
@@ -71,7 +71,7 @@ def test_innovations_are_about_as_large_as_predicted():
             one[marker] = False
             tracked = tracker.update(frame(points[k], k, one))
             innovation = points[k, marker] - tracked.positions[marker]
-            covariance = tracked.covariances[marker] + MARKER_SIGMA**2 * np.eye(3)
+            covariance = tracked.covariances[marker] + FilterSettings().marker_sigma ** 2 * np.eye(3)
             squared.append(innovation @ np.linalg.solve(covariance, innovation))
         else:
             tracker.update(frame(points[k], k))
@@ -361,3 +361,36 @@ def test_angles_of_somebody_whose_markers_sit_elsewhere_lie_within_their_deviati
         normalised.append(((found.angles - true + np.pi) % (2.0 * np.pi) - np.pi) / found.deviations)
     assert 0.3 < np.sqrt(np.mean(np.square(normalised))) < 1.6
     assert np.mean(np.abs(normalised) < 2.0) > 0.85
+
+
+def ended(**settings):
+    """The last frame of a hand that jumps by up to 4 cm in it."""
+    tracker, points = Tracker(PAPER, **settings), TRUTH[:60].copy()
+    points[-1, :, 2] += np.linspace(0.0, 0.04, points.shape[1])
+    return [tracker.update(frame(one, number)) for number, one in enumerate(points)][-1]
+
+
+def test_settings_reach_the_compiled_filter():
+    usual = ended()
+    strict = ended(settings=FilterSettings(slide=1e-6, first_step=1e-6, gate=1e-3, take_up_gate=1e-3))
+    assert strict.rejected.sum() > usual.rejected.sum()
+    assert not np.array_equal(ended(settings=FilterSettings(marker_sigma=0.01)).positions, usual.positions)
+
+
+def test_settings_say_when_the_tracker_begins_anew():
+    """A body that is suddenly elsewhere is followed there at once by a tracker without patience."""
+    elsewhere = np.array([1.0, 0.0, 0.0])
+
+    def frames_until_there(restart):
+        tracker = Tracker(PAPER, restart=restart)
+        for number, points in enumerate(TRUTH[:120]):
+            tracker.update(frame(points, number))
+        for number, points in enumerate(TRUTH[120:240]):
+            if (
+                np.abs(tracker.update(frame(points + elsewhere, 120 + number)).positions - points - elsewhere).max()
+                < 0.05
+            ):
+                return number
+        return 120
+
+    assert frames_until_there(RestartSettings(lost_frames=1)) < frames_until_there(RestartSettings(lost_frames=30))

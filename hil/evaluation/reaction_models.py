@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, cast
 
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.errors import HighFiveError
@@ -55,12 +56,12 @@ def load_fit(name: str) -> FitReactionModel | ReactionModel:
     if ":" in name:
         if os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())  # a module beside the user's data, as python itself would find it
-        found = load_object(name, "the model")
+        found: Any = load_object(name, "the model")
     else:
         found = load_plugin(GROUP, name)
     if not (callable(found) or _is_model(found)):
         raise PluginError(f"{name} is a {type(found).__name__}; expected a function that learns a model from trials")
-    return found
+    return cast(FitReactionModel | ReactionModel, found)
 
 
 def learner(name: str) -> FitReactionModel:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
+
+if TYPE_CHECKING:
+    import jax
+
+Numbers: TypeAlias = "Array | jax.Array"
+"""NumPy's where a layer was read, JAX's where it was trained."""
 
 
 class MotionParameters(NamedTuple):
@@ -54,11 +60,11 @@ class Posterior(NamedTuple):
     """
 
     kernel: Any
-    inducing: Array
-    style: Array | None
-    style_covariance: Array | None
-    weights: Array
-    offset: Array
-    reduction: Array
-    noise: Array
-    scale: Array
+    inducing: Numbers
+    style: Numbers | None
+    style_covariance: Numbers | None
+    weights: Numbers
+    offset: Numbers
+    reduction: Numbers
+    noise: Numbers
+    scale: Numbers

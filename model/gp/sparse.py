@@ -15,7 +15,7 @@ from highfive.model.gp import likelihood
 from highfive.model.gp.coregionalisation import StyleFactor, style_covariance
 from highfive.model.gp.kernels import Kernel, MotionKernel, add_jitter
 from highfive.model.gp.likelihood import Covariance, Points
-from highfive.model.gp.posterior import MotionParameters, Posterior
+from highfive.model.gp.posterior import MotionParameters, Numbers, Posterior
 
 
 class Layer(NamedTuple):
@@ -145,16 +145,20 @@ def fit(
 def with_kernel(posterior: Posterior) -> Posterior:
     """The posterior with a kernel that can be called, where it holds the parameters alone."""
     kernel = posterior.kernel
-    return posterior._replace(kernel=MotionKernel(*kernel)) if isinstance(kernel, MotionParameters) else posterior
+    return (
+        posterior._replace(kernel=MotionKernel(*map(jnp.asarray, kernel)))
+        if isinstance(kernel, MotionParameters)
+        else posterior
+    )
 
 
-def means(posterior: Posterior, points: jax.Array, styles: jax.Array | None = None) -> jax.Array:
+def means(posterior: Posterior, points: Numbers, styles: Numbers | None = None) -> jax.Array:
     """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
     return _means(with_kernel(posterior), points, styles)
 
 
 @jax.jit
-def _means(posterior: Posterior, points: jax.Array, styles: jax.Array | None) -> jax.Array:
+def _means(posterior: Posterior, points: Any, styles: Any) -> Any:
     k_fu = posterior.kernel.cross(points, posterior.inducing)
     if posterior.style is not None:
         assert styles is not None
@@ -162,13 +166,13 @@ def _means(posterior: Posterior, points: jax.Array, styles: jax.Array | None) ->
     return k_fu @ posterior.weights + posterior.offset
 
 
-def variances(posterior: Posterior, points: jax.Array) -> jax.Array:
+def variances(posterior: Posterior, points: Numbers) -> jax.Array:
     """Predictive variances (N, D) of a layer without styles at inputs (N, q), noise included."""
     return _variances(with_kernel(posterior), points)
 
 
 @jax.jit
-def _variances(posterior: Posterior, points: jax.Array) -> jax.Array:
+def _variances(posterior: Posterior, points: Any) -> Any:
     k_fu = posterior.kernel.cross(points, posterior.inducing)
     function = posterior.kernel.diagonal(points) - jnp.sum((k_fu @ posterior.reduction) * k_fu, axis=1)
     return (jnp.maximum(function, 0.0)[:, None] + posterior.noise) * posterior.scale**2

@@ -101,14 +101,14 @@ def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.
             return Partner(ADDRESS, emotion, "", False, none, worn, -1, None, None, ())
 
     replaced: dict[str, Callable[..., object]] = {
-        "check_arm": lambda _: None,
-        "live_source": lambda *_: nullcontext(),
-        "closing": lambda source: source,
-        "load_registration": lambda _: type("Registered", (), {"placement": None}),
-        "LivePerson": lambda *_: Person(),
+        "hil.arm.lifecycle.check_arm": lambda _: None,
+        "hil.trials.live_partner.live_source": lambda *_: nullcontext(),
+        "hil.trials.live_partner.LivePerson": lambda *_: Person(),
+        "hil.commands.simulate.closing": lambda source: source,
+        "calibration.registration.load_registration": lambda _: type("Registered", (), {"placement": None}),
     }
     for name, replacement in replaced.items():
-        monkeypatch.setattr(f"highfive.hil.commands.simulate.{name}", replacement)
+        monkeypatch.setattr(f"highfive.{name}", replacement)
     options = SimulateOptions(trials=1, source=ADDRESS, arm=replace(REAL, person=""))
     with pytest.raises(HighFiveError, match=NO_HEAD):
         simulate(options, tmp_path / "out", lambda *_: lambda *_, **__: None)

@@ -35,7 +35,8 @@ def test_an_offset_never_breaks_a_limit_and_gets_where_it_is_wanted(seed: int) -
         inside = (positions + tick * pushed > low) & (positions + tick * pushed < high)
         speeds = np.where(inside, pushed, 0.0) if step < 300 else np.zeros(6)
         pushes = np.abs(speeds - before.velocities) / tick
-        rates = feed_forward.next_rates(LIMITS, offset, wanted, before, speeds, tick)
+        within = feed_forward.bounds(LIMITS, offset, positions + tick * speeds, tick)
+        rates = feed_forward.next_rates(LIMITS, offset, wanted, before, speeds, within, tick)
         positions = positions + tick * speeds
         offset = feed_forward.moved(LIMITS, offset, rates, positions, tick)
         goals.append(positions + offset.offsets)

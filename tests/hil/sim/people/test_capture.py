@@ -99,7 +99,8 @@ def test_what_cannot_be_captured_is_one_line(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
 
 
-def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "highfive")
     left, others = ".highfive-0123abcd-capture", {"mine", ".highfive-my-capture"}
     for name in (left, *others):
         (tmp_path / name).mkdir()
@@ -108,6 +109,6 @@ def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, capsys: 
         assert {path.name for path in tmp_path.iterdir()} == {beside.name, left, *others}
     with _beside(tmp_path, locked=True) as beside:
         assert {path.name for path in tmp_path.iterdir()} == {beside.name, *others}
-    told = " ".join(capsys.readouterr().err.split())
+    told = caplog.text
     assert ".highfive-0123abcd-capture removed" in told and "which a killed capture left" in told
     assert {path.name for path in tmp_path.iterdir()} == others

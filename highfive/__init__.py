@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from highfive.model.online.reaction import OnlineResponder, Reaction, ReactionModel, SimpleReaction
     from highfive.model.online.responder import Responder, Response
 
+    __version__: str
+
 __all__ = [
     "HGPDM", "Address", "HighFiveError", "Link", "LinkError", "MarkerFrame", "OnlineResponder", "Partner", "Pose",
     "Reaction", "ReactionModel", "Responder", "Response", "Scheme", "Session", "SessionRecording", "SimpleReaction",

@@ -4,77 +4,79 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from highfive.model.settings import Settings, setting
+
 
 @dataclass(frozen=True)
-class RetargetSettings:
-    """Times in s, lengths in m, speeds in m/s."""
+class RetargetSettings(Settings):
+    """How the arm's plan meets a hand."""
 
-    tick: float = 1.0 / 120.0
-    lag: float = 0.03
+    tick: float = setting(1.0 / 120.0, "s", above=0.0)
+    lag: float = setting(0.03, "s", least=0.0)
     """The arm is where it was told to be so long ago."""
-    sag: tuple[float, ...] = ()
+    sag: tuple[float, ...] = setting((), "rad/(N·m)", least=0.0)
     """rad per N·m, by how much each joint gives way to a torque; the command goes beyond by that. Empty: 0."""
-    contact_speed: float = 0.78
+    contact_speed: float = setting(0.78, "m/s", above=0.0)
     """Largest speed of the plate relative to the hand that it meets (ISO/TS 15066 by a two-body model)."""
-    face_speed: float = 0.22
+    face_speed: float = setting(0.22, "m/s", above=0.0)
     """Largest speed of the plate near the head, ..."""
-    face_radius: float = 0.30
+    face_radius: float = setting(0.30, "m", least=0.0)
     """... which is so near its centre, ..."""
-    face_braking: float = 4.0
+    face_braking: float = setting(4.0, "m/s²", above=0.0)
     """... and what it can lose of more on the way there, m/s²."""
-    head_radius: float = 0.14
+    head_radius: float = setting(0.14, "m", least=0.0)
     """No part of the arm plans to come nearer the head's centre than this and a margin."""
-    care: float = 0.8
+    care: float = setting(0.8, above=0.0, most=1.0)
     """Share of those speeds that is planned for at contact: what is measured is late and noisy."""
-    sharpness: float = 0.002
+    sharpness: float = setting(0.002, "m", above=0.0)
     """Deviation of the place of contact that the plan does not tell from none."""
-    loose: float = 0.08
+    loose: float = setting(0.08, "m", above=0.0)
     """Deviation from the scaled path that costs as much as one standard deviation of the place of contact."""
-    leisurely: float = 0.3
+    leisurely: float = setting(0.3, "m/s", above=0.0)
     """m/s: where the plate has to be faster than this on average it hurries, and the path counts less."""
-    turned: float = 0.15
+    turned: float = setting(0.15, "rad", above=0.0)
     """rad, the same for the direction in which the plate faces at contact, ..."""
-    turning: float = 1.5
+    turning: float = setting(1.5, "rad/s", least=0.0)
     """... which is surer by this many rad for each s nearer: a hand on its way faces elsewhere."""
-    facing: float = 0.3
+    facing: float = setting(0.3, "s", above=0.0)
     """s before contact within which the plate turns from where it faces when it waits to the person's palm."""
-    rounds: int = 1
+    rounds: int = setting(1, least=1)
     """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005)."""
-    effort: float = 3e-5
+    effort: float = setting(3e-5, least=0.0)
     """Cost of a joint acceleration of 1 rad/s² at a knot."""
-    memory: float = 0.25
+    memory: float = setting(0.25, "s", least=0.0)
     """A contact that nobody speaks of any more is expected for this long, ..."""
-    forgetting: float = 0.3
+    forgetting: float = setting(0.3, "m/s", least=0.0)
     """... less surely by this, m/s."""
-    longest_delay: float = 0.3
+    longest_delay: float = setting(0.3, "s", least=0.0)
     """A hand that could not be met in time is followed at most so long."""
-    touch: float = 0.06
+    touch: float = setting(0.06, "s", least=0.0)
     """The plate stays with a hand that it has met so long."""
-    near: float = 0.10
-    waiting: float = 0.15
+    near: float = setting(0.10, "m", least=0.0)
+    waiting: float = setting(0.15, "m/s", least=0.0)
     """A hand that could not be met in time is followed only if it is this near and no faster than this, m/s."""
-    press: float = 0.025
-    most_press: float = 0.02
+    press: float = setting(0.025, "s", least=0.0)
+    most_press: float = setting(0.02, "m", least=0.0)
     """The plate aims so far through the hand as the two close in this time, s, but no further than this, m, and so far
     once it is late: a hand that is not met goes back, and the contact is then missed altogether."""
-    slowest: float = 0.35
+    slowest: float = setting(0.35, "m/s", least=0.0)
     """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
     where a hand that goes back a moment sooner was."""
-    calm: float = 0.03
+    calm: float = setting(0.03, least=0.0)
     """Cost of a joint speed of 1 rad/s at a knot."""
-    met: float = 0.004
+    met: float = setting(0.004, "m", least=0.0)
     """A commanded plate this near the place of contact is there."""
-    settle: float = 0.15
+    settle: float = setting(0.15, "s", least=0.0)
     """So long before contact the plate is in front of the hand, ..."""
-    beforehand: float = 0.25
+    beforehand: float = setting(0.25, "s", least=0.0)
     """... where it has to hurry up to so much longer: a fast hand is near before contact, and near it the plate may
     hardly move, ..."""
-    standoff: float = 0.02
+    standoff: float = setting(0.02, "m", least=0.0)
     """... this far away, and goes with it: neither the place nor the time of contact is known well before, but where
     the hand is is, and near it the plate may not make up for what is missing."""
-    yielding: float = 0.93
+    yielding: float = setting(0.93, above=0.0, most=1.0)
     """Share of the largest speed relative to the hand that is planned for on the way."""
-    shortest_knot: float = 0.015
+    shortest_knot: float = setting(0.015, "s", above=0.0)
     """The plan's knots are no nearer each other than this, s, and ..."""
-    longest_knot: float = 0.07
+    longest_knot: float = setting(0.07, "s", above=0.0)
     """... no further apart than this."""

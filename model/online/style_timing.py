@@ -19,19 +19,9 @@ import numpy as np
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.trained import HGPDM
-<<<<<<< HEAD
-from highfive.model.settings import Settings, setting
-=======
 from highfive.model.online.belief import packed
 from highfive.model.online.layer import predict_layer
-
-SHARPENING = 2.0
-"""a is this times the logarithm of a style's peak speed over the median style's: twice as much as makes up for it in a
-reach of minimum jerk, because on the way between styles the mixing of poses takes some away."""
-
-NEAREST = 0.2
-"""m; a meeting point nearer to the resting palm than this is no reach."""
->>>>>>> origin/main
+from highfive.model.settings import Settings, setting
 
 
 @dataclass(frozen=True)

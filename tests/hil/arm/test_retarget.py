@@ -8,15 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from highfive.hil.arm import planning_cost
-<<<<<<< HEAD
 from highfive.hil.arm.contact_goal import ContactGoalSettings, meeting, until_touch
-from highfive.hil.arm.planner import ExpectedContact, PalmGoal, Retarget, RetargetSettings, RetargetState
-=======
-from highfive.hil.arm.contact_goal import until_touch
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal, RetargetState
->>>>>>> origin/main
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve

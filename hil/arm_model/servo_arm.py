@@ -39,7 +39,7 @@ class Mount:
     @property
     def quaternion(self) -> Array:
         """(4,) orientation of the base in the world."""
-        return rotations.multiply(rotations.about_axis("z", self.yaw), rotations.about_axis("y", self.tilt))
+        return rotations.multiply(rotations.from_axis_angle("z", self.yaw), rotations.from_axis_angle("y", self.tilt))
 
 
 @dataclass(frozen=True)

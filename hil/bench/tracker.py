@@ -255,9 +255,9 @@ def _own_joints(case: Case) -> Array:
             raise HighFiveError("the tracker's covariance was spoilt by rounding")
         frames.append(state.pose.frames[[upper, fore, hand]])
     turned = rotations.from_matrix(np.array(frames))
-    shoulder = rotations.to_hinges("yxz", turned[:, 0])
-    elbow = rotations.to_hinges("yxz", rotations.multiply(rotations.conjugate(turned[:, 0]), turned[:, 1]))
-    wrist = rotations.to_hinges("xyz", rotations.multiply(rotations.conjugate(turned[:, 1]), turned[:, 2]))
+    shoulder = rotations.to_euler("yxz", turned[:, 0])
+    elbow = rotations.to_euler("yxz", rotations.multiply(rotations.conjugate(turned[:, 0]), turned[:, 1]))
+    wrist = rotations.to_euler("xyz", rotations.multiply(rotations.conjugate(turned[:, 1]), turned[:, 2]))
     return np.concatenate([shoulder, elbow[:, [0, 2]], wrist[:, :2]], axis=1)
 
 

@@ -72,7 +72,10 @@ class PeerModel:
             start = centres[:, parent] if parent >= 0 else np.zeros((count, 3))
             centres[:, s], own = start + rotations.rotate(base, away), base
             for axis in self.turns[s]:
-                own, column = rotations.multiply(own, rotations.about_axis(axis, coordinates[:, column])), column + 1
+                own, column = (
+                    rotations.multiply(own, rotations.from_axis_angle(axis, coordinates[:, column])),
+                    column + 1,
+                )
             turned[:, s] = own
         return centres, turned
 

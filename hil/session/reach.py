@@ -297,7 +297,7 @@ class Reach:
         ahead = self._landing(self._ahead)
         raw = self._bent(gap + 0.5 * self._gap_velocity * ahead + self._forecast(person, expectation, ahead))
         miss = self._smooth(raw, dt)
-        turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
+        turn = rotations.to_rotation_vector(rotations.rotation_between(generated.normal, -person.normal))
         if self._lost:  # a hand that comes back is not where it was left: the difference runs out
             self._ease, self._lost = np.array([self._miss - miss, self._turn - turn]), False
         self._ease *= np.exp(-dt / self.settings.easing)

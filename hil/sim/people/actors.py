@@ -140,7 +140,7 @@ def _draw_pair(
     nominal = np.array([0.5 * distance, GRID_Y[column], GRID_Z[row]])
     point = nominal + np.clip(rng.normal(0.0, [0.015, 0.02, 0.02]), -0.05, 0.05)
     # Palms turned a little to each one's left, as forearms can; straight on, the forearms run into their limits.
-    facing = rotations.about_axis("z", np.radians(40.0))
+    facing = rotations.from_axis_angle("z", np.radians(40.0))
     normal = rotations.rotate(rotations.multiply(_jitter(rng, 5.0), facing), [1.0, 0.0, 0.0])
 
     start = rng.uniform(0.25, 0.45)
@@ -176,7 +176,7 @@ def _turn(point: Array, distance: float) -> Array:
 
 
 def _face_the_avatar(motion: ActorMotion, distance: float) -> ActorMotion:
-    half_turn = rotations.about_axis("z", np.pi)
+    half_turn = rotations.from_axis_angle("z", np.pi)
     quaternions = motion.quaternions.copy()
     quaternions[:, 0] = rotations.multiply(half_turn, quaternions[:, 0])
     root = np.array([distance, 0.0, 0.0]) + motion.root_in_world * [-1, -1, 1]

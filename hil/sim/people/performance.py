@@ -96,7 +96,7 @@ def perform(role: Role) -> ActorMotion:
     skeleton = role.skeleton
     times = np.arange(round(role.end_s * RATE_HZ) + 1) / RATE_HZ
     root, angles = _upper_body(role, times)
-    pelvis = (root, rotations.from_hinges(skeleton.hinge_orders[0], angles[:, 0]))
+    pelvis = (root, rotations.from_euler(skeleton.hinge_orders[0], angles[:, 0]))
     for side in ("right", "left"):
         leg = [skeleton.index(f"{side}_{n}") for n in ("hip", "knee", "ankle")]
         angles[:, leg] = solve_leg(skeleton, side, pelvis, _standing_ankle(skeleton, side))

@@ -108,7 +108,7 @@ def until_touch(
     known = forecast is not None and forecast.deviation < settings.sure
     expected = _corrected(forecast.time, settings) if forecast is not None and known else math.inf
     while time < LATEST:
-        rate = REACH.next_rate(rate, REACH.wanted_rate(left, expected), STEP)
+        rate = REACH.next_rate(rate, REACH.target_rate(left, expected), STEP)
         if rate * STEP >= left:
             return time + STEP
         left, expected, time = left - rate * STEP, max(expected - STEP, 0.0), time + STEP

@@ -18,7 +18,7 @@ class Task(NamedTuple):
     Attributes:
         time: s until the plate should meet the hand, negative once it is due; infinite: it shall rest.
         point, normal: (3,) m and unit vector, where it should be then, and facing where.
-        covariance, sharpness: (3, 3) m² and m, how sure the place is, and what is not told from none.
+        covariance, sharpness: (3, 3) m² and m, how sure the place is, and what is not distinguished from none.
         firm: weight of the normal's deviation.
         closing: m/s, speed along the normal at which it closes on the hand.
         settle: s before that from which on it is in front of the hand, ``standoff`` m away, and goes with it.

@@ -176,11 +176,11 @@ def _peer(options: BenchOptions) -> Iterator[tuple[dict[str, str] | None, Callab
         raise HighFiveError(f"--peer-python {options.peer_python} cannot be run: {error.strerror}") from None
     assert process.stdin is not None and process.stdout is not None
     with process:
-        asked, answers = process.stdin, process.stdout
+        requests, answers = process.stdin, process.stdout
 
         def evaluate() -> float:
-            asked.write("\n")
-            asked.flush()
+            requests.write("\n")
+            requests.flush()
             return float(answers.readline())
 
         try:

@@ -84,17 +84,17 @@ def bench_tracker(options: TrackerBenchOptions, bar: Bar) -> dict[str, Any]:
     """
     use_one_blas_thread()
     peers = peer_runs.installed(options.peers_python)
-    # The recording comes first: should it not be usable, that is told at once.
+    # The recording comes first: should it not be usable, that is reported at once.
     real = [] if options.real is None else [real_recording(options.real, options.person, options.real_frames)]
     made = bar("cases", options.seeds + options.high_fives)
 
-    def told(case: Case) -> Case:
+    def reported(case: Case) -> Case:
         made()
         return case
 
     frames = round(options.seconds * RATE_HZ)
-    arms = [told(simulated_arm(seed, frames)) for seed in range(options.seeds)]
-    greetings = [told(simulated_high_five(seed)) for seed in range(options.high_fives)]
+    arms = [reported(simulated_arm(seed, frames)) for seed in range(options.seeds)]
+    greetings = [reported(simulated_high_five(seed)) for seed in range(options.high_fives)]
     cases = {"simulated": arms, "simulated_high_five": greetings, "real": real}
     methods = _methods(peers, options.peers_python)
     count = sum(len(group) for group in cases.values())

@@ -98,13 +98,13 @@ def peer_model(
     """
     chain, order = make_chain(marker_set), segment_order(marker_set)
     rows = marker_set.indices(markers)
-    wanted: set[int] = set()
+    needed: set[int] = set()
     for m in rows:
         j = int(chain.carrier[m])
         while j >= 0:
-            wanted.add(j)
+            needed.add(j)
             j = int(chain.parents[j])
-    kept = sorted(wanted)
+    kept = sorted(needed)
     turns, free = [], []
     for j in kept:
         own = range(chain.first[j], chain.first[j] + chain.count[j])

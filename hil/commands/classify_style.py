@@ -152,12 +152,12 @@ def _judge(
         for stage, name in enumerate(STAGES)
     }
     tried = classifier.recognise(values[held][:, columns])
-    told = {"captured": (labels[held].tolist(), tried), **{name: (shown, answer) for name, answer in seen.items()}}
+    pairs = {"captured": (labels[held].tolist(), tried), **{name: (shown, answer) for name, answer in seen.items()}}
     groups = {emotion: [person == emotion for person in acting] for emotion in dict.fromkeys(acting)}
     groups["as the style"] = [person == style for person, style in zip(acting, shown, strict=True)]
     return {
-        "accuracy": {name: accuracy(*pair) for name, pair in told.items()},
-        "confusion": {name: confusion(*pair) for name, pair in told.items()},
+        "accuracy": {name: accuracy(*pair) for name, pair in pairs.items()},
+        "confusion": {name: confusion(*pair) for name, pair in pairs.items()},
         "by_person": {
             group: {name: accuracy(list(compress(shown, own)), list(compress(seen[name], own))) for name in STAGES}
             for group, own in groups.items()

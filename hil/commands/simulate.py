@@ -109,7 +109,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
     With an arm only the first Ctrl-C interrupts: who stops an arm presses more than once.
 
     Raises:
-        HighFiveError: something asked for does not exist or does not fit; the folder holds something already or
+        HighFiveError: something requested does not exist or does not fit; the folder holds something already or
             cannot be written.
     """
     live = options.source is not None and is_live(options.source)

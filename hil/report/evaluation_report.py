@@ -105,7 +105,7 @@ def _setting(result: dict[str, Any]) -> str:
 
 def _badges(result: dict[str, Any]) -> str:
     if "windows" in result:
-        names = ["windows file", "no action told"]
+        names = ["windows file", "no action given"]
     else:
         names = [
             f"leave one {result['leave_out']} out" if result.get("leave_out") else "held-out trials",

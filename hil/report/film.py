@@ -61,7 +61,7 @@ _RING = 20
 """Ticks that the ring around the contact lasts."""
 
 Progress = Callable[[str, int], Callable[[], None]]
-"""Told a label and the number of steps, gives a function to call after each."""
+"""Given a label and the number of steps, gives a function to call after each."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def make_film(
         scene: built ``visible``.
         results: at least one trial.
         path: where the film goes; nothing is left there if it fails.
-        progress: told the number of frames.
+        progress: given the number of frames.
         arms: what the servo arm did in them; it is shown after the avatar, likewise.
 
     Returns:

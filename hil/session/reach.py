@@ -84,15 +84,15 @@ class ReachSettings(Settings):
     late: float = setting(0.3, "s", least=0.0)
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
 
-    def wanted_rate(self, remaining: float, expected: float) -> float:
+    def target_rate(self, remaining: float, expected: float) -> float:
         """The rate at which ``remaining`` s should run out where ``expected`` s are left, infinite if nobody knows."""
         if not math.isfinite(expected):
             return 1.0
         return min(max(1.0 + (remaining - expected) / self.catching_up, self.slowest), self.fastest)
 
-    def next_rate(self, rate: float, wanted: float, dt: float) -> float:
+    def next_rate(self, rate: float, target: float, dt: float) -> float:
         """The rate ``dt`` s later."""
-        return rate + (1.0 - math.exp(-dt / self.smoothing)) * (wanted - rate)
+        return rate + (1.0 - math.exp(-dt / self.smoothing)) * (target - rate)
 
 
 @dataclass(frozen=True)
@@ -251,12 +251,12 @@ class Reach:
                 self._touched = True
                 self._release()
                 return
-            wanted = s.wanted_rate(self._remaining, expected)
+            target = s.target_rate(self._remaining, expected)
             if not known and self._familiar and not self._near():
-                wanted = s.slowest  # the model will know more when the hands are closer
+                target = s.slowest  # the model will know more when the hands are closer
             elif not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
-                wanted = -1.0 if self._weight() < 0.5 else s.fastest
-            self._rate = s.next_rate(self._rate, wanted, dt)
+                target = -1.0 if self._weight() < 0.5 else s.fastest
+            self._rate = s.next_rate(self._rate, target, dt)
             self._remaining -= self._rate * dt
             if self._remaining > self._length:
                 self._enter(Phase.IDLE)

@@ -28,7 +28,7 @@ KINDS = {
 """Every fault and what it does."""
 
 MOST_GHOSTS = 1000
-"""Points without a label in a frame that can be asked for."""
+"""Points without a label in a frame that can be requested."""
 
 LONGEST_BURST_S = 60.0
 """So long frames can be held back, s: they wait in memory."""

@@ -31,7 +31,7 @@ class LslServer:
             names: the markers, with their person before a colon.
             rate_hz: nominal rate.
             name: the stream's name.
-            local_only: announce it on this machine alone. LSL cannot be told where its data port listens: a program on
+            local_only: announce it on this machine alone. LSL cannot set where its data port listens: a program on
                 another machine that knows the port could still ask.
 
         Raises:

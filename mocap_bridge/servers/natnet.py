@@ -61,7 +61,7 @@ class NatNetServer(LiveServer):
             rate_hz: frames a second, for who asks.
             multicast: group to send frames to; None sends to each client that asks.
             data_port: the group's port.
-            y_up: send points with y up, as Motive does unless told otherwise, instead of z up.
+            y_up: send points with y up, as Motive does unless set otherwise, instead of z up.
             version: of NatNet.
 
         Raises:

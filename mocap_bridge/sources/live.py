@@ -173,8 +173,8 @@ class LiveSource:
             try:
                 self._follow()
             except Exception as error:  # a source whose thread has died would be silent for ever
-                told = str(error) if isinstance(error, HighFiveError) else f"{self._title}: {fault(error)}"
-                self._trouble, self._hopeless = told, False
+                reason = str(error) if isinstance(error, HighFiveError) else f"{self._title}: {fault(error)}"
+                self._trouble, self._hopeless = reason, False
             self._linked = False
             pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
             self._closing.wait(pause)

@@ -293,13 +293,13 @@ def _carried(arm: ArmModel, fitted: Array, information: Array) -> Look:
         cost = _cost(start, turned, information)
         for _ in range(_ROUNDS):
             angle, slope = _carrying(frames)
-            wanted = np.linalg.solve(
+            target = np.linalg.solve(
                 information + weight * np.outer(slope, slope),
                 -information @ turned - weight * (angle - slope @ step) * slope,
             )
             share, better = 1.0, False
             for _ in range(6):
-                trial = step + share * (wanted - step)
+                trial = step + share * (target - step)
                 there = _moved(start, trial)
                 found = _cost(there, turned + trial, information)
                 if found < cost:

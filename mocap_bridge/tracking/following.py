@@ -1,4 +1,4 @@
-"""One frame of the tracker: predict, gate, update, and what is to be told of it."""
+"""One frame of the tracker: predict, gate, update, and what is reported of it."""
 
 from __future__ import annotations
 

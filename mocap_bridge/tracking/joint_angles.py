@@ -78,18 +78,18 @@ class ArmAngles:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(8,) the angle is told by the markers, and not by what people are like."""
-        told = self.bits >= ENOUGH_BITS
-        return told & told[_DECIDES]
+        """(8,) the angle is observable from the markers, and not by what people are like."""
+        observable = self.bits >= ENOUGH_BITS
+        return observable & observable[_DECIDES]
 
 
 def arm_segments(names: Sequence[str]) -> tuple[int, int, int, int] | None:
     """Base, upper arm, forearm and hand among the segments of a chain; None where one of them is not there."""
     base = next((name for name in BASES if name in names), None)
-    wanted = (base, "right_shoulder", "right_elbow", "right_wrist")
-    if any(name not in names for name in wanted):
+    required = (base, "right_shoulder", "right_elbow", "right_wrist")
+    if any(name not in names for name in required):
         return None
-    first, second, third, fourth = (names.index(str(name)) for name in wanted)
+    first, second, third, fourth = (names.index(str(name)) for name in required)
     return first, second, third, fourth
 
 

@@ -29,7 +29,7 @@ Errors = dict[str, Array]
 def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
     """Errors of the contact point as each method says it :data:`BEFORE` contact.
 
-    ``constant_velocity`` is where the person's palm would be at contact if it went on as it does, told when contact is.
+    ``constant_velocity`` is where the person's palm would be at contact if it went on as it does, given the time of contact.
     """
     found: dict[str, list[list[float]]] = {}
     for number, trial in enumerate(trials):

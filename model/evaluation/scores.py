@@ -132,11 +132,11 @@ def _lag(trials: Sequence[Trial], tracks: Sequence[Array]) -> dict[str, float]:
 
 def _pose_errors(predicted: Array, held: HeldOut, body: Body) -> dict[str, float]:
     joints = 3 * len(body.skeleton)
-    wanted, got = (
+    expected, got = (
         rotations.from_rotation_vector(outputs[:, :joints].reshape(len(outputs), -1, 3))
         for outputs in (held.outputs, predicted)
     )
-    turn = rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(wanted), got))
+    turn = rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(expected), got))
     positions = body.joints(predicted)
     return {
         "all_joints": float(np.linalg.norm(positions - held.joints, axis=-1).mean()),
@@ -150,11 +150,11 @@ def _contact_errors(predicted: Array, held: HeldOut) -> dict[str, float]:
         return {}
     where = Channels(len(held.moving))
     point = np.linalg.norm((predicted - held.outputs)[held.soon, where.contact], axis=1)
-    got, wanted = (
+    got, expected = (
         CLOCK_SCALE * np.arctanh(np.clip(outputs[held.soon, where.clock], -CLOCK_LIMIT, CLOCK_LIMIT))
         for outputs in (predicted, held.outputs)
     )
-    return {"contact_point": float(point.mean()), "time_to_contact": float(np.abs(got - wanted).mean())}
+    return {"contact_point": float(point.mean()), "time_to_contact": float(np.abs(got - expected).mean())}
 
 
 def plain_baselines(task: Problem) -> dict[str, baselines.Predictor]:

@@ -148,8 +148,10 @@ def fit_style_classifier(values: Array, labels: Sequence[str]) -> StyleClassifie
     index = np.array([emotions.index(label) for label in labels])
     counts = np.bincount(index, minlength=len(emotions))
     if len(emotions) < 2 or counts.min() < 2:
-        told = ", ".join(f"{count} of {emotion}" for emotion, count in zip(emotions, counts, strict=True))
-        raise HighFiveError(f"a classifier learns from two or more motions of two or more emotions; there are {told}")
+        counted = ", ".join(f"{count} of {emotion}" for emotion, count in zip(emotions, counts, strict=True))
+        raise HighFiveError(
+            f"a classifier learns from two or more motions of two or more emotions; there are {counted}"
+        )
     means = np.stack([values[index == k].mean(axis=0) for k in range(len(emotions))])
     within = values - means[index]
     degrees = max(len(values) - len(emotions), 1)

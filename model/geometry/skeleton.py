@@ -158,7 +158,7 @@ class Skeleton:
 
     @cached_property
     def _chains(self) -> dict[str, tuple[list[int], Skeleton]]:
-        """What :meth:`chain_to` was asked for before: a chain works out its levels once."""
+        """What :meth:`chain_to` was called with before: a chain works out its levels once."""
         return {}
 
     def forward_kinematics(self, root_in_world: Array, quaternions: Array) -> tuple[Array, Array]:

@@ -70,7 +70,7 @@ class Response:
     def contact(self) -> ContactForecast | None:
         """Where and when the palms will meet, as the contact layer forecasts it: better, and with a covariance.
 
-        None in a response ahead, or where the model has no such layer. Worked out when it is first asked for.
+        None in a response ahead, or where the model has no such layer. Worked out when it is first requested.
         """
         return self._foreseen
 

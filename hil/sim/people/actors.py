@@ -37,7 +37,7 @@ class PairTrial:
     """One simulated high five.
 
     Attributes:
-        emotion, cell, repetition: what was asked for.
+        emotion, cell, repetition: what was requested.
         person: the person, who stands at x about 1 m and faces -x.
         avatar: the avatar actor, at the origin, facing +x.
         contact_frame: frame at which the palms touch.
@@ -152,7 +152,7 @@ def _draw_pair(
     individuals = [draw_individual(rng) for _ in performers]
     palms = [comfortable_palm(b, style, who, p, n) for (b, p, n), who in zip(performers, individuals, strict=True)]
 
-    # How long each reach takes at the wanted speed decides when the palms can meet.
+    # How long each reach takes at the desired speed decides when the palms can meet.
     drafts = zip(performers, individuals, palms, speeds, strict=True)
     reach, person_reach = (reach_duration(b, style, who, palm, speed) for (b, _, _), who, palm, speed in drafts)
     person_reach = max(person_reach, reach + style.reaction)

@@ -126,7 +126,7 @@ def rewritten(path: Path, **changes) -> None:
     write_c3d(path, replace(whole, **(none | {name: change(whole) for name, change in changes.items()})))
 
 
-def test_two_people_of_other_names_are_found_where_nobody_was_asked_for(tmp_path: Path) -> None:
+def test_two_people_of_other_names_are_found_where_nobody_was_requested(tmp_path: Path) -> None:
     write_set(tmp_path, CELLS, Export("mixamo"), test=0)
     files = [tmp_path / f"take{n}.c3d" for n in range(2)]
     for path in files:

@@ -45,7 +45,7 @@ def test_a_sample_comes_back_as_it_was() -> None:
 
 
 @pytest.mark.parametrize("time", [int(3.25 * FRAME), int(5.9 * FRAME), 9 * FRAME + AHEAD_NS // 2])
-def test_both_are_of_the_time_asked_for(time: int) -> None:
+def test_both_are_of_the_time_requested(time: int) -> None:
     moment = filled(offset=FRAME // 3).at(time)
     np.testing.assert_allclose(moment.pose.hinges, 2e-9 * time, atol=1e-9)
     np.testing.assert_allclose(moment.person.palm.position[0], 1e-9 * time, atol=1e-9)

@@ -37,7 +37,7 @@ class ArmTrial:
     """One high five of the arm.
 
     Attributes:
-        ticks: one a frame of the session.
+        ticks: one per frame of the session.
         cycles: of the bus, meanwhile; one that is late is in it, one that was left out is not.
         plates: where the plate was at each tick, by what the servos said.
         met: how plate and palm met.

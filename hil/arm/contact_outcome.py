@@ -54,7 +54,7 @@ class ReferenceTrajectory:
 
     Attributes:
         emotion, cell: of the high five.
-        goals: one a tick.
+        goals: one per tick.
         person: (T, 3) m, the person's palm as tracked.
         avatar, avatar_normals: (T, 3) the avatar's palm.
         due: tick in which the session had the palms touch.

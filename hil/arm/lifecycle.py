@@ -258,7 +258,7 @@ def _posture(arm: ArmProcess, body: ServoArm, limits: Limits, *, held: bool) -> 
 
 
 def tell_torque(port: str, rig: Rig, file: Path | None) -> None:
-    """Says in one line that an arm is left with torque on, and how to let it go; read from its servos. One that does not
+    """Says in one line that an arm is left with torque on, how to let it go; read from its servos. One that does not
     answer may hold.
 
     Args:

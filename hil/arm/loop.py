@@ -231,7 +231,7 @@ class ArmLoop:
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
     def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
-        """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early once it was stopped.
+        """Goals of a high five, one per tick, from now on; then to where the arm rests. Ends early once it was stopped.
 
         Returns:
             the ticks, and the cycles of the bus until the last of them.

@@ -99,8 +99,8 @@ class Retarget:
         if goal.contact is not None:
             return goal
         if said is not None and state.late == 0.0 and state.unsaid < s.memory and said.time > s.tick:
-            doubt = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
-            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=doubt))
+            covariance = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
+            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=covariance))
         over = state.late == 0.0 or state.late > s.longest_delay or state.together > s.touch
         if person is None or over or not self._waits(state, person):
             return goal

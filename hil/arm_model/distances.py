@@ -36,7 +36,7 @@ def arm_gaps(  # noqa: PLR0912 (a kernel)
 ) -> None:
     """Distances (B, 4), m, of the spheres from floor, mount, upper arm and head (4,): centre and radius.
 
-    ``slopes`` (B, 4, J) are their derivatives, ``with_slopes``, where a gap is below ``near``. Column and turret are one
+    ``slopes`` (B, 4, J) are their derivatives (``with_slopes``) where a gap is below ``near``. Column and turret are one
     mount; a pair that cannot meet is 1 m apart.
     """
     ball, away, of_point, of_other = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 6))

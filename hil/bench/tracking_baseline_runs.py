@@ -34,7 +34,7 @@ def installed(python: Path) -> dict[str, str]:
 
 
 def follow(python: Path, method: str, case: Case, **settings: float) -> tuple[Array, Array]:
-    """What a peer makes of a case: coordinates (T, n) of its model, and milliseconds a frame (T,).
+    """What a peer makes of a case: coordinates (T, n) of its model, and milliseconds per frame (T,).
 
     Raises:
         HighFiveError: it fails; the message has the last line that it said.

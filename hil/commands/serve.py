@@ -37,7 +37,7 @@ class ServeOptions:
         port: where to listen; None is the protocol's own, 0 any that is free.
         host: the address to listen at; only this machine unless set otherwise.
         faults: as :func:`highfive.mocap_bridge.servers.faults.parse_fault` reads them.
-        rate_hz: frames a second; None is the recording's.
+        rate_hz: frames per second; None is the recording's.
         person: prefix of the one person to send; None sends all.
         seconds: end after so long; None at the recording's end.
         seed: of what is random in the faults.
@@ -112,7 +112,7 @@ def _recording(options: ServeOptions) -> Recording:
         )
     rate = recording.rate_hz if options.rate_hz is None else options.rate_hz
     if not RATES[0] <= rate <= RATES[1]:
-        raise HighFiveError(f"{rate:g} frames a second; expected {RATES[0]:g} to {RATES[1]:g} (--rate)")
+        raise HighFiveError(f"{rate:g} frames per second; expected {RATES[0]:g} to {RATES[1]:g} (--rate)")
     return resample(recording, rate)
 
 

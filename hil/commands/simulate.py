@@ -55,7 +55,7 @@ class SimulateOptions:
     """What to simulate.
 
     Attributes:
-        trials: number of trials; None is one for every emotion and cell, or one a style for a recording.
+        trials: number of trials; None is one for every emotion and cell, or one per style for a recording.
         emotions: emotions to go through; empty is all that the model knows.
         cells: cells of the grid to go through; empty is all.
         style: style weights by emotion, used in every trial instead of its emotion; empty for none.

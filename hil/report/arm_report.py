@@ -95,7 +95,7 @@ def effort(trials: Sequence[ArmTrial], lag: float) -> Drawing:
     errors = np.degrees(np.abs(np.concatenate([trial.following_error(lag) for trial in trials])))
     currents = np.abs(np.concatenate([trial.currents for trial in trials]))
     names = [name.replace("_", "\n") for name in JOINTS]
-    for axes, values, label in ((left, errors, "following error, °"), (right, currents, "current a servo, A")):
+    for axes, values, label in ((left, errors, "following error, °"), (right, currents, "current per servo, A")):
         for joint in range(values.shape[1]):
             p50, p95, p100 = np.percentile(values[:, joint], [50, 95, 100])
             axes.plot([joint, joint], [p50, p95], color=ACTUAL, lw=6.0, alpha=0.4, solid_capstyle="butt")

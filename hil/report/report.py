@@ -240,7 +240,7 @@ def _unwanted(summary: dict[str, Any]) -> str:
     ]
     heads = ["avatar's", "touched", "trials", "deepest, mm", "in"]
     count = summary["unwanted_contacts"]
-    return f"<p>Unwanted contacts: {count}, one a trial and pair of body parts.</p>" + table(
+    return f"<p>Unwanted contacts: {count}, one per trial and pair of body parts.</p>" + table(
         heads, rows, words={0, 1, 4}
     )
 

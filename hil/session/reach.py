@@ -123,7 +123,7 @@ class ReachTarget:
         remaining: s until contact as the reach counts it; 0 in touch, infinite when idle.
         position: (3,) m, in the world.
         normal: (3,) unit vector out of the palm.
-        rate: s a second, at which ``remaining`` runs out.
+        rate: s per second, at which ``remaining`` runs out.
     """
 
     phase: Phase
@@ -309,9 +309,9 @@ class Reach:
         """What the model's forecast adds to where a braking hand would be at contact: (3,) m."""
         if expectation.point is None or expectation.covariance is None or not expectation.familiar:
             return np.zeros(3)
-        doubt = (0.5 * self.settings.braking * ahead**2) ** 2 * np.eye(3)
+        variance = (0.5 * self.settings.braking * ahead**2) ** 2 * np.eye(3)
         beyond = expectation.point - (person.position + 0.5 * ahead * person.velocity)
-        return doubt @ np.linalg.solve(doubt + expectation.covariance, beyond)
+        return variance @ np.linalg.solve(variance + expectation.covariance, beyond)
 
     def _smooth(self, miss: Array, dt: float) -> Array:
         """The miss behind a critically damped low pass, and as it is in the last moment."""

@@ -47,7 +47,7 @@ class PlayState:
 
 @runtime_checkable
 class PlayOut(Protocol):
-    """Plays poses, one a tick; ``data`` is the MuJoCo state to draw from."""
+    """Plays poses, one per tick; ``data`` is the MuJoCo state to draw from."""
 
     data: mujoco.MjData
 

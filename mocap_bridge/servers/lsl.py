@@ -18,7 +18,7 @@ _KEPT_S = 1  # what a client has not taken for so long is dropped
 
 
 class LslServer:
-    """One stream: three channels a marker, in metres, NaN where it is hidden.
+    """One stream: three channels per marker, in metres, NaN where it is hidden.
 
     The channels of a stream are fixed, so labels that come in another order are put into the first one, a label that is
     not among them is not sent, and points without a label cannot be sent.

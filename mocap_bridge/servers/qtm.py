@@ -43,7 +43,7 @@ class QtmServer(TcpServer[_Client]):
             host: address to listen at.
             port: port for little-endian numbers; 0 takes a free one.
             names: labels before the first frame.
-            rate_hz: frames a second, for who asks.
+            rate_hz: frames per second, for who asks.
 
         Raises:
             LinkError: the port is taken.

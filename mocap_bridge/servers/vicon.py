@@ -70,7 +70,7 @@ class ViconServer(TcpServer[_Client]):
         Args:
             host: address to listen at; '' or '0.0.0.0' lets in the whole network.
             port: 0 takes any that is free.
-            rate_hz: frames a second, as announced to clients.
+            rate_hz: frames per second, as announced to clients.
 
         Raises:
             LinkError: the port is taken or not allowed.

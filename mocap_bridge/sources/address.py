@@ -90,7 +90,7 @@ def open_source(
     Args:
         address: where the markers come from.
         person: prefix of the person's markers; None takes the only one there is.
-        rate_hz: frames a second: of a file, resampled (default: its own); of a live system that does not say its own.
+        rate_hz: frames per second: of a file, resampled (default: its own); of a live system that does not say its own.
         tap: gets every frame of a live system as it came, of all persons.
 
     Raises:

@@ -42,7 +42,7 @@ class Link(Protocol):
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as the system says; 0 where it does not say."""
+        """Frames per second as the system says; 0 where it does not say."""
         ...
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
@@ -81,7 +81,7 @@ class LiveSource:
             title: the system's address, for messages.
             connect: makes a connection, or raises :class:`LinkError`, within a second or two.
             person: prefix of the person's markers; None takes the only one there is.
-            rate_hz: frames a second where the system does not say.
+            rate_hz: frames per second where the system does not say.
             clock: this process's monotonic clock, ns.
         """
         self._title, self._connect, self._person, self._clock = title, connect, person, clock
@@ -103,7 +103,7 @@ class LiveSource:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second, as the system says once it is connected."""
+        """Frames per second, as the system says once it is connected."""
         return self._rate_hz
 
     def newest(self, now_ns: int) -> MarkerFrame | None:

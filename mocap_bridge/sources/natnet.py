@@ -136,7 +136,7 @@ class NatNetLink:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as Motive says; 0 where it does not say."""
+        """Frames per second as Motive says; 0 where it does not say."""
         return self._rate_hz
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:

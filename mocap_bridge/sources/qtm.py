@@ -87,7 +87,7 @@ class QtmLink:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as QTM says; 0 where it does not say."""
+        """Frames per second as QTM says; 0 where it does not say."""
         return self._parameters.rate_hz
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:

@@ -59,7 +59,7 @@ class Source(Protocol):
 
     @property
     def rate_hz(self) -> float:
-        """Nominal frames a second."""
+        """Nominal frames per second."""
         ...
 
     def newest(self, now_ns: int) -> MarkerFrame | None:
@@ -90,7 +90,7 @@ class C3DSource:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second, after resampling."""
+        """Frames per second, after resampling."""
         return self._rate_hz
 
     def __len__(self) -> int:

@@ -100,7 +100,7 @@ class ViconLink:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as the system says; 0 where it does not say."""
+        """Frames per second as the system says; 0 where it does not say."""
         return self._rate_hz
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:

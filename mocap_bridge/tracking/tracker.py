@@ -52,7 +52,7 @@ class RestartSettings(Settings):
 
 
 class Tracker:
-    """Follows every marker of a set; one call a frame, each at the same cost but for beginnings (some milliseconds)."""
+    """Follows every marker of a set; one call per frame, each at the same cost but for beginnings (some milliseconds)."""
 
     def __init__(
         self,

@@ -81,7 +81,7 @@ _WIDTHS = {
     Component.UNLABELLED: 16,
     Component.LABELLED_RESIDUALS: 16,
     Component.UNLABELLED_RESIDUALS: 20,
-}  # bytes a point
+}  # bytes per point
 
 COMPONENT_NAMES = {
     "3d": Component.LABELLED,
@@ -116,7 +116,7 @@ class Parameters:
 
     Attributes:
         labels: M labels, in the order of the points.
-        rate_hz: frames a second; 0 if it does not say.
+        rate_hz: frames per second; 0 if it does not say.
         unit: of coordinates, m.
         up: the axis that points up: '+X', '-X', and so on.
     """

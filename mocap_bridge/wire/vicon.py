@@ -124,7 +124,7 @@ class Packet:
         labelled: points with a label; a marker that is not seen is not among them.
         unlabelled: (U, 3) m, points without a label.
         latencies: name and duration, s, of each stage from the cameras to the wire.
-        rates: name and frames a second of each stage.
+        rates: name and frames per second of each stage.
         posed: numbers of the subjects whose root segment is sent, at the origin (written only, not read).
     """
 

@@ -58,15 +58,17 @@ def held_out(trials: Sequence[Trial], answers: Sequence[Prediction], body: Body)
 
 
 def surprises(answers: Sequence[Prediction], held: HeldOut) -> dict[str, Array]:
-    """Squared normalised errors of each kind of :data:`CALIBRATED`; nothing for a method without doubt."""
-    doubts = [answer.doubt for answer in answers if answer.doubt is not None]
-    if len(doubts) < len(answers):
+    """Squared normalised errors of each kind of :data:`CALIBRATED`; nothing for a method without uncertainty."""
+    uncertainties = [answer.uncertainty for answer in answers if answer.uncertainty is not None]
+    if len(uncertainties) < len(answers):
         return {}
     error = np.concatenate([answer.outputs for answer in answers]) - held.outputs
-    deviations = np.concatenate([doubt.deviations for doubt in doubts])
+    deviations = np.concatenate([uncertainty.deviations for uncertainty in uncertainties])
     joints, soon = len(held.moving), held.soon
     where, pose = Channels(joints), np.flatnonzero(held.moving)
-    palm, contact = (np.concatenate(parts) for parts in ([d.palm for d in doubts], [d.contact for d in doubts]))
+    palm, contact = (
+        np.concatenate(parts) for parts in ([d.palm for d in uncertainties], [d.contact for d in uncertainties])
+    )
     return {
         "pose": metrics.surprise(error[:, pose], deviations[:, pose]).ravel(),
         "palm": metrics.region_surprise(error[:, where.palm], palm),

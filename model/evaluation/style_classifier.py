@@ -56,7 +56,7 @@ class Motion:
     """One high five of one body.
 
     Attributes:
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         joints: (T, 3 J) rad, rotation vectors relative to the rest pose.
         palm: (T, 3) m, the right palm's centre.
     """

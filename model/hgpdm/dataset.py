@@ -114,7 +114,7 @@ def check_trial(trial: Trial, number: int, joints: int) -> None:
     where = f"trial {number} ({trial.emotion or 'no emotion'}, cell {trial.cell or '?'})"
     frames = len(trial.hand_points)
     if trial.rate_hz < MINIMUM_RATE:
-        raise HighFiveError(f"{where} has {trial.rate_hz:g} frames a second; at least {MINIMUM_RATE:g} are needed")
+        raise HighFiveError(f"{where} has {trial.rate_hz:g} frames per second; at least {MINIMUM_RATE:g} are needed")
     expected = {"hand_points": (frames, 2, 3), "joints": (frames, joints)}
     expected |= {name: (frames, 3) for name in ("root", "palm")}
     for name, shape in expected.items():

@@ -145,7 +145,7 @@ class Problem:
 
     @property
     def shards(self) -> int:
-        """Equal parts of the points whose sums are taken separately, one a device."""
+        """Equal parts of the points whose sums are taken separately, one per device."""
         return 1 if self.mesh is None else self.mesh.size
 
 

@@ -22,7 +22,7 @@ from highfive.model.errors import HighFiveError
 def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str], None]) -> dict[str, Any]:
     """Serves the emulated bus until Ctrl-C or SIGTERM, or for so long; ``say`` gets lines for people.
 
-    The servos of an arm with our joints move its twin, others an inertia a joint.
+    The servos of an arm with our joints move its twin, others an inertia per joint.
 
     Every line that comes in on standard input replaces what goes wrong, with times that count from then.
 

@@ -259,7 +259,7 @@ class _Listener:
         return True
 
     def _rate(self, health: SourceHealth) -> float:
-        """Frames received a second, used or refused, from the first that was looked at to the newest, Hz."""
+        """Frames received per second, used or refused, from the first that was looked at to the newest, Hz."""
         if self._first is None:
             return 0.0
         elapsed = (health.arrived_ns - self._first[1].arrived_ns) * 1e-9

@@ -97,7 +97,7 @@ def find_frame(pairs: Sequence[Pair], people: MarkerSet, actors: MarkerSet) -> S
     if mirrored:
         notes.append("the recordings' axes are left-handed: as they stand left is right; x is turned round")
         up = up * [-1.0, 1.0, 1.0]
-    rotation = rotations.between(up, np.array([0.0, 0.0, 1.0]))
+    rotation = rotations.rotation_between(up, np.array([0.0, 0.0, 1.0]))
     level = SetFrame(scale, mirrored, rotation, 0.0, False, ())
     levelled = [tuple(level.apply(r) for r in pair) for pair in pairs]
     floor, floor_note = _floor([_body(r, s) for pair in levelled for r, s in zip(pair, sets, strict=True)])
@@ -115,7 +115,7 @@ def place_trial(person: Recording, actor: Recording, people: MarkerSet, actors: 
         HighFiveError: the two are never seen together.
     """
     here, angle = _starts(person, actor, people, actors)
-    turn = rotations.about_axis("z", -angle)
+    turn = rotations.from_axis_angle("z", -angle)
 
     def points(values: Array) -> Array:
         return rotations.rotate(turn, values - [here[0], here[1], 0.0])

@@ -13,7 +13,7 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
 
 SPREAD = 0.005
-"""Least standard deviation of a marker's place on its own person, m, a coordinate: skin moves, and markers are glued on
+"""Least standard deviation of a marker's place on its own person, m, per coordinate: skin moves, markers are glued on
 again. What the fit left over comes on top."""
 
 _DIGITS = 5  # of a metre: a hundredth of a millimetre

@@ -91,7 +91,7 @@ def place_person(
     first = _person(person, marker_set)
     second = _person(partner, partner_set or marker_set) if partner is not None else None
     up, notes = _up_axis(first)
-    level = rotations.between(up, np.array([0.0, 0.0, 1.0]))
+    level = rotations.rotation_between(up, np.array([0.0, 0.0, 1.0]))
     first = _turned(first, level)
     if second is not None:
         second = _turned(second, level)
@@ -100,7 +100,7 @@ def place_person(
         here, there, note = _before_hand(first)
     floor, floor_note = _floor(first, second)
     facing = there - here
-    yaw = rotations.about_axis("z", -np.arctan2(facing[1], facing[0]))
+    yaw = rotations.from_axis_angle("z", -np.arctan2(facing[1], facing[0]))
     translation = -rotations.rotate(yaw, np.array([here[0], here[1], floor]))
     return Placement(rotations.multiply(yaw, level), translation, (*notes, floor_note, note))
 

@@ -1,4 +1,4 @@
-"""A live system by its address: the newest frame, whenever it is asked for.
+"""A live system by its address: the newest frame, whenever it is requested.
 
 live_source.py vicon://192.168.10.1        (or qtm://, natnet://, lsl://, a plug-in's, or a C3D file)
 """

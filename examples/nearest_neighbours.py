@@ -64,7 +64,7 @@ class NearestNeighbours:
         return rest[:3], rest[3:]
 
     def start(self, style: np.ndarray, rate_hz: float) -> NeighbourResponder:
-        """A responder at so many ticks a second."""
+        """A responder at so many ticks per second."""
         return NeighbourResponder(self, style, rate_hz)
 
 

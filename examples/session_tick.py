@@ -1,4 +1,4 @@
-"""Markers in, the avatar's pose out: tracker, model and contact correction in one call a frame.
+"""Markers in, the avatar's pose out: tracker, model and contact correction in one call per frame.
 
 session_tick.py [FILE.c3d]
 """

@@ -20,7 +20,7 @@ class MarkerFrame:
         source_time_ns: the source's own time stamp, ns.
         arrival_time_ns: when the frame arrived here, ns on this process's monotonic clock.
         unlabelled: (U, 3) m, points without a label (ghosts, or markers whose label was lost).
-        counted: the source counts its frames itself; otherwise ``number`` is told from ``source_time_ns``, and a loss
+        counted: the source counts its frames itself; otherwise ``number`` follows from ``source_time_ns``, and a loss
             shows some time after it.
         impossible: markers that are not ``valid`` because their coordinates cannot be meant (infinite, or too far).
     """

@@ -110,11 +110,11 @@ def _source(file: str) -> str:
 
 class _Listener(events.Listener):
     def __init__(self, tell: Callable[[], Any]):
-        self._tell, self._told = tell, False
+        self._tell, self._said = tell, False
 
     def on_start(self, event: events.Event) -> None:
-        if not self._told:
-            self._told = True
+        if not self._said:
+            self._said = True
             self._tell()
 
     def on_end(self, event: events.Event) -> None:

@@ -61,7 +61,7 @@ def load_object(reference: str, title: str) -> Any:
         found: Any = _module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
-    except Exception as error:  # somebody else's code: whatever it raises is told in one line
+    except Exception as error:  # somebody else's code: whatever it raises is reported in one line
         raise PluginError(f"{title} cannot be loaded ({reference}): {fault(error)}") from error
     return found
 

@@ -1,4 +1,4 @@
-"""TOML files that people write or read: what is wrong with one is told in one line."""
+"""TOML files that people write or read: what is wrong with one is reported in one line."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def read_toml(path: Path, what: str, error: type[HighFiveError] = HighFiveError)
         raise error(f"cannot read {what} {path}: it is no TOML file: {found}") from None
 
 
-def check_keys(entry: Any, where: str, wanted: set[str], optional: set[str] | None = None) -> None:
-    """A table has the entries that are ``wanted``, and none that means nothing.
+def check_keys(entry: Any, where: str, required: set[str], optional: set[str] | None = None) -> None:
+    """A table has the entries that are ``required``, and none that means nothing.
 
     Raises:
         HighFiveError: it has not, or is no table; the message begins with ``where``.
     """
     if not isinstance(entry, Mapping):
-        raise HighFiveError(f"{where}: got {entry!r}, expected a table with {', '.join(sorted(wanted))}")
-    if missing := wanted - set(entry):
+        raise HighFiveError(f"{where}: got {entry!r}, expected a table with {', '.join(sorted(required))}")
+    if missing := required - set(entry):
         raise HighFiveError(f"{where}: {', '.join(sorted(missing))} missing")
-    if unknown := set(entry) - wanted - (optional or set()):
+    if unknown := set(entry) - required - (optional or set()):
         raise HighFiveError(f"{where}: {', '.join(sorted(unknown))} means nothing here; remove it")
 
 

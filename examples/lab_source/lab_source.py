@@ -23,7 +23,7 @@ class LabLink:
     """One connection: a socket that lines come to."""
 
     rate_hz = 0.0
-    """The protocol does not say how many frames a second there are."""
+    """The protocol does not say how many frames per second there are."""
 
     def __init__(self, address: Address):
         """Begins to listen; ``LinkError`` says why it cannot be done, and High Five tries again."""

@@ -37,7 +37,7 @@ class ArmTrial:
     """One high five of the arm.
 
     Attributes:
-        ticks: one a frame of the session.
+        ticks: one per frame of the session.
         cycles: of the bus, meanwhile; one that is late is in it, one that was left out is not.
         plates: where the plate was at each tick, by what the servos said.
         met: how plate and palm met.
@@ -79,9 +79,9 @@ class ArmTrial:
         return np.array([cycle.state.currents for cycle in self.cycles])
 
     @cached_property
-    def wanted(self) -> Array:
-        """(T, J) rad, where retargeting wanted the joints a lag later."""
-        return np.array([tick.wanted for tick in self.ticks])
+    def planned(self) -> Array:
+        """(T, J) rad, where retargeting planned the joints a lag later."""
+        return np.array([tick.planned for tick in self.ticks])
 
     @cached_property
     def periods_ms(self) -> Array:
@@ -89,9 +89,9 @@ class ArmTrial:
         return 1e-6 * np.diff(np.array([cycle.begun_ns for cycle in self.cycles], dtype=np.float64))
 
     def following_error(self, lag: float) -> Array:
-        """(T, J) rad, of the joints beside where they were wanted, ``lag`` s later."""
+        """(T, J) rad, of the joints beside where they were planned, ``lag`` s later."""
         there = [np.interp(self.times + lag, self.cycle_times, joint) for joint in self.actual.T]
-        return np.array(there).T - self.wanted
+        return np.array(there).T - self.planned
 
     def separation_speeds(self, arm: ServoArm, limits: Limits) -> dict[str, float]:
         """m/s, the largest closing speed near the hand and the largest speed near the head, from positions.
@@ -131,7 +131,7 @@ class ArmTrial:
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
 
 
-def played_until_stopped(asked: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial | None:
+def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial | None:
     """Has the arm play one high five as far as it comes; ``loop.trouble`` says why it was stopped, if it was.
 
     Returns:
@@ -140,14 +140,14 @@ def played_until_stopped(asked: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial 
     Raises:
         HighFiveError: it was not allowed to; it says why. Nothing has moved.
     """
-    ticks, cycles = loop.play(asked.goals)
+    ticks, cycles = loop.play(reference.goals)
     if len(ticks) < FEWEST or len(_meanwhile(ticks, cycles)) < FEWEST:
         return None
-    return arm_trial(asked, loop.retarget, ticks, cycles, loop.sacrifice)
+    return arm_trial(reference, loop.retarget, ticks, cycles, loop.sacrifice)
 
 
 def arm_trial(
-    asked: ReferenceTrajectory,
+    reference: ReferenceTrajectory,
     retarget: Retarget,
     ticks: Sequence[ArmTick],
     cycles: Sequence[Cycle],
@@ -156,7 +156,7 @@ def arm_trial(
     """Puts together what was collected, and judges it.
 
     Args:
-        asked: the high five.
+        reference: the high five.
         retarget: of the arm.
         ticks: one for each of its goals, or for those until it was stopped; :data:`FEWEST` at least.
         cycles: of the bus, from before the first to after the last tick.
@@ -170,10 +170,10 @@ def arm_trial(
     places, normals = np.array([p.position for p in poses]), np.array([p.normal for p in poses])
     velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
     plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
-    met = judged(asked, places, normals, notice(asked, retarget), given_up)
-    halted = any(tick.report.state in HALTED for tick in ticks[: asked.due + 1])
-    broken_off = not met.touched and (halted or len(ticks) < len(asked.goals))
-    return ArmTrial(tuple(ticks), tuple(cycles), plates, met, asked.due, broken_off)
+    met = judged(reference, places, normals, notice(reference, retarget), given_up)
+    halted = any(tick.report.state in HALTED for tick in ticks[: reference.due + 1])
+    broken_off = not met.touched and (halted or len(ticks) < len(reference.goals))
+    return ArmTrial(tuple(ticks), tuple(cycles), plates, met, reference.due, broken_off)
 
 
 def _rows(rows: Sequence[Array | None]) -> Array:

@@ -108,7 +108,7 @@ def until_touch(
     known = forecast is not None and forecast.deviation < settings.sure
     expected = _corrected(forecast.time, settings) if forecast is not None and known else math.inf
     while time < LATEST:
-        rate = REACH.next_rate(rate, REACH.wanted_rate(left, expected), STEP)
+        rate = REACH.next_rate(rate, REACH.target_rate(left, expected), STEP)
         if rate * STEP >= left:
             return time + STEP
         left, expected, time = left - rate * STEP, max(expected - STEP, 0.0), time + STEP
@@ -131,8 +131,8 @@ def meeting(
     share = max(0.75 - 3.0 * time, 0.45)
     hand = person.position + share * time * person.velocity
     deviation = settings.palm_deviation + 0.5 * settings.braking * time**2 + settings.unsteady * speed * time
-    doubt = deviation**2 * np.eye(3)
+    variance = deviation**2 * np.eye(3)
     if forecast is None:
-        return hand, doubt
-    trust = np.linalg.solve(doubt + forecast.covariance[:3, :3], doubt).T  # share of the forecast
-    return hand + trust @ (forecast.point - hand), doubt - trust @ doubt
+        return hand, variance
+    trust = np.linalg.solve(variance + forecast.covariance[:3, :3], variance).T  # share of the forecast
+    return hand + trust @ (forecast.point - hand), variance - trust @ variance

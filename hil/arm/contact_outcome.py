@@ -38,7 +38,7 @@ class OutcomeSettings(Settings):
     known: float = setting(0.05, "m", above=0.0)
     """Who knows the place so well may set off for it."""
     exact: float = setting(1e-3, "m", above=0.0)
-    """Deviation of a contact that is foretold exactly."""
+    """Deviation of a contact that is forecast exactly."""
     reached: float = setting(0.01, "m", above=0.0)
     """A plate that can come so near reaches the place."""
     earliest: float = setting(0.25, "s", least=0.0)
@@ -50,11 +50,11 @@ OUTCOME = OutcomeSettings()
 
 @dataclass(frozen=True)
 class ReferenceTrajectory:
-    """What one simulated high five asked of the arm.
+    """What one simulated high five demanded of the arm.
 
     Attributes:
         emotion, cell: of the high five.
-        goals: one a tick.
+        goals: one per tick.
         person: (T, 3) m, the person's palm as tracked.
         avatar, avatar_normals: (T, 3) the avatar's palm.
         due: tick in which the session had the palms touch.
@@ -80,7 +80,7 @@ class LeadTime:
         needed: s, of the quickest minimum-jerk movement there from the ready posture inside speed and torque, made
             slower where it leads near the person's face; infinite where it is not reached.
         given: s from when the arm first knew of a contact to the contact, less its lag.
-        known: s from when the place was foretold to 5 cm, from then on, to the contact.
+        known: s from when the place was forecast to 5 cm, from then on, to the contact.
     """
 
     reached: bool
@@ -126,7 +126,7 @@ class ContactOutcome:
 
 
 def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> ReferenceTrajectory:
-    """What a session's ticks asked of the arm."""
+    """What a session's ticks demanded of the arm."""
     touches = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
     return ReferenceTrajectory(
         emotion,
@@ -140,45 +140,48 @@ def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Re
     )
 
 
-def with_known_contact(asked: ReferenceTrajectory, settings: OutcomeSettings = OUTCOME) -> ReferenceTrajectory:
-    """The same, but from when a contact was first foretold the arm knows exactly where and when it will be.
+def with_known_contact(reference: ReferenceTrajectory, settings: OutcomeSettings = OUTCOME) -> ReferenceTrajectory:
+    """The same, but from when a contact was first forecast the arm knows exactly where and when it will be.
 
     What it then misses by is its own; the rest is what the forecast does not know.
     """
-    contacts = [goal.contact for goal in asked.goals[: asked.due + 1]]
-    last, began = contacts[-1], next((i for i, one in enumerate(contacts) if one is not None), asked.due)
+    contacts = [goal.contact for goal in reference.goals[: reference.due + 1]]
+    last, began = contacts[-1], next((i for i, one in enumerate(contacts) if one is not None), reference.due)
     if last is None:
-        return asked
-    goals = list(asked.goals)
-    for i in range(began, asked.due):
+        return reference
+    goals = list(reference.goals)
+    for i in range(began, reference.due):
         known = ExpectedContact(
-            asked.person[asked.due], settings.exact**2 * np.eye(3), last.normal, (asked.due - i) * TICK
+            reference.person[reference.due], settings.exact**2 * np.eye(3), last.normal, (reference.due - i) * TICK
         )
         goals[i] = replace(goals[i], contact=known)
-    return replace(asked, goals=tuple(goals))
+    return replace(reference, goals=tuple(goals))
 
 
-def avatar_outcome(asked: ReferenceTrajectory) -> ContactOutcome:
+def avatar_outcome(reference: ReferenceTrajectory) -> ContactOutcome:
     """The avatar itself, judged as the arm is."""
-    return judged(asked, asked.avatar, asked.avatar_normals, None, ConstraintRelaxation())
+    return judged(reference, reference.avatar, reference.avatar_normals, None, ConstraintRelaxation())
 
 
-def notice(asked: ReferenceTrajectory, retarget: Retarget, settings: OutcomeSettings = OUTCOME) -> LeadTime:
+def notice(reference: ReferenceTrajectory, retarget: Retarget, settings: OutcomeSettings = OUTCOME) -> LeadTime:
     """What the arm could do about this high five, and how long before it knew."""
-    place, goal = asked.person[asked.due], asked.goals[asked.due].contact
+    place, goal = reference.person[reference.due], reference.goals[reference.due].contact
     if goal is None:
         return LeadTime(False, np.inf, 0.0, 0.0)
     off = [
         np.inf if one.contact is None else float(np.linalg.norm(one.contact.point - place))
-        for one in asked.goals[: asked.due]
+        for one in reference.goals[: reference.due]
     ]
-    began = next((i for i, distance in enumerate(off) if np.isfinite(distance)), asked.due)
+    began = next((i for i, distance in enumerate(off) if np.isfinite(distance)), reference.due)
     astray = max((i for i, distance in enumerate(off) if distance > settings.known), default=-1)
-    given, known = (asked.due - began) * TICK - retarget.settings.lag, (asked.due - 1 - astray) * TICK
+    given, known = (reference.due - began) * TICK - retarget.settings.lag, (reference.due - 1 - astray) * TICK
     joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)
     if miss >= settings.reached:
         return LeadTime(False, np.inf, given, known)
-    seconds, head = float(dynamics.quickest(retarget.arm.packed, retarget.ready, joints)), asked.goals[asked.due].head
+    seconds, head = (
+        float(dynamics.quickest(retarget.arm.packed, retarget.ready, joints)),
+        reference.goals[reference.due].head,
+    )
     longer = 1.0 if head is None else _slower_near_face(retarget, joints, seconds, head)
     return LeadTime(True, seconds * longer, given, known)
 
@@ -199,7 +202,7 @@ def _slower_near_face(retarget: Retarget, joints: Array, seconds: float, head: A
 
 
 def judged(
-    asked: ReferenceTrajectory,
+    reference: ReferenceTrajectory,
     places: Array,
     normals: Array,
     had: LeadTime | None,
@@ -210,13 +213,17 @@ def judged(
 
     Where it was stopped there are fewer places than ticks: three at least.
     """
-    apart = asked.person[: len(places)] - places
+    apart = reference.person[: len(places)] - places
     gap, distance = np.einsum("ti,ti->t", apart, normals), np.linalg.norm(apart, axis=1)
-    last = min(asked.due + round(settings.earliest * RATE_HZ), len(gap) - 2)
-    first = min(max(asked.due - round(settings.earliest * RATE_HZ), 1), last)  # stopped before: where it was in the end
+    last = min(reference.due + round(settings.earliest * RATE_HZ), len(gap) - 2)
+    first = min(
+        max(reference.due - round(settings.earliest * RATE_HZ), 1), last
+    )  # stopped before: where it was in the end
     touching = np.flatnonzero((gap[first : last + 1] < settings.skin) & (distance[first : last + 1] < settings.astray))
     touched = len(touching) > 0
     tick = first + int(touching[0] if touched else distance[first : last + 1].argmin())
     speed = float(np.linalg.norm(apart[tick] - apart[tick - 1]) / TICK)
-    late, later = ((tick - asked.due) * TICK, (tick - asked.met) * TICK) if touched else (np.nan, np.nan)
-    return ContactOutcome(asked.emotion, asked.cell, float(distance[tick]), touched, late, later, speed, had, sacrifice)
+    late, later = ((tick - reference.due) * TICK, (tick - reference.met) * TICK) if touched else (np.nan, np.nan)
+    return ContactOutcome(
+        reference.emotion, reference.cell, float(distance[tick]), touched, late, later, speed, had, sacrifice
+    )

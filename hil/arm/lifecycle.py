@@ -94,8 +94,8 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
     with ExitStack() as stack:
         port = options.port
         if options.emulated:
-            told = EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
-            emulator = stack.enter_context(EmulatorProcess(told))
+            emulated = EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
+            emulator = stack.enter_context(EmulatorProcess(emulated))
             emulator.set_faults(options.faults)
             port = emulator.port
         _refuse_unless_ready(port, rig, limits)
@@ -118,7 +118,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
 
 
 def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
-    """Looks at what was asked for before anything that takes long: limits, rig, pipe, and the servos of a real port.
+    """Looks at what was requested before anything that takes long: limits, rig, pipe, and the servos of a real port.
 
     Returns:
         the limits that hold, and the rig.
@@ -126,7 +126,7 @@ def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
     Raises:
         HighFiveError: as :func:`ready_arm`. Nothing has moved.
     """
-    limits, rig = check_asked(options)
+    limits, rig = check_options(options)
     if not options.emulated:
         _refuse_unless_ready(options.port, rig, limits)
     return limits, rig
@@ -176,7 +176,7 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
 
 
-def check_asked(options: ArmOptions) -> tuple[Limits, Rig]:
+def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
     """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
 
     Returns:
@@ -225,10 +225,12 @@ def checked(arm: ArmProcess, body: ServoArm, rig: Rig, limits: Limits, options: 
     held = arm.engage(START_S)
     if first and (impossible := _posture(arm, body, limits, held=False)):
         return Check(time.monotonic_ns(), impossible)
-    wanted = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
+    expected = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
     now = time.monotonic_ns()
     near = room(options, rig, datetime.now(UTC))
-    return start_up_check(limits, wanted, held, servo_limits(rig, held), not options.emulated, options.armed, now, near)
+    return start_up_check(
+        limits, expected, held, servo_limits(rig, held), not options.emulated, options.armed, now, near
+    )
 
 
 def _posture(arm: ArmProcess, body: ServoArm, limits: Limits, *, held: bool) -> tuple[str, ...]:
@@ -256,7 +258,7 @@ def _posture(arm: ArmProcess, body: ServoArm, limits: Limits, *, held: bool) -> 
 
 
 def tell_torque(port: str, rig: Rig, file: Path | None) -> None:
-    """Says in one line that an arm is left with torque on, and how to let it go; asked of its servos. One that does not
+    """Says in one line that an arm is left with torque on, how to let it go; read from its servos. One that does not
     answer may hold.
 
     Args:

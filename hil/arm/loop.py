@@ -29,7 +29,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 OFF_COURSE = 0.03
-"""rad: where the envelope holds a joint back by more than this, the plan goes on from where it was told to be."""
+"""rad: where the envelope holds a joint back by more than this, the plan goes on from its commanded position."""
 
 REST_S = 15.0
 """At most so long the arm takes to come to rest, s."""
@@ -41,8 +41,8 @@ class ArmTick:
 
     Attributes:
         frame_ns: monotonic clock when the tick's frame was there, ns.
-        goal: what was asked.
-        wanted: (J,) rad, where retargeting wanted the joints a lag later.
+        goal: what was requested.
+        planned: (J,) rad, where retargeting planned the joints a lag later.
         report: of the envelope; ``report.sent`` is what went to the driver, unchanged.
         retarget_ms: what retargeting took, ms.
         step_ms: what retargeting and envelope took, ms.
@@ -50,7 +50,7 @@ class ArmTick:
 
     frame_ns: int
     goal: PalmGoal
-    wanted: Array
+    planned: Array
     report: Report
     retarget_ms: float
     step_ms: float
@@ -231,7 +231,7 @@ class ArmLoop:
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
     def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
-        """Goals of a high five, one a tick, from now on; then to where the arm rests. Ends early once it was stopped.
+        """Goals of a high five, one per tick, from now on; then to where the arm rests. Ends early once it was stopped.
 
         Returns:
             the ticks, and the cycles of the bus until the last of them.
@@ -283,23 +283,23 @@ class ArmLoop:
     def _feed_forward(self, step: ArmStep) -> Array:
         """(J,) rad, by how much goals shall lead: what each joint gives way to its torque.
 
-        Off the plan's course only gravity's torque is known, of where the joints were told to be.
+        Off the plan's course only gravity's torque is known, of the joints' commanded positions.
         """
         sag, reference = np.array(self.retarget.settings.sag or 0.0), self._reference
         torques = step.torques if self._on_course or reference is None else self.retarget.arm.gravity(reference)
         return sag * torques
 
-    def _followed(self, state: RetargetState, asked: Array, report: Report) -> RetargetState:
-        """The plan's state, from where the joints were really told to go."""
-        told = report.reference
-        before, self._reference = self._reference, told
-        near = told is not None and float(np.abs(told - asked).max()) < OFF_COURSE
+    def _followed(self, state: RetargetState, planned: Array, report: Report) -> RetargetState:
+        """The plan's state, from what was really commanded."""
+        reference = report.reference
+        before, self._reference = self._reference, reference
+        near = reference is not None and float(np.abs(reference - planned).max()) < OFF_COURSE
         self._on_course = near and report.state is State.TRACKING
-        if told is None or near:
+        if reference is None or near:
             return state
-        speeds = np.zeros_like(told) if before is None else (told - before) / self.retarget.settings.tick
+        speeds = np.zeros_like(reference) if before is None else (reference - before) / self.retarget.settings.tick
         most = self.retarget.arm.packed.speeds
-        return self.retarget.moved(state, told, np.clip(speeds, -most, most))
+        return self.retarget.moved(state, reference, np.clip(speeds, -most, most))
 
 
 def first_of(lines: Sequence[str]) -> str:

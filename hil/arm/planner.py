@@ -82,10 +82,10 @@ class Retarget:
             self.arm.packed, task, state.joints, state.speeds, accelerations, state.guess, s.tick, s.rounds
         )
         accelerations = plan.accelerations if math.isfinite(plan.cost) else np.zeros_like(accelerations)
-        told = (
+        command = (
             plan.joints if self._sag is None else np.clip(plan.joints + plan.torques * self._sag, self._low, self._high)
         )
-        step = ArmStep(told, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
+        step = ArmStep(command, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
         late, together, sacrifice = self._accounted(state, goal, task, plan)
         state = RetargetState(
             plan.joints, plan.speeds, accelerations, plan.guess, task.seconds, state.scale, state.given, late, together,
@@ -99,8 +99,8 @@ class Retarget:
         if goal.contact is not None:
             return goal
         if said is not None and state.late == 0.0 and state.unsaid < s.memory and said.time > s.tick:
-            doubt = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
-            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=doubt))
+            covariance = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
+            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=covariance))
         over = state.late == 0.0 or state.late > s.longest_delay or state.together > s.touch
         if person is None or over or not self._waits(state, person):
             return goal

@@ -13,7 +13,7 @@ class RetargetSettings(Settings):
 
     tick: float = setting(1.0 / 120.0, "s", above=0.0)
     lag: float = setting(0.03, "s", least=0.0)
-    """The arm is where it was told to be so long ago."""
+    """The arm is where it was commanded to be so long ago."""
     sag: tuple[float, ...] = setting((), "rad/(N·m)", least=0.0)
     """rad per N·m, by how much each joint gives way to a torque; the command goes beyond by that. Empty: 0."""
     contact_speed: float = setting(0.78, "m/s", above=0.0)

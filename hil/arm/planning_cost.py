@@ -201,4 +201,4 @@ GAP_MARGIN, GAP_WEIGHT = 0.05, 1e4
 
 
 NEAR, TOUCHING = 0.15, 0.03
-"""m from the hand at which its cap holds; nearer than the second the line between them is the normal that is wanted."""
+"""m from the hand at which its cap holds; nearer than the second the line between them is the desired normal."""

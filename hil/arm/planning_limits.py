@@ -48,18 +48,18 @@ def allowed(  # noqa: PLR0912  (a kernel)
         fastest, slowest = (arm.speeds[j] - speeds[j]) / seconds, (-arm.speeds[j] - speeds[j]) / seconds
         if acceleration[j] > fastest or acceleration[j] < slowest:
             active |= SPEED
-        wanted = min(max(acceleration[j], low, slowest), high, fastest)
-        if not keeps_limits(arm, j, joints[j], speeds[j], wanted, seconds):
+        requested = min(max(acceleration[j], low, slowest), high, fastest)
+        if not keeps_limits(arm, j, joints[j], speeds[j], requested, seconds):
             active |= STOP
-            good, bad = brakes[j], wanted
+            good, bad = brakes[j], requested
             for _ in range(20):
                 middle = 0.5 * (good + bad)
                 if keeps_limits(arm, j, joints[j], speeds[j], middle, seconds):
                     good = middle
                 else:
                     bad = middle
-            wanted = good
-        acceleration[j] = wanted
+            requested = good
+        acceleration[j] = requested
     centres, frames = link_frames(arm, joints)
     if torques_limited(arm, centres, frames, speeds, brakes, acceleration):
         active |= TORQUE
@@ -116,16 +116,16 @@ def torques_limited(arm: Arm, centres: Array, frames: Array, speeds: Array, brak
 @compiled
 def kept_fraction(arm: Arm, centres: Array, frames: Array, speeds: Array, acceleration: Array, slow: Array) -> float:
     """How far from ``slow`` (J,), rad/s², to ``acceleration`` (J,) the torques stay inside their line: 0 to 1."""
-    wanted, least = np.empty(6), np.empty(6)
-    joint_torques(arm, centres, frames, speeds, acceleration, wanted)
+    required, least = np.empty(6), np.empty(6)
+    joint_torques(arm, centres, frames, speeds, acceleration, required)
     joint_torques(arm, centres, frames, speeds, slow, least)
     fraction = 1.0
     for j in range(6):
         friction = friction_torque(arm, j, speeds[j])
-        sign = 1.0 if wanted[j] + friction > 0.0 else -1.0
+        sign = 1.0 if required[j] + friction > 0.0 else -1.0
         limit = available_torque(arm, j, speeds[j], sign)
-        if sign * (wanted[j] + friction) > limit:
-            more, room = sign * (wanted[j] - least[j]), max(0.0, limit - sign * (least[j] + friction))
+        if sign * (required[j] + friction) > limit:
+            more, room = sign * (required[j] - least[j]), max(0.0, limit - sign * (least[j] + friction))
             fraction = min(fraction, room / more) if more > 1e-9 else 0.0
     return fraction
 

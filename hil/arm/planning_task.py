@@ -18,7 +18,7 @@ class Task(NamedTuple):
     Attributes:
         time: s until the plate should meet the hand, negative once it is due; infinite: it shall rest.
         point, normal: (3,) m and unit vector, where it should be then, and facing where.
-        covariance, sharpness: (3, 3) m² and m, how sure the place is, and what is not told from none.
+        covariance, sharpness: (3, 3) m² and m, how sure the place is, and what is not distinguished from none.
         firm: weight of the normal's deviation.
         closing: m/s, speed along the normal at which it closes on the hand.
         settle: s before that from which on it is in front of the hand, ``standoff`` m away, and goes with it.
@@ -135,7 +135,7 @@ def aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
         for c in range(3):
             sure[r, c] = task.covariance[r, c]
         sure[r, r] += task.sharpness**2
-    known, doubt = cholesky(sure, lower), (sure[0, 0] + sure[1, 1] + sure[2, 2]) / 3.0
+    known, variance = cholesky(sure, lower), (sure[0, 0] + sure[1, 1] + sure[2, 2]) / 3.0
     for c in range(3):
         for r in range(3):
             column[r] = 1.0 if r == c else 0.0
@@ -179,7 +179,7 @@ def aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
             aim.points[k, r] += max(through, -task.standoff) * task.normal[r]
             aim.velocities[k, r] = task.braked[r] + task.closing * task.normal[r]
             for c in range(3):
-                aim.point_weights[k, r, c] = sure[r, c] * doubt / (doubt + (BEFOREHAND * min(past, 0.0)) ** 2)
+                aim.point_weights[k, r, c] = sure[r, c] * variance / (variance + (BEFOREHAND * min(past, 0.0)) ** 2)
     return aim
 
 

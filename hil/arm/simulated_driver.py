@@ -1,4 +1,4 @@
-"""The twin behind plain servos, in time that is told: to the loop what the driver is, without bus and without clock.
+"""The twin behind plain servos, in simulated time: to the loop what the driver is, without bus and without clock.
 
 A servo gives a voltage in proportion to its error, and its motor has a torque–speed line and a largest current.
 """
@@ -56,7 +56,7 @@ class SimulatedDriver:
         return self._now
 
     def drive(self, command: JointCommand) -> None:
-        """What its servos are told from now on."""
+        """What its servos are distinguished from now on."""
         self._command = command
 
     def newest(self) -> Cycle | None:

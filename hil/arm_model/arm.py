@@ -16,7 +16,7 @@ class Arm(NamedTuple):
         plate: m, from the last joint to the plate along the tool axis.
         base, base_axes: (3,) m and (3, 3), where the base stands, and its axes in columns.
         low, high: (J,) rad.
-        speeds: (J,) rad/s, most that is asked for.
+        speeds: (J,) rad/s, most that is requested.
         accelerations: (J,) rad/s².
         stall, no_load: (J,) N·m and rad/s of the torque–speed line.
         masses, centres, inertias: (J,) kg, (J, 3) m and (J, 3) kg·m² of the links in their frames.

@@ -32,11 +32,11 @@ def to_segment(point: Array, start: Array, end: Array, away: Array) -> tuple[flo
 
 @compiled
 def arm_gaps(  # noqa: PLR0912 (a kernel)
-    arm: Arm, centres: Array, frames: Array, head: Array, near: float, gaps: Array, slopes: Array, wanted: bool
+    arm: Arm, centres: Array, frames: Array, head: Array, near: float, gaps: Array, slopes: Array, with_slopes: bool
 ) -> None:
     """Distances (B, 4), m, of the spheres from floor, mount, upper arm and head (4,): centre and radius.
 
-    ``slopes`` (B, 4, J) are their derivatives, if ``wanted`` where a gap is below ``near``. Column and turret are one
+    ``slopes`` (B, 4, J) are derivatives (``with_slopes``) where a gap is below ``near``. Column and turret are one
     mount; a pair that cannot meet is 1 m apart.
     """
     ball, away, of_point, of_other = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 6))
@@ -71,7 +71,7 @@ def arm_gaps(  # noqa: PLR0912 (a kernel)
                     gap, _ = to_segment(ball, head[:3], head[:3], away)
                     gap -= radius + head[3]
             gaps[b, kind] = gap
-            if not wanted or gap >= near:
+            if not with_slopes or gap >= near:
                 continue
             point_jacobian(arm, centres, frames, link, ball, of_point)
             if kind == 2:  # the upper arm moves, too

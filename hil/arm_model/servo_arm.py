@@ -15,11 +15,11 @@ from highfive.scenes import servo_arm as measures
 
 JOINTS = len(measures.JOINTS)
 SPEED_SHARE = 0.97
-"""Of the speed limit, that is asked for: at the limit itself a servo has no torque left."""
+"""Of the speed limit, that is requested: at the limit itself a servo has no torque left."""
 TORQUE_SHARE = 0.7
-"""Of the servos' torque, that is asked for: a warm servo or a low supply has less than the table."""
+"""Of the servos' torque, that is requested: a warm servo or a low supply has less than the table."""
 ACCELERATIONS = (40.0, 35.0, 45.0, 80.0, 80.0, 80.0)
-"""rad/s², most that is asked of each joint."""
+"""rad/s², most that is requested of each joint."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Mount:
     @property
     def quaternion(self) -> Array:
         """(4,) orientation of the base in the world."""
-        return rotations.multiply(rotations.about_axis("z", self.yaw), rotations.about_axis("y", self.tilt))
+        return rotations.multiply(rotations.from_axis_angle("z", self.yaw), rotations.from_axis_angle("y", self.tilt))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How often servos can be told where to go and asked where they are, on the emulated bus with its bytes in time."""
+"""How often servos can be commanded and read, on the emulated bus with its bytes in time."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
     rig = load_rig()
     servos = list(rig.models)[: options.servos]
     if len(servos) < options.servos:
-        raise HighFiveError(f"the rig has {len(servos)} servos; {options.servos} were asked for")
+        raise HighFiveError(f"the rig has {len(servos)} servos; {options.servos} were requested")
     advance = bar("bus", 2)
     with EmulatorProcess() as emulator:
         periods, failed = _raw(emulator.port, rig.baud_rate, servos, options.seconds)

@@ -1,6 +1,6 @@
 """How well palms meet, cell by cell and emotion by emotion: the avatar's, the twin's plate, and the emulated rig's.
 
-Sessions are run once; what they ask of the arm is then played by the twin, in time that is told, and by the rig, at the
+Sessions are run once; what they demand of the arm is then played by the twin, in simulated time, and by the rig, at the
 pace of the clock, both through retargeting and the safety envelope.
 """
 
@@ -30,7 +30,7 @@ from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm
-from highfive.hil.bench.retarget import asked_of_arm
+from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
@@ -50,7 +50,7 @@ PLAYERS = ("avatar", "twin", "rig")
 @dataclass(frozen=True)
 class ContactOptions:
     """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
-    with, where its map is drawn, whether the arm is told exactly where and when, as soon as it is told at all, and
+    with, where its map is drawn, whether the arm is given the exact place and time, as soon as it is given any, and
     whether a picture that is there may be replaced."""
 
     emotions: tuple[str, ...] = ()
@@ -80,22 +80,24 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
         if not options.picture.parent.is_dir():
             raise HighFiveError(f"cannot draw {options.picture}: there is no folder {options.picture.parent}")
         check_file(options.picture, options.overwrite, "--picture")
-    for what, asked_for, known in (
+    for what, requested, known in (
         ("player", options.players, PLAYERS),
         ("emotion", options.emotions, tuple(EMOTIONS)),
         ("cell", options.cells, CELLS),
     ):
-        if strange := [name for name in asked_for if name not in known]:
+        if strange := [name for name in requested if name not in known]:
             raise HighFiveError(f"unknown {what} {strange[0]!r}; there are {', '.join(known)}")
     if options.picture is not None and set(options.players) <= {"avatar"}:
         raise HighFiveError("the map shows what an arm can do; let twin or rig play too")
     before = {} if options.baseline is None else read_baseline(options.baseline)
-    asked = asked_of_arm(model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar)
-    asked = [with_known_contact(it) for it in asked] if options.foretold else asked
-    result: dict[str, Any] = {"high_fives": len(asked), "seed": options.seed, "foretold": options.foretold}
+    references = reference_trajectories(
+        model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar
+    )
+    references = [with_known_contact(it) for it in references] if options.foretold else references
+    result: dict[str, Any] = {"high_fives": len(references), "seed": options.seed, "foretold": options.foretold}
     rows: list[dict[str, Any]] = []
     for player in options.players:
-        results, commanded = played_by(player, asked, bar)
+        results, commanded = played_by(player, references, bar)
         result[player] = contact_figures([one.met for one in results]) | commanded
         rows += [_row(player, one, before) for one in results]
     if options.picture is not None:
@@ -152,7 +154,7 @@ def print_contact(result: Mapping[str, Any]) -> None:
     """The table and the figures, for people."""
     print(f"{result['high_fives']} high fives, seed {result['seed']}; error: plate (or palm) to palm where they touch")
     if result["foretold"]:
-        print("the arm is told exactly where and when, as soon as it is told at all")
+        print("the arm is given the exact place and time, as soon as it is given any")
     print(f"{'':8}{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>9}{'late, ms':>10}{'speed, m/s':>12}")
     for row in result["rows"]:
         change = "" if row["change_mm"] is None else f"{row['change_mm']:+.1f}"
@@ -196,44 +198,44 @@ class Played:
     stopped: str = ""
 
 
-def played(asked: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial:
+def played(reference: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial:
     """Has the arm play one high five to its end.
 
     Raises:
         HighFiveError: it was not allowed to, or stopped by itself; it says why.
     """
-    trial = played_until_stopped(asked, loop)
+    trial = played_until_stopped(reference, loop)
     if trial is None or loop.trouble:
-        raise HighFiveError(f"{asked.emotion} {asked.cell}: {loop.trouble or 'too short to be played'}")
+        raise HighFiveError(f"{reference.emotion} {reference.cell}: {loop.trouble or 'too short to be played'}")
     return trial
 
 
-def played_by(player: str, asked: Sequence[ReferenceTrajectory], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+def played_by(player: str, references: Sequence[ReferenceTrajectory], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
     """How each high five went, and figures of all: speeds, m/s, planning, ms, and for the rig which were stopped.
 
     Args:
         player: one of :data:`PLAYERS`.
-        asked: the high fives.
+        references: the high fives.
         bar: shows how far it is.
 
     Raises:
         HighFiveError: the twin stopped by itself, or the rig cannot be made ready.
     """
     if player == "avatar":
-        return [Played(avatar_outcome(it)) for it in asked], {}
-    advance = bar(player, len(asked))
+        return [Played(avatar_outcome(it)) for it in references], {}
+    advance = bar(player, len(references))
     trials: list[ArmTrial] = []
     if player == "twin":
         loop = twin_loop()
-        for it in asked:
+        for it in references:
             trials.append(played(it, loop))
             advance()
         return [Played(trial.met) for trial in trials], _commanded(trials)
     results: list[Played] = []
-    while len(results) < len(asked):  # one that was stopped counts as it is; the arm is then made ready again
+    while len(results) < len(references):  # one that was stopped counts as it is; the arm is then made ready again
         with ready_arm(ArmOptions()) as loop:
-            while len(results) < len(asked) and not loop.trouble:
-                it = asked[len(results)]
+            while len(results) < len(references) and not loop.trouble:
+                it = references[len(results)]
                 trial = played_until_stopped(it, loop)
                 trials += [] if trial is None else [trial]
                 met = _not_met(it, loop.retarget) if trial is None or trial.broken_off else trial.met
@@ -243,11 +245,19 @@ def played_by(player: str, asked: Sequence[ReferenceTrajectory], bar: Bar) -> tu
     return results, {**_commanded(trials), "stops": len(stops), "stopped": stops}
 
 
-def _not_met(asked: ReferenceTrajectory, retarget: Retarget) -> ContactOutcome:
+def _not_met(reference: ReferenceTrajectory, retarget: Retarget) -> ContactOutcome:
     """A high five in which the arm was stopped before it met the hand; how near it came says nothing."""
     nan = float("nan")
     return ContactOutcome(
-        asked.emotion, asked.cell, nan, False, nan, nan, nan, notice(asked, retarget), ConstraintRelaxation()
+        reference.emotion,
+        reference.cell,
+        nan,
+        False,
+        nan,
+        nan,
+        nan,
+        notice(reference, retarget),
+        ConstraintRelaxation(),
     )
 
 

@@ -29,7 +29,7 @@ def kalman(points: Array, seen: NDArray[np.bool_], rate_hz: float, order: int, p
     Args:
         points: (T, M, 3) m.
         seen: (T, M); all of the first frame.
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         order: 2 for constant velocity, 3 for constant acceleration.
         power: of the white noise that drives the highest derivative but one.
         sigma: standard deviation of a measured coordinate, m.

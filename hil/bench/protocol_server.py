@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from highfive.hil.commands.serve import ServeOptions, address_of, make_server
-from highfive.hil.runtime.shutdown import until_told
+from highfive.hil.runtime.shutdown import until_ended
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording, resample
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -78,15 +78,15 @@ def start_server(protocol: str, recording: Recording) -> tuple[Stamped, Address]
 
 
 def main() -> None:
-    """Sends until told to end."""
+    """Sends until it is ended."""
     protocol, file, out = sys.argv[1:]
     recording = resample(read_c3d(file), RATE_HZ)
-    with until_told() as told:
+    with until_ended() as end:
         server, address = start_server(protocol, recording)
-        threading.Thread(target=lambda: (sys.stdin.read(), told.set()), daemon=True).start()
+        threading.Thread(target=lambda: (sys.stdin.read(), end.set()), daemon=True).start()
         try:
             print(address, flush=True)
-            serve(recording, server, loop=True, stop=told)
+            serve(recording, server, loop=True, stop=end)
         finally:
             server.close()
             np.savez(out, numbers=np.array(server.numbers), times_ns=np.array(server.times_ns))

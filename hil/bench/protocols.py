@@ -177,7 +177,7 @@ def _measure(
     folder: Path,
     advance: Advance,
 ) -> dict[str, Any]:
-    came = _Read()  # all that came in, wanted or not
+    came = _Read()  # all that came in, requested or not
     out = folder / f"{protocol}.npz"
     with _serving(protocol, file, out) as address:
         if protocol == "lsl":
@@ -201,7 +201,7 @@ def _measure(
     age = 1e-6 * (np.array(slow.done_ns) - _sent(slow, sent, protocol))
     steps = np.diff(np.array([sent_ns, tracked.arrived_ns, tracked.begun_ns, tracked.done_ns]), axis=0)
     arrived = set(_numbers(came, sent, protocol))
-    wanted = range(min(arrived), max(arrived) + 1)
+    expected = range(min(arrived), max(arrived) + 1)
     p50, p99, longest = np.percentile(latency, [50, 99, 100])
     return {
         "latency_ms": {"p50": _rounded(p50), "p99": _rounded(p99), "max": _rounded(longest)},
@@ -209,8 +209,8 @@ def _measure(
             part: _rounded(1e-6 * np.median(step))
             for part, step in zip(("wire_and_decoding", "handed_over", "tracking"), steps, strict=True)
         },
-        "lost_frames": len(wanted) - len(arrived),
-        "frames": len(wanted),
+        "lost_frames": len(expected) - len(arrived),
+        "frames": len(expected),
         "tracked_frames": len(latency),
         "said_lost": health.lost,
         "slow_reader_age_ms": {"p50": _rounded(np.median(age)), "max": _rounded(age.max())},

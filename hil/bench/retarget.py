@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory, reference_in
 
 
-def asked_of_arm(
+def reference_trajectories(
     model: HGPDM, emotions: Sequence[str], cells: Sequence[str], seed: int, bar: Bar, repeats: int = 1
 ) -> list[ReferenceTrajectory]:
     """Runs the sessions."""
     count = repeats * len(emotions) * len(cells)
     partners = simulated_partners(count, emotions, cells, seed, lambda total: bar("people", total))
     session = Session(model, {partners[0].emotion: 1.0}, partners[0].marker_set, build_scene())
-    advance, asked = bar("sessions", len(partners)), []
+    advance, references = bar("sessions", len(partners)), []
     for partner in partners:
-        asked.append(_asked(session, partner))
+        references.append(_reference(session, partner))
         advance()
-    return asked
+    return references
 
 
-def _asked(session: Session, partner: Partner) -> ReferenceTrajectory:
+def _reference(session: Session, partner: Partner) -> ReferenceTrajectory:
     session.set_style({partner.emotion: 1.0})
     session.reset()
     ticks = [session.step(frame) for frame in C3DSource(partner.recording, RATE_HZ)]

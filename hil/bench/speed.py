@@ -176,11 +176,11 @@ def _peer(options: BenchOptions) -> Iterator[tuple[dict[str, str] | None, Callab
         raise HighFiveError(f"--peer-python {options.peer_python} cannot be run: {error.strerror}") from None
     assert process.stdin is not None and process.stdout is not None
     with process:
-        asked, answers = process.stdin, process.stdout
+        requests, answers = process.stdin, process.stdout
 
         def evaluate() -> float:
-            asked.write("\n")
-            asked.flush()
+            requests.write("\n")
+            requests.flush()
             return float(answers.readline())
 
         try:
@@ -192,7 +192,7 @@ def _peer(options: BenchOptions) -> Iterator[tuple[dict[str, str] | None, Callab
 def print_bench(result: dict[str, Any]) -> None:
     """The figures for people."""
     peer = result["peer"]
-    print(f"{result['points']} points, {result['channels']} channels, {result['inducing']} inducing inputs a layer")
+    print(f"{result['points']} points, {result['channels']} channels, {result['inducing']} inducing inputs per layer")
     print(f"  objective and gradient, four layers  {result['objective_gradient_s']:.3f} s")
     if peer is None:
         print(f"  {result['peer_advice']}")
@@ -201,7 +201,7 @@ def print_bench(result: dict[str, Any]) -> None:
         print(f"  {label:<37}{result['peer_objective_gradient_s']:.3f} s")
     for row in result["by_points"]:
         per_point = 1e6 * row["s_per_point"]
-        print(f"    {row['points']:>6} points  {row['objective_gradient_s']:8.3f} s  {per_point:6.1f} µs a point")
+        print(f"    {row['points']:>6} points  {row['objective_gradient_s']:8.3f} s  {per_point:6.1f} µs per point")
     if "training_s" in result:
         arrived = result["training_to_0.1_percent_s"]
         print(f"  training  {result['training_s']:.0f} s, {arrived:.0f} s to within 0.1 % of its final objective")

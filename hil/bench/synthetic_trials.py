@@ -8,7 +8,7 @@ from highfive.hil.sim.profiles import minimum_jerk
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.trials import Trial
 
-RATE = 30.0  # frames a second
+RATE = 30.0  # frames per second
 FRAMES = 53  # about, a trial
 EMOTIONS = ("neutral", "happy", "angry", "sad")
 LATENT = 14  # dimensions that the joints move in

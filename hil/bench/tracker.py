@@ -84,17 +84,17 @@ def bench_tracker(options: TrackerBenchOptions, bar: Bar) -> dict[str, Any]:
     """
     use_one_blas_thread()
     peers = peer_runs.installed(options.peers_python)
-    # The recording comes first: should it not be usable, that is told at once.
+    # The recording comes first: should it not be usable, that is reported at once.
     real = [] if options.real is None else [real_recording(options.real, options.person, options.real_frames)]
     made = bar("cases", options.seeds + options.high_fives)
 
-    def told(case: Case) -> Case:
+    def reported(case: Case) -> Case:
         made()
         return case
 
     frames = round(options.seconds * RATE_HZ)
-    arms = [told(simulated_arm(seed, frames)) for seed in range(options.seeds)]
-    greetings = [told(simulated_high_five(seed)) for seed in range(options.high_fives)]
+    arms = [reported(simulated_arm(seed, frames)) for seed in range(options.seeds)]
+    greetings = [reported(simulated_high_five(seed)) for seed in range(options.high_fives)]
     cases = {"simulated": arms, "simulated_high_five": greetings, "real": real}
     methods = _methods(peers, options.peers_python)
     count = sum(len(group) for group in cases.values())
@@ -255,9 +255,9 @@ def _own_joints(case: Case) -> Array:
             raise HighFiveError("the tracker's covariance was spoilt by rounding")
         frames.append(state.pose.frames[[upper, fore, hand]])
     turned = rotations.from_matrix(np.array(frames))
-    shoulder = rotations.to_hinges("yxz", turned[:, 0])
-    elbow = rotations.to_hinges("yxz", rotations.multiply(rotations.conjugate(turned[:, 0]), turned[:, 1]))
-    wrist = rotations.to_hinges("xyz", rotations.multiply(rotations.conjugate(turned[:, 1]), turned[:, 2]))
+    shoulder = rotations.to_euler("yxz", turned[:, 0])
+    elbow = rotations.to_euler("yxz", rotations.multiply(rotations.conjugate(turned[:, 0]), turned[:, 1]))
+    wrist = rotations.to_euler("xyz", rotations.multiply(rotations.conjugate(turned[:, 1]), turned[:, 2]))
     return np.concatenate([shoulder, elbow[:, [0, 2]], wrist[:, :2]], axis=1)
 
 

@@ -29,7 +29,7 @@ from highfive.model.geometry.rotations import Array
 
 RATE_HZ = 120.0
 NOISE = 0.001
-"""Standard deviation of a simulated measurement, a coordinate, m."""
+"""Standard deviation of a simulated measurement, per coordinate, m."""
 
 HIDDEN_FRAMES = 36
 """300 ms."""

@@ -26,7 +26,7 @@ ASKED = ("swap", "ghosts", "missing")
 
 
 def robustness(case: Case, pairs: int, episodes: int, advance: Callable[[], None]) -> dict[str, Any]:
-    """Largest jump of the palm beyond its true motion, mm, and frames until it is back, of each fault and of all asked.
+    """Largest jump of the palm beyond its true motion, mm, and frames until it is back, of each fault and of all.
 
     Args:
         case: the paper's set, long enough for a second of fault.

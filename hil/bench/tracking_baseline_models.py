@@ -72,7 +72,10 @@ class PeerModel:
             start = centres[:, parent] if parent >= 0 else np.zeros((count, 3))
             centres[:, s], own = start + rotations.rotate(base, away), base
             for axis in self.turns[s]:
-                own, column = rotations.multiply(own, rotations.about_axis(axis, coordinates[:, column])), column + 1
+                own, column = (
+                    rotations.multiply(own, rotations.from_axis_angle(axis, coordinates[:, column])),
+                    column + 1,
+                )
             turned[:, s] = own
         return centres, turned
 
@@ -95,13 +98,13 @@ def peer_model(
     """
     chain, order = make_chain(marker_set), segment_order(marker_set)
     rows = marker_set.indices(markers)
-    wanted: set[int] = set()
+    needed: set[int] = set()
     for m in rows:
         j = int(chain.carrier[m])
         while j >= 0:
-            wanted.add(j)
+            needed.add(j)
             j = int(chain.parents[j])
-    kept = sorted(wanted)
+    kept = sorted(needed)
     turns, free = [], []
     for j in kept:
         own = range(chain.first[j], chain.first[j] + chain.count[j])

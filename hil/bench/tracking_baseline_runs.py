@@ -19,7 +19,7 @@ from highfive.model.geometry.rotations import Array
 
 PEERS = ("opensim", "biorbd")
 SETTINGS: dict[str, dict[str, float]] = {"opensim": {"accuracy": 1e-5}, "biorbd": {"noise": 1e-10, "error": 1e-5}}
-"""What each is told beside the model: as they come."""
+"""What each is given beside the model: as they come."""
 
 _LONGEST_S = 1800.0
 
@@ -34,7 +34,7 @@ def installed(python: Path) -> dict[str, str]:
 
 
 def follow(python: Path, method: str, case: Case, **settings: float) -> tuple[Array, Array]:
-    """What a peer makes of a case: coordinates (T, n) of its model, and milliseconds a frame (T,).
+    """What a peer makes of a case: coordinates (T, n) of its model, and milliseconds per frame (T,).
 
     Raises:
         HighFiveError: it fails; the message has the last line that it said.

@@ -32,13 +32,13 @@ def run_opensim(
         text: an ``.osim`` model whose coordinates are ``q0`` to ``q<n - 1>``.
         names: M markers.
         points: (T, M, 3) m, NaN where missing.
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         start: (n,) coordinates to begin at.
         soft: (n,) coordinates that the markers do not show: held near ``start``, with :data:`SOFT` to a marker's 1.
         accuracy: of the solver.
 
     Returns:
-        Coordinates (T, n) and milliseconds a frame (T,).
+        Coordinates (T, n) and milliseconds per frame (T,).
     """
     import opensim  # noqa: PLC0415  # pyright: ignore[reportMissingImports]
 
@@ -88,13 +88,13 @@ def run_biorbd(
     Args:
         text: a ``.bioMod`` model.
         points: (T, M, 3) m, NaN where missing.
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         start: (n,) coordinates to begin at.
         noise: its ``noiseFactor``.
         error: its ``errorFactor``.
 
     Returns:
-        Coordinates (T, n) and milliseconds a frame (T,).
+        Coordinates (T, n) and milliseconds per frame (T,).
     """
     import biorbd  # noqa: PLC0415  # pyright: ignore[reportMissingImports]
 

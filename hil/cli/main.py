@@ -35,8 +35,8 @@ _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from highfive import __version__  # noqa: PLC0415 (reads the installed package's metadata)
 
         print(f"highfive {__version__}")

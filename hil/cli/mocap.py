@@ -26,7 +26,7 @@ def serve(
         list[str] | None,
         typer.Option(help="What goes wrong: occlusion=RFIN+RMC5@2-2.3; may be given again."),
     ] = None,
-    rate: Annotated[float | None, typer.Option(help="Frames a second (default: the recording's).")] = None,
+    rate: Annotated[float | None, typer.Option(help="Frames per second (default: the recording's).")] = None,
     person: Annotated[
         str | None, typer.Option("--person", "--human", help="Send only the markers of this prefix.")
     ] = None,

@@ -143,7 +143,8 @@ def evaluate(
 
 
 @app.command()
-def observe(
+@app.command("observe", hidden=True)  # the name until version 0.2
+def classify_style(
     paths: Annotated[
         list[Path], typer.Argument(metavar="[MODEL] DATA", help="Data folder to learn from; a model's file before it.")
     ],
@@ -156,8 +157,8 @@ def observe(
     seed: Seed = 1,
     json: Json = False,
 ) -> None:
-    """Let a machine observer, which learned from recordings, tell the emotion of generated and of corrected motion."""
-    from highfive.hil.commands.classify_style import ObserveOptions, observe, print_observations  # noqa: PLC0415
+    """Classify the style of generated and of corrected motion, with a classifier that learned from recordings."""
+    from highfive.hil.commands.classify_style import ClassifyStyleOptions, classified, print_observations  # noqa: PLC0415
 
     data = [path for path in paths if path.is_dir()]
     models = [path for path in paths if not path.is_dir()]
@@ -166,7 +167,7 @@ def observe(
     between = [name.strip() for name in morph.split(",")]
     if len(between) != 2:
         raise HighFiveError(f"--morph {morph}: expected two styles, as neutral,angry")
-    options = ObserveOptions(
+    options = ClassifyStyleOptions(
         data=data[0],
         model=models[0] if models else None,
         people=people,
@@ -178,5 +179,5 @@ def observe(
         avatar_set=avatar_set,
     )
     with progress_bars() as bar:
-        result = observe(options, bar)
+        result = classified(options, bar)
     print_result(result, json, print_observations)

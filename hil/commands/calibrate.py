@@ -27,7 +27,7 @@ FEW = 20
 """Frames from which on a recording is not said to have few."""
 
 UNSURE = 0.04
-"""A segment whose length is less sure than this, relative to it, is told; from person to person it is 0.1."""
+"""A segment whose length is less sure than this, relative to it, is reported; from person to person it is 0.1."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""Whether the style shows: a machine observer judges what the model generates and what is played after correction.
+"""Whether the style shows: a style classifier judges what the model generates and what is played after correction.
 
-Every simulated person is answered in every style, so that the observer cannot go by what the person does: the same
+Every simulated person is answered in every style, so that the classifier cannot go by what the person does: the same
 people stand behind each emotion.
 """
 
@@ -31,21 +31,28 @@ from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
-from highfive.model.evaluation.style_classifier import ANGLES, Motion, accuracy, confusion, features, fit_observer
+from highfive.model.evaluation.style_classifier import (
+    ANGLES,
+    Motion,
+    accuracy,
+    confusion,
+    features,
+    fit_style_classifier,
+)
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.trials import Trial
 
 BOTH = "angles and speeds"
 CUES = {BOTH: slice(None), "angles": slice(0, len(ANGLES)), "speeds": slice(len(ANGLES), None)}
-"""What an observer is given: columns of the features."""
+"""What a classifier is given: columns of the features."""
 
 STAGES = ("generated", "corrected")
 
 
 @dataclass(frozen=True)
-class ObserveOptions:
-    """What to judge; see ``highfive observe --help``. No ``model`` is the one that comes with High Five."""
+class ClassifyStyleOptions:
+    """What to judge; see ``highfive classify-style --help``. No ``model`` is the one that comes with High Five."""
 
     data: Path
     model: Path | None = None
@@ -76,7 +83,7 @@ class Shown:
     peak_speed: Array
 
 
-def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
+def classified(options: ClassifyStyleOptions, bar: Bar) -> dict[str, Any]:
     """Accuracies on captured, generated and corrected motion, confusions, and the speeds of a morph.
 
     Raises:
@@ -106,8 +113,8 @@ def observe(options: ObserveOptions, bar: Bar) -> dict[str, Any]:
     }
 
 
-def _captured(options: ObserveOptions, emotions: Sequence[str], bar: Bar) -> list[Trial]:
-    """The recordings that the observer learns from and is tried on."""
+def _captured(options: ClassifyStyleOptions, emotions: Sequence[str], bar: Bar) -> list[Trial]:
+    """The recordings that the classifier learns from and is tried on."""
     _check_enough(options.data, read_table(options.data), emotions)  # before anything is worked out for it
     roles = options.human, options.avatar, options.human_set, options.avatar_set
     pairs = load_trials(options.data, *roles, lambda total: bar("solving markers", total))
@@ -117,11 +124,11 @@ def _captured(options: ObserveOptions, emotions: Sequence[str], bar: Bar) -> lis
 
 
 def _check_enough(folder: Path, trials: Sequence[Trial | TrialRow], emotions: Sequence[str]) -> None:
-    """Raises HighFiveError if an observer cannot learn all ``emotions``, or cannot be tried."""
+    """Raises HighFiveError if a classifier cannot learn all ``emotions``, or cannot be tried."""
     shown = [trial.emotion for trial in trials if not trial.test]
     if rare := [emotion for emotion in emotions if shown.count(emotion) < 2]:
         count = shown.count(rare[0]) or "no"
-        need = "an observer learns all that the model knows, from two trials each"
+        need = "a classifier learns all that the model knows, from two trials each"
         raise HighFiveError(f"{folder} shows {count} {rare[0]} to learn from; {need}")
     if not any(trial.test for trial in trials):
         raise HighFiveError(f"{folder} has no held-out trial; mark some with split test in trials.csv")
@@ -135,22 +142,22 @@ def _judge(
     styles: Sequence[str],
     columns: slice,
 ) -> dict[str, Any]:
-    """What an observer who is given some columns of the features makes of all motion; answers are [person][style]."""
+    """What a classifier that is given some columns of the features makes of all motion; answers are [person][style]."""
     held, labels = np.array([trial.test for trial in trials]), np.array([trial.emotion for trial in trials])
-    seer = fit_observer(values[~held][:, columns], labels[~held].tolist())
+    classifier = fit_style_classifier(values[~held][:, columns], labels[~held].tolist())
     shown = [style for _ in people for style in styles]
     acting = [person.emotion for person in people for _ in styles]
     seen = {
-        name: seer.recognise(np.array([each.features[stage] for row in answers for each in row])[:, columns])
+        name: classifier.recognise(np.array([each.features[stage] for row in answers for each in row])[:, columns])
         for stage, name in enumerate(STAGES)
     }
-    tried = seer.recognise(values[held][:, columns])
-    told = {"captured": (labels[held].tolist(), tried), **{name: (shown, answer) for name, answer in seen.items()}}
+    tried = classifier.recognise(values[held][:, columns])
+    pairs = {"captured": (labels[held].tolist(), tried), **{name: (shown, answer) for name, answer in seen.items()}}
     groups = {emotion: [person == emotion for person in acting] for emotion in dict.fromkeys(acting)}
     groups["as the style"] = [person == style for person, style in zip(acting, shown, strict=True)]
     return {
-        "accuracy": {name: accuracy(*pair) for name, pair in told.items()},
-        "confusion": {name: confusion(*pair) for name, pair in told.items()},
+        "accuracy": {name: accuracy(*pair) for name, pair in pairs.items()},
+        "confusion": {name: confusion(*pair) for name, pair in pairs.items()},
         "by_person": {
             group: {name: accuracy(list(compress(shown, own)), list(compress(seen[name], own))) for name in STAGES}
             for group, own in groups.items()
@@ -159,7 +166,7 @@ def _judge(
     }
 
 
-def _morph(people: Sequence[Partner], options: ObserveOptions, bar: Bar) -> dict[str, Any]:
+def _morph(people: Sequence[Partner], options: ClassifyStyleOptions, bar: Bar) -> dict[str, Any]:
     """Peak palm speed from one style to another; each person's hand is the same all the way."""
     start, end = options.morph
     weights = [round(0.1 * n, 1) for n in range(11)]

@@ -127,7 +127,7 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path
 def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
     rows = read_table(folder)
-    if options.leave_out is not None:  # what the table tells is told before any marker is solved
+    if options.leave_out is not None:  # what is wrong with the table is reported before any marker is solved
         left_out_in_turn(rows, options.leave_out)
     if model is not None and not any(row.test for row in rows):
         advice = "mark some with split test in trials.csv and train again, or leave the model out"
@@ -179,7 +179,7 @@ def _looking_ahead(run: Run) -> dict[str, Any]:
 
 
 def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials: Sequence[Trial]) -> dict[str, Any]:
-    """The result, once its report is written, if one is asked for."""
+    """The result, once its report is written, if one is requested."""
     if out is None:
         return result
     from highfive.hil.report.evaluation_report import write_evaluation  # noqa: PLC0415 (matplotlib takes a second)

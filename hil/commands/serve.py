@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from highfive.hil.runtime.shutdown import until_told
+from highfive.hil.runtime.shutdown import until_ended
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import Recording, columns_of_person, resample
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -33,11 +33,11 @@ class ServeOptions:
     Attributes:
         protocol: one of :data:`highfive.mocap_bridge.sources.registry.BUILT_IN`.
         file: the recording.
-        loop: begin again at the end, until told to end.
+        loop: begin again at the end, until ended.
         port: where to listen; None is the protocol's own, 0 any that is free.
-        host: the address to listen at; only this machine unless told otherwise.
+        host: the address to listen at; only this machine unless set otherwise.
         faults: as :func:`highfive.mocap_bridge.servers.faults.parse_fault` reads them.
-        rate_hz: frames a second; None is the recording's.
+        rate_hz: frames per second; None is the recording's.
         person: prefix of the one person to send; None sends all.
         seconds: end after so long; None at the recording's end.
         seed: of what is random in the faults.
@@ -56,7 +56,7 @@ class ServeOptions:
 
 
 def serve_recording(options: ServeOptions, say: Callable[[str], None]) -> dict[str, Any]:
-    """Sends the recording until its end, or until told to end; ``say`` gets lines about it.
+    """Sends the recording until its end, or until ended; ``say`` gets lines about it.
 
     Raises:
         HighFiveError: no such file, protocol, person, marker or fault; the port is taken.
@@ -74,17 +74,17 @@ def serve_recording(options: ServeOptions, say: Callable[[str], None]) -> dict[s
         nonlocal count
         count += 1
 
-    with until_told() as told:
+    with until_ended() as end:
         server = make_server(options, recording)
         try:
             address = address_of(options, server.port)
             for line in _description(options, recording, address):
                 say(line)
             if options.seconds is not None:
-                timer = threading.Timer(min(options.seconds, threading.TIMEOUT_MAX), told.set)
+                timer = threading.Timer(min(options.seconds, threading.TIMEOUT_MAX), end.set)
                 timer.daemon = True
                 timer.start()
-            serve(recording, server, Faults(faults, options.seed), options.loop, told, sent)
+            serve(recording, server, Faults(faults, options.seed), options.loop, end, sent)
         finally:
             if timer is not None:
                 timer.cancel()
@@ -112,7 +112,7 @@ def _recording(options: ServeOptions) -> Recording:
         )
     rate = recording.rate_hz if options.rate_hz is None else options.rate_hz
     if not RATES[0] <= rate <= RATES[1]:
-        raise HighFiveError(f"{rate:g} frames a second; expected {RATES[0]:g} to {RATES[1]:g} (--rate)")
+        raise HighFiveError(f"{rate:g} frames per second; expected {RATES[0]:g} to {RATES[1]:g} (--rate)")
     return resample(recording, rate)
 
 
@@ -126,7 +126,7 @@ def _check_markers(faults: Sequence[Fault], labels: Sequence[str]) -> None:
 
 
 def make_server(options: ServeOptions, recording: Recording) -> Server:
-    """The server of the protocol, listening; its library is imported only where it is wanted.
+    """The server of the protocol, listening; its library is imported only where it is needed.
 
     Raises:
         HighFiveError: the port is taken or not allowed.

@@ -55,7 +55,7 @@ class SimulateOptions:
     """What to simulate.
 
     Attributes:
-        trials: number of trials; None is one for every emotion and cell, or one a style for a recording.
+        trials: number of trials; None is one for every emotion and cell, or one per style for a recording.
         emotions: emotions to go through; empty is all that the model knows.
         cells: cells of the grid to go through; empty is all.
         style: style weights by emotion, used in every trial instead of its emotion; empty for none.
@@ -109,7 +109,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
     With an arm only the first Ctrl-C interrupts: who stops an arm presses more than once.
 
     Raises:
-        HighFiveError: something asked for does not exist or does not fit; the folder holds something already or
+        HighFiveError: something requested does not exist or does not fit; the folder holds something already or
             cannot be written.
     """
     live = options.source is not None and is_live(options.source)

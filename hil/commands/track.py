@@ -73,8 +73,8 @@ def _track(options: TrackOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     filled = f"{options.file.stem}_filled.c3d"
     if (folder / filled).resolve() == options.file.resolve():
         raise HighFiveError(f"{folder / filled} is the recording itself; choose another --out")
-    wanted = options.marker_set if options.subject is None else str(options.subject)
-    person = read_person(options.file, options.person, wanted)
+    requested = options.marker_set if options.subject is None else str(options.subject)
+    person = read_person(options.file, options.person, requested)
     prepare_tracker(say_aside)
     fitted = _fitted(person, bar) if options.fit and options.subject is None else None
     marker_set = fitted or person.marker_set

@@ -26,12 +26,12 @@ SHORTEST_S = 0.3
 DEFAULT_PREFIXES = ("human", "avatar")
 """What the two people are called where nobody says otherwise."""
 
-_LOOKED_AT = 12  # recordings, where points are told by how they move
+_LOOKED_AT = 12  # recordings, where points are identified by how they move
 
 
 @dataclass(frozen=True)
 class Role:
-    """One of the two people as asked for: a prefix of labels and a marker set, a name or a path, or None to find it."""
+    """One of the two people as requested: a prefix of labels and a marker set, a name or a path, or None to find it."""
 
     prefix: str
     marker_set: str | None
@@ -131,7 +131,7 @@ def _placed(
 
 
 def _roles(recordings: Sequence[Recording], human: Role, avatar: Role, say: Callable[[str], None]) -> tuple[Role, Role]:
-    """The roles as asked for; or, if nothing was asked for and all files name the same two others, those two."""
+    """The roles as requested; or, if nothing was requested and all files name the same two others, those two."""
     found = {tuple(sorted({name.partition(":")[0] for name in r.names if ":" in name})) for r in recordings}
     if (human.prefix, avatar.prefix) != DEFAULT_PREFIXES or len(found) != 1 or len(names := found.pop()) != 2:
         return human, avatar
@@ -200,8 +200,8 @@ def _set_of(
         except HighFiveError as no_shape:
             raise HighFiveError(f"{role.prefix}: {no_names}; {no_shape}") from None
         marker_set = joint_centre_set(load_marker_set("joint_centres"), labels, known)
-        told = ", ".join(f"{label} is {name}" for name, label in known.items())
-        say(f"{role.prefix}: the labels name no joints; told by how they move, {told}")
+        identified = ", ".join(f"{label} is {name}" for name, label in known.items())
+        say(f"{role.prefix}: the labels name no joints; identified by how they move, {identified}")
     if canonical_names(marker_set):
         unused = left_out(marker_set, labels)
         rest = f", left out: {', '.join(unused)}" if unused else ""

@@ -43,7 +43,7 @@ class Run:
         answers: method → answer to each trial.
         held: what was recorded.
         scores: method → metric → value.
-        seen: method → (n,) m, error at contact of each trial by a training that saw its cell, where that was asked for.
+        seen: method → (n,) m, error at contact of each trial by a training that saw its cell, where that was requested.
     """
 
     fitted: Fitted

@@ -23,11 +23,11 @@ WARM_UP = 30  # steps that do not count
 
 
 def step_times(fitted: Fitted, plain: dict[str, Regression], trial: Trial) -> dict[str, Array]:
-    """Time of each step, ms, of each method over a trial: from the hand to the pose and, if it says so, its doubt.
+    """Time of each step, ms, of each method over a trial: from the hand to the pose and any uncertainty.
 
     Args:
         fitted: the model and the sparse GP.
-        plain: the baselines without doubt.
+        plain: the baselines without uncertainty.
         trial: whose hand is answered.
     """
     responder = Responder(fitted.model, trial.emotion, trial.rate_hz)

@@ -35,14 +35,14 @@ class TrainingCount:
         which = f"model {self._number} of {self._total}"
         shown = training_bars(self._bar, ", ".join(part for part in (which, name) if part) + ", ")
         first: Progress | None = None
-        start, told = 0.0, False
+        start, said = 0.0, False
 
         def step(progress: Progress) -> None:
-            nonlocal first, start, told
+            nonlocal first, start, said
             shown(progress)
             now = self._clock()
             self._began = now if self._began is None else self._began
-            if told or not math.isfinite(progress.objective):
+            if said or not math.isfinite(progress.objective):
                 return
             if first is None or first.stage != progress.stage:
                 first, start = progress, now
@@ -50,7 +50,7 @@ class TrainingCount:
                 pace = (now - start) / (progress.iteration - first.iteration)
                 left = self._left(now - self._began, pace * (progress.iterations - progress.iteration))
                 self._say(f"{which}, about {max(1, round(left / 60.0))} min{'' if self._total == 1 else ' for all'}")
-                told = True
+                said = True
 
         return step
 

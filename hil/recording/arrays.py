@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def message_arrays(times_ns: Sequence[int], messages: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
-    """One array a field, (T,) or (T, …), of T messages; ``time`` (T,) is in s.
+    """One array per field, (T,) or (T, …), of T messages; ``time`` (T,) is in s.
 
     A field within a field is named with a dot (``palm.position``). A number that a message lacks is NaN; a text that it
     lacks is ''. What differs in shape from message to message is an array of objects.

@@ -153,7 +153,7 @@ def arm_cycle(cycle: Cycle) -> dict[str, Any]:
 
 def safety(tick: ArmTick) -> dict[str, Any]:
     """For ``/safety``."""
-    return {**tick.report.record(), "wanted": rounded(tick.wanted), "step_ms": known(tick.step_ms)}
+    return {**tick.report.record(), "wanted": rounded(tick.planned), "step_ms": known(tick.step_ms)}
 
 
 def joints_of(poses: Sequence[Pose]) -> Array:

@@ -304,7 +304,7 @@ class SessionRecording:
         return np.array([1e-9 * m.time_ns for m in messages]), tuple(poses)
 
     def arrays(self, topic: str) -> dict[str, NDArray[Any]]:
-        """A topic's messages as one array a field; see :func:`highfive.hil.recording.arrays.message_arrays`.
+        """A topic's messages as one array per field; see :func:`highfive.hil.recording.arrays.message_arrays`.
 
         Raises:
             HighFiveError: recordings have no such topic.

@@ -20,7 +20,7 @@ from highfive.model.geometry.rotations import Array
 T = TypeVar("T")
 
 FORESEEN = 0.9
-"""s before contact from which on the arm is told of it: a recording knows, but nobody lifts a hand earlier."""
+"""s before contact from which on the arm knows of it: a recording knows, but nobody lifts a hand earlier."""
 TOGETHER = 0.06
 """s for which palms stay together."""
 SURE = 0.002
@@ -34,7 +34,7 @@ UNIT = 0.01
 def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, ReferenceTrajectory]:
     """What each high five of a recording asks of the arm, by the trial's number; those without contact are left out.
 
-    The recording knows when and where palms met, so that the arm is told :data:`FORESEEN` s before.
+    The recording knows when and where palms met, so that the arm learns of it :data:`FORESEEN` s before.
 
     Raises:
         HighFiveError: it is of another avatar, no palms met in it, or a value in it cannot be: it says which.
@@ -67,7 +67,7 @@ def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, Re
         if not 0.0 <= due <= 1e-9 * float(times[rows[-1]] - start.time_ns) + TOGETHER:  # a live person's clock jitters
             raise contact.wrong(f"met_time is {due:g} s, which is not within the trial")
         ours, theirs = _ours([avatars[row] for row in rows]), _theirs([people[row] for row in rows])
-        found[number] = _asked(start.text("emotion"), start.text("cell"), round(due * RATE_HZ), ours, theirs)
+        found[number] = _reference(start.text("emotion"), start.text("cell"), round(due * RATE_HZ), ours, theirs)
     if not found:
         cut = "" if recording.complete else "; it is cut short"
         raise HighFiveError(f"{path} holds no high five in which the palms met{cut}")
@@ -174,7 +174,7 @@ def _theirs(people: list[_Message]) -> list[_Seen]:
     return [_Seen(palm, it.place("head"), it.yes("valid")) for palm, it in zip(palms, people, strict=True)]
 
 
-def _asked(emotion: str, cell: str, due: int, ours: list[PalmPose], theirs: list[_Seen]) -> ReferenceTrajectory:
+def _reference(emotion: str, cell: str, due: int, ours: list[PalmPose], theirs: list[_Seen]) -> ReferenceTrajectory:
     due = min(due, len(ours) - 1)
     goals = []
     for tick, (our, their) in enumerate(zip(ours, theirs, strict=True)):

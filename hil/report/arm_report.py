@@ -1,4 +1,4 @@
-"""The servo arm's section of a session's report: what was asked, sent and done, what it cost, and what went wrong."""
+"""The servo arm's section of a session's report: what was planned, sent and done, what it cost, and what went wrong."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def draw_arm(trials: Sequence[ArmTrial], lag: float) -> list[Drawing]:
 
 
 def joints(trial: ArmTrial, lag: float) -> Drawing:
-    """Joint angles of one high five: wanted, sent, and what the servos said."""
+    """Joint angles of one high five: planned, sent, and what the servos said."""
     figure = new_figure(9.0, 5.2)
     grid = figure.subplots(2, 3, sharex=True)
     contact = _contact(trial)
     for joint, axes in enumerate(grid.flat):
-        axes.plot(trial.times + lag - contact, np.degrees(trial.wanted[:, joint]), color=FAINT, lw=2.2)
+        axes.plot(trial.times + lag - contact, np.degrees(trial.planned[:, joint]), color=FAINT, lw=2.2)
         axes.plot(trial.cycle_times - contact, np.degrees(trial.sent[:, joint]), color=SENT, lw=1.0)
         axes.plot(trial.cycle_times - contact, np.degrees(trial.actual[:, joint]), color=ACTUAL, lw=1.2)
         axes.set_title(JOINTS[joint].replace("_", " "))
@@ -47,11 +47,11 @@ def joints(trial: ArmTrial, lag: float) -> Drawing:
         axes.set_xlabel("s from contact")
     for axes in grid[:, 0]:
         axes.set_ylabel("joint angle, °")
-    for colour, name, height in ((FAINT, "wanted", 0.9), (SENT, "sent", 0.8), (ACTUAL, "actual", 0.7)):
+    for colour, name, height in ((FAINT, "planned", 0.9), (SENT, "sent", 0.8), (ACTUAL, "actual", 0.7)):
         grid[0, 0].text(0.03, height, name, color=colour, transform=grid[0, 0].transAxes, fontsize=9)
     caption = (
         f"First trial ({trial.met.emotion}{', ' + trial.met.cell if trial.met.cell else ''}): joint angles that "
-        "retargeting wanted (grey, at the time for which it wanted them), as sent to the servos (orange: ahead of "
+        "retargeting planned (grey, at the time for which it planned them), as sent to the servos (orange: ahead of "
         "that, and beyond by what a joint gives way), and as the servos reported them (blue). Time 0 is the session's "
         "contact."
     )
@@ -95,7 +95,7 @@ def effort(trials: Sequence[ArmTrial], lag: float) -> Drawing:
     errors = np.degrees(np.abs(np.concatenate([trial.following_error(lag) for trial in trials])))
     currents = np.abs(np.concatenate([trial.currents for trial in trials]))
     names = [name.replace("_", "\n") for name in JOINTS]
-    for axes, values, label in ((left, errors, "following error, °"), (right, currents, "current a servo, A")):
+    for axes, values, label in ((left, errors, "following error, °"), (right, currents, "current per servo, A")):
         for joint in range(values.shape[1]):
             p50, p95, p100 = np.percentile(values[:, joint], [50, 95, 100])
             axes.plot([joint, joint], [p50, p95], color=ACTUAL, lw=6.0, alpha=0.4, solid_capstyle="butt")
@@ -106,7 +106,7 @@ def effort(trials: Sequence[ArmTrial], lag: float) -> Drawing:
         axes.set_ylabel(label)
     caption = (
         "For each joint: median (dot), up to the 95th percentile (bar) and the largest value (line), over all trials. "
-        "The following error is to where retargeting wanted the joint at that time."
+        "The following error is to where retargeting planned the joint at that time."
     )
     return Drawing("arm_effort", caption, figure, "Servo arm")
 

@@ -45,7 +45,7 @@ def draw_contact_map(path: Path, rows: Sequence[Mapping[str, Any]], *, replace: 
         figure.colorbar(colours, ax=grids, label="plate to palm at contact, mm", extend="max", pad=0.01)
         figure.supxlabel(
             "y, m (from behind the arm)\nNeeds: quickest reach. Has: since the arm knew of a contact. Known: so long "
-            "before contact the place was foretold to 5 cm. Hatched: needs more than it has. Dashed: no touch.",
+            "before contact the place was forecast to 5 cm. Hatched: needs more than it has. Dashed: no touch.",
             fontsize=9,
         )
         figure.supylabel("z, m", fontsize=10)

@@ -164,7 +164,7 @@ def by_horizon(result: dict[str, Any], palm: horizons.Errors) -> Drawing:
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=9)
     caption = (
         "Left: error of the contact point that each method names so long before contact. Constant velocity is the "
-        "person's palm going straight on, and is told when contact will be; dotted: 3 cm, and 200 ms. Right: forecasts "
+        "person's palm going straight on, given the time of contact; dotted: 3 cm, and 200 ms. Right: forecasts "
         "of the avatar's palm made every 0.1 s of the last 0.6 s before contact; constant velocity is the generated "
         "palm going straight on, ridge a regression for each horizon. Axes are cut where a method leaves the picture."
     )

@@ -94,7 +94,7 @@ def _page(result: dict[str, Any], drawings: Sequence[Drawing]) -> str:
 def _setting(result: dict[str, Any]) -> str:
     """What was trained on what, in a sentence."""
     seeds = "one seed" if result["seeds"] == 1 else f"{result['seeds']} seeds"
-    what = f"Preset {result['preset']}, {result['inducing']} inducing inputs a layer and for the sparse GP, {seeds}"
+    what = f"Preset {result['preset']}, {result['inducing']} inducing inputs per layer and for the sparse GP, {seeds}"
     if "windows" in result:
         return f"{what}; {result['points']} training windows."
     if result.get("leave_out"):
@@ -105,7 +105,7 @@ def _setting(result: dict[str, Any]) -> str:
 
 def _badges(result: dict[str, Any]) -> str:
     if "windows" in result:
-        names = ["windows file", "no action told"]
+        names = ["windows file", "no action given"]
     else:
         names = [
             f"leave one {result['leave_out']} out" if result.get("leave_out") else "held-out trials",

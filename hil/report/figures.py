@@ -14,7 +14,7 @@ from highfive.hil.report.drawing import FAINT, HINGES, INK, Drawing, new_figure
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.sim.people.grid import CELLS, GRID_Z
 from highfive.hil.sim.people.role import RATE_HZ
-from highfive.hil.trials.key_frames import contact_tick, moments_of
+from highfive.hil.trials.key_frames import contact_tick, key_frames_of
 from highfive.hil.trials.summary import MM, style_of, styles_of
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.geometry.rotations import Array
@@ -29,7 +29,7 @@ _FLOOR_MM = 0.02
 
 
 def contact_error(results: Sequence[TrialResult]) -> Drawing:
-    """Palm-to-palm error by style, before and after correction: a dot a trial, a bar the median of several."""
+    """Palm-to-palm error by style, before and after correction: a dot per trial, a bar the median of several."""
     emotions = styles_of(results)
     figure = new_figure(9.0, 3.4)
     axes = figure.subplots()
@@ -69,7 +69,7 @@ def contact_error(results: Sequence[TrialResult]) -> Drawing:
 
 
 def error_by_cell(results: Sequence[TrialResult]) -> Drawing | None:
-    """Median error in each of the 3 × 3 cells, a style a column, before, after correction a row; none of one cell."""
+    """Median error in each of the 3 × 3 cells, a style per column, before, after correction a row; none of one cell."""
     if len({r.cell for r in results if r.cell in CELLS}) < 2:
         return None
     emotions = styles_of(results)
@@ -243,7 +243,7 @@ def _shown(results: Sequence[TrialResult], emotion: str) -> list[TrialResult]:
 
 def _around_contact(result: TrialResult) -> tuple[Array, slice]:
     """Times (n,) s from contact, and the ticks that they are of."""
-    at = moments_of(result)
+    at = key_frames_of(result)
     before = at.contact - max(at.start - round(_MARGIN_S * RATE_HZ), 0)
     part = slice(at.contact - before // _STEP * _STEP, min(at.release + round(_AFTER_S * RATE_HZ), at.end) + 1, _STEP)
     return result.times[part] - result.times[at.contact], part

@@ -21,7 +21,7 @@ from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.rendering import Image, NoPictures, Renderer, open_renderer
 from highfive.hil.sim.scene import Scene
 from highfive.hil.sim.video import write_video
-from highfive.hil.trials.key_frames import moments_of, showpieces
+from highfive.hil.trials.key_frames import key_frames_of, showpieces
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 from highfive.model.files import written_whole
@@ -61,12 +61,12 @@ _RING = 20
 """Ticks that the ring around the contact lasts."""
 
 Progress = Callable[[str, int], Callable[[], None]]
-"""Told a label and the number of steps, gives a function to call after each."""
+"""Given a label and the number of steps, gives a function to call after each."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """Ticks of a trial from one camera, one a frame; ``contact`` is the tick at which palms, or palm and plate, meet.
+    """Ticks of a trial from one camera, one per frame; ``contact`` is the tick at which palms, or palm and plate, meet.
 
     Where the servo arm is drawn instead of the avatar, ``arm`` is how it met the hand.
     """
@@ -142,7 +142,7 @@ def _strips(
 
 
 def _moments(result: TrialResult) -> list[tuple[str, int]]:
-    at = moments_of(result)
+    at = key_frames_of(result)
     label = "palms meet" if result.contact.met else "nearest"
     just_before = max(at.contact - 12, at.half_way)
     after = min(at.contact + 36, at.end)
@@ -189,7 +189,7 @@ def make_film(
         scene: built ``visible``.
         results: at least one trial.
         path: where the film goes; nothing is left there if it fails.
-        progress: told the number of frames.
+        progress: given the number of frames.
         arms: what the servo arm did in them; it is shown after the avatar, likewise.
 
     Returns:
@@ -225,7 +225,7 @@ def make_film(
 
 
 def _shots(result: TrialResult, arm: ArmTrial | None) -> list[Shot]:
-    at = moments_of(result)
+    at = key_frames_of(result)
     start, end = max(at.start - _BEFORE, 0), min(at.release + _AFTER, at.end)
     slow = range(max(at.contact - _SLOW_BEFORE, 0), min(at.contact + _SLOW_AFTER, at.end) + 1)
     # Counted from contact, so that one frame shows the contact itself.

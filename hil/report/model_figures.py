@@ -78,7 +78,7 @@ def latent_spaces(model: HGPDM, trials: Sequence[Trial]) -> Drawing:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     caption = (
-        f"Latent spaces at the hands of {counted(len(shown), 'trial')}, fifteen points a second, along the two axes "
+        f"Latent spaces at the hands of {counted(len(shown), 'trial')}, fifteen points per second, along the two axes "
         "along which they vary most, with their share of the variance. Above by time to contact (negative: after it), "
         "below by emotion: they are reached from the hand alone, so emotions part only as far as people raise it "
         "differently."

@@ -60,9 +60,9 @@ def write_report(
         folder: made if it is not there; an older report in it is replaced, with its figures and its film.
         summary: from :func:`highfive.hil.trials.summary.summarise`; ``report.json`` is the same.
         results: the trials, possibly none.
-        settings: what the session was asked to do.
+        settings: what the session was to do.
         pictures: from :func:`highfive.hil.report.film.picture_strips`, or why there are none.
-        film: from :func:`highfive.hil.report.film.make_film`; None where none was asked for.
+        film: from :func:`highfive.hil.report.film.make_film`; None where none was requested.
         arm: from :func:`highfive.hil.report.arm_report.draw_arm`, where a servo arm took part.
 
     Raises:
@@ -240,7 +240,7 @@ def _unwanted(summary: dict[str, Any]) -> str:
     ]
     heads = ["avatar's", "touched", "trials", "deepest, mm", "in"]
     count = summary["unwanted_contacts"]
-    return f"<p>Unwanted contacts: {count}, one a trial and pair of body parts.</p>" + table(
+    return f"<p>Unwanted contacts: {count}, one per trial and pair of body parts.</p>" + table(
         heads, rows, words={0, 1, 4}
     )
 
@@ -254,7 +254,7 @@ def _strips(pictures: Sequence[Strip] | NoPictures, summary: Mapping[str, Any]) 
     if isinstance(pictures, NoPictures):
         return f"<p>{escape(pictures.reason[:1].upper() + pictures.reason[1:])}.</p>"
     if not pictures:
-        return "<p>Pictures left out: none were asked for, or no trial was finished.</p>"
+        return "<p>Pictures left out: none were requested, or no trial was finished.</p>"
     several = summary["trials"] > len({strip.result.number for strip in pictures})
     return (f"<p>{_MEDIAN}</p>" if several else "") + "".join(_strip(strip) for strip in pictures)
 

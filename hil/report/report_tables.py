@@ -31,7 +31,7 @@ _BY_STYLE = (
 
 
 def style_table(summary: dict[str, Any]) -> str:
-    """A row a style. Where no style has more than one trial there is no spread to show."""
+    """A row per style. Where no style has more than one trial there is no spread to show."""
     styles = summary["contact_error_mm"]["by_emotion"]
     counts = {style: sum((row["style"] or "unknown") == style for row in summary["rows"]) for style in styles}
     shown = [f for f in _BY_STYLE if any(summary[f[0]]["by_emotion"][style]["median"] is not None for style in styles)]
@@ -51,7 +51,7 @@ def style_table(summary: dict[str, Any]) -> str:
 
 
 def trial_table(summary: dict[str, Any]) -> str:
-    """A row a trial; columns of which nothing is known are left out."""
+    """A row per trial; columns of which nothing is known are left out."""
     rows = summary["rows"]
     if not rows:
         return ""

@@ -45,7 +45,7 @@ def _score_table(result: dict[str, Any], title: str, ranges: bool = True) -> Tab
 
 
 def print_observations(result: dict[str, Any]) -> None:
-    """What :func:`highfive.hil.commands.classify_style.observe` found, as tables: accuracies, confusions, speeds of
+    """What :func:`highfive.hil.commands.classify_style.classified` found, as tables: accuracies, confusions, speeds of
     the morph.
     """
     stages = ("captured", "generated", "corrected")

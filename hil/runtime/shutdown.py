@@ -1,4 +1,4 @@
-"""Commands that run until they are told to end: Ctrl-C, or a polite kill, is how one ends them, not a failure."""
+"""Commands that run until they are ended: Ctrl-C, or a polite kill, is how one ends them, not a failure."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ AGAIN_S = 1.0
 """A Ctrl-C that comes later than this after the first one is another one, s."""
 
 
-class Told:
-    """Whether the command was told to end. May be set from a signal's handler, at any instruction.
+class EndRequest:
+    """Whether an end of the command was requested. May be set from a signal's handler, at any instruction.
 
     ``threading.Event`` may not: its lock is not re-entrant, and a signal that comes while it is held waits for itself.
     Here a flag is raised and a byte goes down a pipe.
@@ -33,11 +33,11 @@ class Told:
             os.write(self._write, b"!")
 
     def is_set(self) -> bool:
-        """Whether it was told."""
+        """Whether an end was requested."""
         return self._is_set
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Waits until it is told, for so many s at most; whether it was."""
+        """Waits until an end is requested, for so many s at most; whether it was."""
         if not self._is_set:
             with suppress(OSError, ValueError):
                 select.select([self._read], [], [], None if timeout is None else max(0.0, timeout))
@@ -52,26 +52,26 @@ class Told:
 
 
 @contextmanager
-def until_told() -> Iterator[Told]:
+def until_ended() -> Iterator[EndRequest]:
     """What Ctrl-C or SIGTERM sets; another Ctrl-C more than a second later interrupts as ever.
 
     One Ctrl-C may come as two signals, to the process and to its group. It is set up even where whoever started this
     process had switched Ctrl-C off (a shell's ``&`` does).
     """
-    told, when = Told(), time.monotonic()
+    request, when = EndRequest(), time.monotonic()
 
     def tell(number: int, _: object) -> None:
         nonlocal when
-        if not told.is_set():
+        if not request.is_set():
             when = time.monotonic()
         elif number == signal.SIGINT and time.monotonic() - when > AGAIN_S:
             raise KeyboardInterrupt
-        told.set()
+        request.set()
 
     before = {number: signal.signal(number, tell) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield told
+        yield request
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-        told.close()
+        request.close()

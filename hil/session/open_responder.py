@@ -46,12 +46,12 @@ def open_responder(
     rate_hz: float,
     patience: Patience | None = PATIENCE,
 ) -> OnlineResponder:
-    """The model at work in a style, at ``rate_hz`` ticks a second; nothing is left to compile.
+    """The model at work in a style, at ``rate_hz`` ticks per second; nothing is left to compile.
 
     Args:
         model: the model.
         style: an emotion's name, weights by name, or (K,) weights.
-        rate_hz: ticks a second.
+        rate_hz: ticks per second.
         patience: how long a model of somebody else's may take; None lets it take its time.
 
     Raises:

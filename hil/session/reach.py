@@ -84,15 +84,15 @@ class ReachSettings(Settings):
     late: float = setting(0.3, "s", least=0.0)
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
 
-    def wanted_rate(self, remaining: float, expected: float) -> float:
+    def target_rate(self, remaining: float, expected: float) -> float:
         """The rate at which ``remaining`` s should run out where ``expected`` s are left, infinite if nobody knows."""
         if not math.isfinite(expected):
             return 1.0
         return min(max(1.0 + (remaining - expected) / self.catching_up, self.slowest), self.fastest)
 
-    def next_rate(self, rate: float, wanted: float, dt: float) -> float:
+    def next_rate(self, rate: float, target: float, dt: float) -> float:
         """The rate ``dt`` s later."""
-        return rate + (1.0 - math.exp(-dt / self.smoothing)) * (wanted - rate)
+        return rate + (1.0 - math.exp(-dt / self.smoothing)) * (target - rate)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class ReachTarget:
         remaining: s until contact as the reach counts it; 0 in touch, infinite when idle.
         position: (3,) m, in the world.
         normal: (3,) unit vector out of the palm.
-        rate: s a second, at which ``remaining`` runs out.
+        rate: s per second, at which ``remaining`` runs out.
     """
 
     phase: Phase
@@ -251,12 +251,12 @@ class Reach:
                 self._touched = True
                 self._release()
                 return
-            wanted = s.wanted_rate(self._remaining, expected)
+            target = s.target_rate(self._remaining, expected)
             if not known and self._familiar and not self._near():
-                wanted = s.slowest  # the model will know more when the hands are closer
+                target = s.slowest  # the model will know more when the hands are closer
             elif not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
-                wanted = -1.0 if self._weight() < 0.5 else s.fastest
-            self._rate = s.next_rate(self._rate, wanted, dt)
+                target = -1.0 if self._weight() < 0.5 else s.fastest
+            self._rate = s.next_rate(self._rate, target, dt)
             self._remaining -= self._rate * dt
             if self._remaining > self._length:
                 self._enter(Phase.IDLE)
@@ -297,7 +297,7 @@ class Reach:
         ahead = self._landing(self._ahead)
         raw = self._bent(gap + 0.5 * self._gap_velocity * ahead + self._forecast(person, expectation, ahead))
         miss = self._smooth(raw, dt)
-        turn = rotations.to_rotation_vector(rotations.between(generated.normal, -person.normal))
+        turn = rotations.to_rotation_vector(rotations.rotation_between(generated.normal, -person.normal))
         if self._lost:  # a hand that comes back is not where it was left: the difference runs out
             self._ease, self._lost = np.array([self._miss - miss, self._turn - turn]), False
         self._ease *= np.exp(-dt / self.settings.easing)
@@ -309,9 +309,9 @@ class Reach:
         """What the model's forecast adds to where a braking hand would be at contact: (3,) m."""
         if expectation.point is None or expectation.covariance is None or not expectation.familiar:
             return np.zeros(3)
-        doubt = (0.5 * self.settings.braking * ahead**2) ** 2 * np.eye(3)
+        variance = (0.5 * self.settings.braking * ahead**2) ** 2 * np.eye(3)
         beyond = expectation.point - (person.position + 0.5 * ahead * person.velocity)
-        return doubt @ np.linalg.solve(doubt + expectation.covariance, beyond)
+        return variance @ np.linalg.solve(variance + expectation.covariance, beyond)
 
     def _smooth(self, miss: Array, dt: float) -> Array:
         """The miss behind a critically damped low pass, and as it is in the last moment."""

@@ -19,7 +19,7 @@ from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, Tracke
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.palm_filter import PalmFilter
-from highfive.mocap_bridge.tracking.reacquisition import HandReturn
+from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
 from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trained import HGPDM
@@ -96,7 +96,7 @@ class Session:
         self._settings = settings or PoseSettings()
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
-        self._return = HandReturn()
+        self._return = ReacquisitionSmoother()
         self._palm = PalmFilter()
         self._responder = open_responder(model, style, RATE_HZ)
         self._timing = timing_of(model)
@@ -124,8 +124,8 @@ class Session:
         """One tick."""
         markers = self._tracker.update(frame)
         person = self._steady(self._arm(markers))
-        doubt = HAND_COVARIANCE + person.hand_covariance
-        response = self._responder.step(person.hand_points if person.valid else None, doubt)
+        covariance = HAND_COVARIANCE + person.hand_covariance
+        response = self._responder.step(person.hand_points if person.valid else None, covariance)
         familiar = response.in_distribution
         generated = self._pose(response, familiar)
         palm = self._correction.palm_of(generated)

@@ -27,7 +27,7 @@ class Moment:
     """Avatar and person at one time.
 
     Attributes:
-        time_ns: the time asked for, ns.
+        time_ns: the time requested, ns.
         pose: the avatar.
         person: the person.
     """

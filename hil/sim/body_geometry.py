@@ -19,7 +19,7 @@ from highfive.scenes import anthropometry, body_shapes
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 ROOT_JOINTS = ("root_x", "root_y", "root_z")
 SHAPE_GROUP = 3
-"""Geom group of the contact shapes: the viewer hides it until asked."""
+"""Geom group of the contact shapes: the viewer hides it until requested."""
 
 
 @dataclass(frozen=True)

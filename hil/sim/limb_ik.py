@@ -81,9 +81,9 @@ def solve_arm(
     elbow = _two_link(shoulder, wrist, float(length), float(fore_length), pole)
     upper_arm = _limb_frame(shoulder, elbow, wrist, 1.0)
     flexion = _flexion(upper_arm, wrist - elbow)
-    forearm = rotations.multiply(upper_arm, rotations.about_axis("y", flexion))
-    twist, bend, deviation = rotations.to_hinges("zxy", rotations.multiply(rotations.conjugate(forearm), hand))
-    shoulder_angles = rotations.to_hinges("yxz", rotations.multiply(rotations.conjugate(orientation), upper_arm))
+    forearm = rotations.multiply(upper_arm, rotations.from_axis_angle("y", flexion))
+    twist, bend, deviation = rotations.to_euler("zxy", rotations.multiply(rotations.conjugate(forearm), hand))
+    shoulder_angles = rotations.to_euler("yxz", rotations.multiply(rotations.conjugate(orientation), upper_arm))
     if shoulder_angles[0] > np.radians(120.0):  # the same direction, counted through raising the arm
         shoulder_angles[0] -= 2.0 * np.pi
     return np.array([shoulder_angles, [flexion, 0.0, twist], [bend, deviation, 0.0]])
@@ -102,11 +102,11 @@ def solve_leg(skeleton: Skeleton, side: str, pelvis: tuple[Array, Array], ankle:
     upper_leg = _limb_frame(hip, knee, ankle, -1.0)
     # The shank's offset leans a little in the zero pose; the flexion is measured from there.
     flexion = _flexion(upper_leg, ankle - knee) - np.arctan2(-shank[0], -shank[2])
-    lower_leg = rotations.multiply(upper_leg, rotations.about_axis("y", flexion))
+    lower_leg = rotations.multiply(upper_leg, rotations.from_axis_angle("y", flexion))
     angles = np.zeros((*position.shape[:-1], 3, 3))
-    angles[..., 0, :] = rotations.to_hinges("yxz", rotations.multiply(rotations.conjugate(orientation), upper_leg))
+    angles[..., 0, :] = rotations.to_euler("yxz", rotations.multiply(rotations.conjugate(orientation), upper_leg))
     angles[..., 1, 0] = flexion
-    angles[..., 2, :] = rotations.to_hinges("yxz", rotations.conjugate(lower_leg))
+    angles[..., 2, :] = rotations.to_euler("yxz", rotations.conjugate(lower_leg))
     return angles
 
 

@@ -29,16 +29,16 @@ def choose_backend(
     A value that is set is respected if it can work. Otherwise, on Linux without a display, it is EGL, else OSMesa.
     A value that would make MuJoCo's import fail is replaced by ``disable``: all but pictures works without OpenGL.
     """
-    wanted = environment.get("MUJOCO_GL", "").lower().strip()
-    if wanted in OFF:
-        return f"MUJOCO_GL={wanted} switches OpenGL off"
-    if wanted in _LIBRARIES and platform == "linux":
-        if loads(_LIBRARIES[wanted]):
+    requested = environment.get("MUJOCO_GL", "").lower().strip()
+    if requested in OFF:
+        return f"MUJOCO_GL={requested} switches OpenGL off"
+    if requested in _LIBRARIES and platform == "linux":
+        if loads(_LIBRARIES[requested]):
             return ""
-        problem = f"MUJOCO_GL={wanted}, but {_LIBRARIES[wanted]} does not load"
-    elif wanted not in _WINDOW:
-        problem = f"MUJOCO_GL={wanted} is none of egl, osmesa, glfw, disable"
-    elif wanted or platform != "linux" or environment.get("DISPLAY"):
+        problem = f"MUJOCO_GL={requested}, but {_LIBRARIES[requested]} does not load"
+    elif requested not in _WINDOW:
+        problem = f"MUJOCO_GL={requested} is none of egl, osmesa, glfw, disable"
+    elif requested or platform != "linux" or environment.get("DISPLAY"):
         return ""
     else:
         for backend, library in _LIBRARIES.items():

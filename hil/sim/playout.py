@@ -30,7 +30,7 @@ class PlayState:
 
     Attributes:
         time_ns: time of the step, ns.
-        pose: pose of the avatar as it was played; in physics it differs a little from the one that was asked for.
+        pose: pose of the avatar as it was played; in physics it differs a little from the one that was requested.
         palm: the avatar's right palm.
         person_palm: the person's palm in the scene.
         touches: contacts in this step; in physics the most forceful of all its substeps.
@@ -47,7 +47,7 @@ class PlayState:
 
 @runtime_checkable
 class PlayOut(Protocol):
-    """Plays poses, one a tick; ``data`` is the MuJoCo state to draw from."""
+    """Plays poses, one per tick; ``data`` is the MuJoCo state to draw from."""
 
     data: mujoco.MjData
 
@@ -135,7 +135,7 @@ class PhysicsPlayOut:
         substeps = max(1, round(float(frames) * SUBSTEPS))
         seconds = substeps * model.opt.timestep
         start = self._coordinates
-        goal = self._wanted(pose)
+        goal = self._reference(pose)
         velocities = (goal - start) / seconds
         torques = self._feed_forward(goal, velocities, (velocities - self._velocities) / seconds)
         lead = (self._damping * velocities + torques) / self._stiffness
@@ -157,7 +157,7 @@ class PhysicsPlayOut:
         self._time_ns, self._coordinates, self._velocities, self._hand = time_ns, goal, velocities, hand_goal
         return self._state(time_ns, touches, hand_force)
 
-    def _wanted(self, pose: Pose) -> Array:
+    def _reference(self, pose: Pose) -> Array:
         self._scene.set_pose(self._free, pose)
         return self._free.qpos[self._qpos].copy()
 

@@ -25,7 +25,7 @@ from highfive.model.geometry.skeleton import Skeleton
 Indices = NDArray[np.int64]
 
 SUBSTEPS = 4
-"""Physics steps a frame of 120 Hz."""
+"""Physics steps per frame of 120 Hz."""
 TIMESTEP = 1.0 / (120 * SUBSTEPS)
 PALM_SOLREF = (0.03, 1.0)
 """Time constant, s, and damping ratio of a contact between two hands."""
@@ -196,7 +196,7 @@ def _add_contact_pairs(spec: mujoco.MjSpec, skeleton: Skeleton) -> None:
 
 
 def _add_actuators(spec: mujoco.MjSpec, skeleton: Skeleton) -> None:
-    """One position actuator a coordinate, stiff in proportion to the inertia that it moves; critically damped."""
+    """One position actuator per coordinate, stiff in proportion to the inertia that it moves; critically damped."""
     inertia = _rest_inertia(spec.compile(), skeleton)
     frequency = 2.0 * np.pi * NATURAL_FREQUENCY_HZ
     names = [f"{n}_{axis}" for n, order in zip(skeleton.names, skeleton.hinge_orders, strict=True) for axis in order]

@@ -1,4 +1,4 @@
-"""The moments of a trial that pictures, film and figures are about."""
+"""The key frames of a trial, which pictures, film and figures are about."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PARTED = 0.05
 
 
 @dataclass(frozen=True)
-class Moments:
+class KeyFrames:
     """Ticks of a trial: the person starts, is half way, the palms meet (or are nearest), part, and all is over."""
 
     start: int
@@ -34,8 +34,8 @@ def contact_tick(result: TrialResult) -> int:
     return int(np.argmin(np.abs(result.times - 1e-9 * time_ns)))
 
 
-def moments_of(result: TrialResult) -> Moments:
-    """The moments of a trial."""
+def key_frames_of(result: TrialResult) -> KeyFrames:
+    """The key frames of a trial."""
     contact, last = contact_tick(result), len(result.times) - 1
     moved = np.linalg.norm(result.person_palm - result.person_palm[0], axis=-1) > _MOVED
     start = min(int(np.argmax(moved)), contact) if moved.any() else 0
@@ -43,7 +43,7 @@ def moments_of(result: TrialResult) -> Moments:
     half = start + int(np.argmax(to_go[start : contact + 1] <= 0.5 * to_go[start]))
     apart = np.linalg.norm(result.palm - result.person_palm, axis=-1)[contact:] > apart_at_contact(result) + _PARTED
     release = contact + int(np.argmax(apart)) if apart.any() else last
-    return Moments(start, half, contact, release, last)
+    return KeyFrames(start, half, contact, release, last)
 
 
 def apart_at_contact(result: TrialResult) -> float:

@@ -128,12 +128,12 @@ class LivePerson:
     def _watched(self, first: MarkerFrame) -> Recording:
         """What the person did for some seconds, in the system's own frame."""
         frames, newest, end = [first], first, time.monotonic() + PRACTICE_S
-        told = math.ceil(PRACTICE_S)
+        said = math.ceil(PRACTICE_S)
         while (left := end - time.monotonic()) > 0.0:
-            if math.ceil(left) < told:
-                told = math.ceil(left)
+            if math.ceil(left) < said:
+                said = math.ceil(left)
                 height = self._height(newest.names, newest.positions[None], newest.valid[None])
-                say_aside(f"{told} s{height and f', hand{height}'}")
+                say_aside(f"{said} s{height and f', hand{height}'}")
             frame = self._source.wait(newest, min(left, 0.1))
             if frame is not None and frame.names == first.names:
                 frames.append(newest := frame)
@@ -154,7 +154,7 @@ class LiveTrial:
     """
 
     def __init__(self, source: LiveSource, placement: Placement):
-        """Begins with the first frame that is asked for."""
+        """Begins with the first frame that is requested."""
         self._source, self._placement = source, placement
         self.late, self.stale, self.trouble = 0, 0, ""
         self._reached, self._idle, self.count = False, 0, 0
@@ -197,7 +197,7 @@ class LiveTrial:
             self.count += 1
 
     def watch(self, tick: Tick) -> None:
-        """Is told of each tick, to know when the high five is over."""
+        """Sees each tick, to know when the high five is over."""
         idle = tick.target.phase is Phase.IDLE
         self._reached = self._reached or not idle
         self._idle = self._idle + 1 if idle and self._reached else 0

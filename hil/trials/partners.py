@@ -36,7 +36,7 @@ class Partner:
 
     Attributes:
         title: what the trial is, for people.
-        emotion, cell: as asked for; '' where not known.
+        emotion, cell: as requested; '' where not known.
         simulated: the person is simulated.
         recording: the person's markers at 120 Hz, without prefix.
         marker_set: the set that they belong to.

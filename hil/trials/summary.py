@@ -92,7 +92,7 @@ def summarise(
     nearest to the palm as tracked, ``uncorrected_error_mm`` of what the model generated, likewise; ``true_error_mm`` of
     the nearest as played, to the simulated person's true palm; ``true_error_at_touch_mm`` and
     ``closing_speed_at_touch_m_s`` to that palm when they first touch; ``other_error_mm`` of who met that hand
-    originally. Of each row, ``emotion`` is the one that was asked for: the simulated person's, or the one in which a
+    originally. Of each row, ``emotion`` is the one that was requested: the simulated person's, or the one in which a
     real person is answered; ``style`` is what the avatar answered in; ``person_emotion`` is the simulated person's,
     None of a real one. ``arm`` is :func:`highfive.hil.arm.arm_trial.arm_summary`, None where no servo arm took part.
     Trials out of reach and without contact count in all of them. ``warnings`` are sentences for people.

@@ -210,7 +210,7 @@ def _place_root(part: Part, measured: Array, seen: NDArray[np.bool_]) -> tuple[A
     u[:, :, 2] *= sign[:, None]
     rotation = u @ vt
     order = "".join("xyz"[axis] for axis in part.axes[0])
-    hinges = rotations.to_hinges(order, rotations.from_matrix(rotation))
+    hinges = rotations.to_euler(order, rotations.from_matrix(rotation))
     return hinges, centre - np.einsum("tij,tj->ti", rotation, rest_centre)
 
 

@@ -42,7 +42,7 @@ def write_frames(
     if not names or count < 1 or not 1.0 <= rate_hz <= 10_000.0:
         raise HighFiveError(f"cannot write {path} with {count} frames of {len(names)} markers at {rate_hz:g} Hz")
     if len(names) > MAX_POINTS:
-        raise HighFiveError(f"cannot write {path}: {len(names)} points a frame, at most {MAX_POINTS} fit")
+        raise HighFiveError(f"cannot write {path}: {len(names)} points per frame, at most {MAX_POINTS} fit")
     parameters = _parameters(rate_hz, names, count, 0)
     blocks = -(-len(parameters) // BLOCK)
     parameters = _parameters(rate_hz, names, count, 2 + blocks)

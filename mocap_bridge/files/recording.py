@@ -17,7 +17,7 @@ class Recording:
     """T frames of M labelled markers, and points without a label.
 
     Attributes:
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         names: M labels; a person's name stands before a colon (``'human:RSHO'``) unless :meth:`person` took it off.
         points: (T, M, 3) m, finite; zero where not ``valid``.
         valid: (T, M) bool, the marker was seen.

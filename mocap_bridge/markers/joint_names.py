@@ -35,7 +35,7 @@ _IGNORED = {
     "mass",
 }
 
-# Parts under the names that they go by, joined words first. Values are parts, to be told apart by their company.
+# Parts under the names that they go by, joined words first. Values are parts, to be distinguished by their company.
 _PARTS = {
     "pelvis": "pelvis hips hip root waist sacrum spinebase hipcenter midhip",
     "trunk": "spine naval navel belly abdomen ab torso lowerback back chest thorax upperback upperchest sternum "
@@ -258,9 +258,9 @@ def _of_face(own: Mapping[str, str]) -> dict[str, str]:
     return {part: own[part] for part in ("eye", "ear") if part in own}
 
 
-def _names_ends(own: Mapping[str, str], wanted: Iterable[str], absent: Iterable[str]) -> bool:
+def _names_ends(own: Mapping[str, str], required: Iterable[str], absent: Iterable[str]) -> bool:
     """Labels name the far end of their bone, as positions computed from Acclaim skeletons do."""
-    return all(part in own for part in wanted) and not any(part in own for part in absent)
+    return all(part in own for part in required) and not any(part in own for part in absent)
 
 
 def _first(own: Mapping[str, str], parts: Iterable[str]) -> str | None:

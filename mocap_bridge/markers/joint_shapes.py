@@ -165,7 +165,7 @@ def _chains(
                 if len({first, middle, last}) < 3:
                     continue
                 lengths = points.distance[first, middle], points.distance[middle, last]
-                misfit = [abs(np.log(max(got, 1e-3) / wanted)) for got, wanted in zip(lengths, limb.bones, strict=True)]
+                misfit = [abs(np.log(max(got, 1e-3) / usual)) for got, usual in zip(lengths, limb.bones, strict=True)]
                 if max(misfit) > 0.5:
                     continue
                 spread = points.spread[first, middle] / lengths[0] + points.spread[middle, last] / lengths[1]

@@ -55,7 +55,7 @@ class OnePerson:
         return f"{self.prefix}:{name}" if self.prefix else name
 
 
-def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson:
+def read_person(path: Path, person: str | None, requested: str | None) -> OnePerson:
     """Reads a file and chooses person and marker set.
 
     Without ``person`` it is the only one in the file, or the only one with the markers of a right arm.
@@ -63,21 +63,21 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     Args:
         path: a C3D file.
         person: prefix of the labels, with or without the colon.
-        wanted: name or file of a marker set; None finds the one that fits the labels best.
+        requested: name or file of a marker set; None finds the one that fits the labels best.
 
     Raises:
         HighFiveError: the file is not usable, it holds several people, or the labels do not fit.
     """
     whole = read_c3d(path)
-    asked = None if wanted is None else load_marker_set(wanted)
+    chosen = None if requested is None else load_marker_set(requested)
     if person is None and len(whole.prefixes) > 1:
-        fitting = [prefix for prefix in whole.prefixes if shows_right_arm(whole.person(prefix), asked)]
+        fitting = [prefix for prefix in whole.prefixes if shows_right_arm(whole.person(prefix), chosen)]
         person = fitting[0] if len(fitting) == 1 else None
     if person is None and len(whole.prefixes) > 1:
         known = ", ".join(prefix or "(labels without a prefix)" for prefix in whole.prefixes)
         raise HighFiveError(f"{whole.source} holds several persons: {known}; say which one with --person")
     one = whole.person(person)
-    marker_set = find_marker_set(one.names) if asked is None else asked
+    marker_set = find_marker_set(one.names) if chosen is None else chosen
     one_frame = np.zeros((len(one.names), 3)), np.zeros(len(one.names), dtype=bool)
     marker_set.arrange(one.names, *one_frame, required=marker_set.arm.markers)
     prefix = "".join(whole.prefixes) if person is None else person.removesuffix(":")
@@ -85,10 +85,10 @@ def read_person(path: Path, person: str | None, wanted: str | None) -> OnePerson
     return OnePerson(path, prefix, replace(one, valid=one.valid & ~strange[:, None]), marker_set, int(strange.sum()))
 
 
-def shows_right_arm(one: Recording, asked: MarkerSet | None) -> bool:
-    """Whether the labels give a right arm by the set that was asked for, or by any that is there."""
-    if asked is not None:
-        return bool(np.all(asked.match(one.names)[asked.indices(asked.arm.markers)] >= 0))
+def shows_right_arm(one: Recording, chosen: MarkerSet | None) -> bool:
+    """Whether the labels give a right arm by the set that was requested, or by any that is there."""
+    if chosen is not None:
+        return bool(np.all(chosen.match(one.names)[chosen.indices(chosen.arm.markers)] >= 0))
     try:
         find_marker_set(one.names)
     except HighFiveError:

@@ -44,5 +44,5 @@ def _nearest(sets: Sequence[MarkerSet], labels: Sequence[str]) -> str:
     best = max(range(len(sets)), key=lambda i: (int(known[i].sum()), -len(sets[i])))
     if not known[best].any():
         return ""
-    wanted = [name for name in sets[best].arm.markers if not known[best][sets[best].index(name)]]
-    return f"the nearest, {sets[best].name}, wants {listed(wanted)} besides; "
+    missing = [name for name in sets[best].arm.markers if not known[best][sets[best].index(name)]]
+    return f"the nearest, {sets[best].name}, wants {listed(missing)} besides; "

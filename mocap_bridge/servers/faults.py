@@ -15,7 +15,7 @@ from highfive.model.geometry.rotations import Array
 KINDS = {
     "occlusion": "markers are hidden: names joined by +, or a share of all markers, hidden at random (occlusion=0.3)",
     "swap": "two markers have each other's label (swap=RWRA+RFIN)",
-    "ghosts": "so many points a frame without a label, near the markers (ghosts=3)",
+    "ghosts": "so many points per frame without a label, near the markers (ghosts=3)",
     "nan": "markers have coordinates that are no numbers (nan=RFIN)",
     "overflow": "markers have coordinates that no unit can hold (overflow=RFIN)",
     "metres": "numbers in metres where the protocol has millimetres",
@@ -28,7 +28,7 @@ KINDS = {
 """Every fault and what it does."""
 
 MOST_GHOSTS = 1000
-"""Points without a label in a frame that can be asked for."""
+"""Points without a label in a frame that can be requested."""
 
 LONGEST_BURST_S = 60.0
 """So long frames can be held back, s: they wait in memory."""

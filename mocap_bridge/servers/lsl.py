@@ -18,7 +18,7 @@ _KEPT_S = 1  # what a client has not taken for so long is dropped
 
 
 class LslServer:
-    """One stream: three channels a marker, in metres, NaN where it is hidden.
+    """One stream: three channels per marker, in metres, NaN where it is hidden.
 
     The channels of a stream are fixed, so labels that come in another order are put into the first one, a label that is
     not among them is not sent, and points without a label cannot be sent.
@@ -31,7 +31,7 @@ class LslServer:
             names: the markers, with their person before a colon.
             rate_hz: nominal rate.
             name: the stream's name.
-            local_only: announce it on this machine alone. LSL cannot be told where its data port listens: a program on
+            local_only: announce it on this machine alone. LSL cannot set where its data port listens: a program on
                 another machine that knows the port could still ask.
 
         Raises:

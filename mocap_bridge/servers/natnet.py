@@ -58,10 +58,10 @@ class NatNetServer(LiveServer):
             host: address to listen at, and to send from.
             port: command port; 0 takes a free one.
             names: markers before the first frame.
-            rate_hz: frames a second, for who asks.
+            rate_hz: frames per second, for who asks.
             multicast: group to send frames to; None sends to each client that asks.
             data_port: the group's port.
-            y_up: send points with y up, as Motive does unless told otherwise, instead of z up.
+            y_up: send points with y up, as Motive does unless set otherwise, instead of z up.
             version: of NatNet.
 
         Raises:

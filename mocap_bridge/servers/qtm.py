@@ -19,21 +19,21 @@ ANNOUNCE_S = 0.25
 
 
 class _Client(Client):
-    """One connection: what it asked for."""
+    """One connection: what it requested."""
 
     def __init__(self, sock: socket.socket) -> None:
         super().__init__(sock)
         self.received = bytearray()
         self.components: tuple[wire.Component, ...] = ()  # of the stream; none: no stream
         self.divisor = 1
-        self.labels: tuple[str, ...] | None = None  # as it was told them; points go out in this order
+        self.labels: tuple[str, ...] | None = None  # as they were sent to it; points go out in this order
 
 
 class QtmServer(TcpServer[_Client]):
     """See :class:`highfive.mocap_bridge.servers.serving.Server`.
 
     Points have no names on the wire: a client asks for the labels once, and points come in their order. If labels
-    change, clients are told that settings changed; each gets the old order until it has asked for the new one.
+    change, clients are notified that settings changed; each gets the old order until it has asked for the new one.
     """
 
     def __init__(self, host: str = LOOPBACK, port: int = 22223, names: Sequence[str] = (), rate_hz: float = 120.0):
@@ -43,7 +43,7 @@ class QtmServer(TcpServer[_Client]):
             host: address to listen at.
             port: port for little-endian numbers; 0 takes a free one.
             names: labels before the first frame.
-            rate_hz: frames a second, for who asks.
+            rate_hz: frames per second, for who asks.
 
         Raises:
             LinkError: the port is taken.

@@ -40,7 +40,7 @@ class Server(Protocol):
         ...
 
     def send(self, frame: MarkerFrame) -> None:
-        """Sends a frame to every client that asked for frames; never waits for one that is slow.
+        """Sends a frame to every client that requested frames; never waits for one that is slow.
 
         Points that are not valid are sent as the protocol shows a hidden marker; coordinates that are no numbers are
         sent as they are. Names hold the person before a colon.

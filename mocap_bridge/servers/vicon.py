@@ -31,15 +31,15 @@ _MOST_REQUESTS = 1000  # frames that a client may ask for ahead
 
 
 class _Client(Client):
-    """One client: its connection, and what it has asked for."""
+    """One client: its connection, and what it has requested."""
 
     def __init__(self, sock: socket.socket) -> None:
         super().__init__(sock)
-        self.wanted = OFFERED
+        self.requested = OFFERED
         self.stream = False
-        self.requests = 0  # frames that it asked for one by one and has not been sent
+        self.requests = 0  # frames that it requested one by one and has not been sent
         self.fresh = False  # there is a frame that it has not been sent
-        self.version = -1  # of the names that it was told
+        self.version = -1  # of the names that were sent to it
         self._buffer = bytearray()
 
     def whole(self, chunk: bytes) -> list[Packet]:
@@ -70,7 +70,7 @@ class ViconServer(TcpServer[_Client]):
         Args:
             host: address to listen at; '' or '0.0.0.0' lets in the whole network.
             port: 0 takes any that is free.
-            rate_hz: frames a second, as clients are told.
+            rate_hz: frames per second, as announced to clients.
 
         Raises:
             LinkError: the port is taken or not allowed.
@@ -86,7 +86,7 @@ class ViconServer(TcpServer[_Client]):
         super().__init__(host, port, "vicon")
 
     def send(self, frame: MarkerFrame) -> None:
-        """Sends a frame to every client that asked for frames; see
+        """Sends a frame to every client that requested frames; see
         :meth:`highfive.mocap_bridge.servers.serving.Server.send`.
         """
         with self._lock:
@@ -121,9 +121,9 @@ class ViconServer(TcpServer[_Client]):
             self._version += 1
         return self._ids[name]
 
-    def _message(self, wanted: frozenset[int], static: bool) -> bytes:
+    def _message(self, requested: frozenset[int], static: bool) -> bytes:
         """The last frame for a client that wants so much, with or without what stays the same."""
-        message = self._encoded.get((wanted, static))
+        message = self._encoded.get((requested, static))
         if message is None and self._frame is not None:
             if static:
                 packet = replace(
@@ -137,15 +137,15 @@ class ViconServer(TcpServer[_Client]):
                 )
             else:
                 packet = replace(self._frame, unchanged=wire.STATIC)
-            message = self._encoded[wanted, static] = wire.encode(packet, wanted)
+            message = self._encoded[requested, static] = wire.encode(packet, requested)
         return message or b""
 
     def _go_on(self, client: _Client) -> None:
-        """Sends a client what it has asked for, as far as its socket takes it."""
+        """Sends a client what it has requested, as far as its socket takes it."""
         client.push()
         if client.unsent or not client.fresh or self._frame is None or not (client.stream or client.requests):
             return
-        message = self._message(client.wanted, client.version != self._version)
+        message = self._message(client.requested, client.version != self._version)
         client.fresh, client.version = False, self._version
         client.requests = max(0, client.requests - 1)
         self._sent_ns = time.monotonic_ns()
@@ -160,7 +160,7 @@ class ViconServer(TcpServer[_Client]):
         pings = b""
         for packet in client.whole(chunk):
             if packet.enums is not None:
-                client.wanted, client.version = packet.enums & OFFERED, -1
+                client.requested, client.version = packet.enums & OFFERED, -1
             if packet.stream is not None:
                 client.stream = packet.stream
                 client.requests += not packet.stream

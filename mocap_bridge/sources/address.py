@@ -90,8 +90,8 @@ def open_source(
     Args:
         address: where the markers come from.
         person: prefix of the person's markers; None takes the only one there is.
-        rate_hz: frames a second: of a file, resampled (default: its own); of a live system that does not say its own.
-        tap: is told of every frame of a live system as it came, of all persons.
+        rate_hz: frames per second: of a file, resampled (default: its own); of a live system that does not say its own.
+        tap: gets every frame of a live system as it came, of all persons.
 
     Raises:
         HighFiveError: a bad address; no such file; no such person in it; a tap on a file.
@@ -107,7 +107,7 @@ def open_source(
 
 
 def connector(address: Address) -> Callable[[], Link]:
-    """What connects to a live system; each protocol's library is imported only where it is wanted."""
+    """What connects to a live system; each protocol's library is imported only where it is needed."""
     if address.scheme == FILE:
         raise HighFiveError(f"{address} is no live system")
     return scheme_named(address.scheme).connector(address)

@@ -42,7 +42,7 @@ class Link(Protocol):
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as the system says; 0 where it does not say."""
+        """Frames per second as the system says; 0 where it does not say."""
         ...
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
@@ -81,7 +81,7 @@ class LiveSource:
             title: the system's address, for messages.
             connect: makes a connection, or raises :class:`LinkError`, within a second or two.
             person: prefix of the person's markers; None takes the only one there is.
-            rate_hz: frames a second where the system does not say.
+            rate_hz: frames per second where the system does not say.
             clock: this process's monotonic clock, ns.
         """
         self._title, self._connect, self._person, self._clock = title, connect, person, clock
@@ -103,7 +103,7 @@ class LiveSource:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second, as the system says once it is connected."""
+        """Frames per second, as the system says once it is connected."""
         return self._rate_hz
 
     def newest(self, now_ns: int) -> MarkerFrame | None:
@@ -173,8 +173,8 @@ class LiveSource:
             try:
                 self._follow()
             except Exception as error:  # a source whose thread has died would be silent for ever
-                told = str(error) if isinstance(error, HighFiveError) else f"{self._title}: {fault(error)}"
-                self._trouble, self._hopeless = told, False
+                reason = str(error) if isinstance(error, HighFiveError) else f"{self._title}: {fault(error)}"
+                self._trouble, self._hopeless = reason, False
             self._linked = False
             pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
             self._closing.wait(pause)

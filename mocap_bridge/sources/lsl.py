@@ -32,7 +32,7 @@ TYPE = "MoCap"
 
 _MOST = 512  # samples that are taken at once
 _KEPT_S = 1  # what is older is dropped by the library
-_RENEWED_S = 1.0  # how often the clock offset is asked for
+_RENEWED_S = 1.0  # how often the clock offset is requested
 _SLEW = 0.02  # share of the way to a new clock offset that is gone a time
 _configured = threading.Lock()
 _FILES = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
@@ -42,7 +42,7 @@ def configure(local_only: bool) -> None:
     """Sets the library up, once a process, before its first use; later calls do nothing.
 
     The user's own configuration (``LSLAPICFG``, ``lsl_api.cfg``) holds. ``local_only`` restricts announcing and
-    searching to this machine; which network card the data port listens at, the library cannot be told.
+    searching to this machine; which network card the data port listens at, the library cannot be configured.
     """
     if not _configured.acquire(blocking=False):  # held for good: the library reads its settings once
         return

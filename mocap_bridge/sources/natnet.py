@@ -23,16 +23,16 @@ DATA_PORT = 1511
 """Where Motive sends frames by multicast, unless it is set otherwise."""
 
 ASK_AGAIN_S = 0.25
-"""What has not been answered is asked for again after so long, s: datagrams get lost."""
+"""What has not been answered is requested again after so long, s: datagrams get lost."""
 
 ANSWER_S = 2.0
 """A server that leaves a question open for so long is taken for dead, s."""
 
 KEEP_ALIVE_S = 0.5
-"""So often the server is told that someone listens, s; otherwise it stops to send."""
+"""So often the server is notified that someone listens, s; otherwise it stops to send."""
 
-_RATES_HZ = (10.0, 2000.0)  # of cameras; an answer outside was damaged on its way, and is asked for again
-_STRANGE_S = 0.8  # without a frame, after which what could not be read is told
+_RATES_HZ = (10.0, 2000.0)  # of cameras; an answer outside was damaged on its way, and is requested again
+_STRANGE_S = 0.8  # without a frame, after which what could not be read is reported
 
 _MOST_READ = 512  # datagrams at a time, so that a flood cannot hold up the caller
 _MOST_HELD = 64  # frames that wait for descriptions
@@ -129,14 +129,14 @@ class NatNetLink:
         model = self._ask_until(Kind.REQUEST_MODEL, "", Kind.MODEL, deadline)
         self._model = decode_model(model, self._info.version)
         self._columns = Columns(self._model)
-        self._asked = self._waiting = 0.0  # when the descriptions were asked for: last, and first (0: not waiting)
+        self._requested = self._waiting = 0.0  # when the descriptions were requested: last, and first (0: not waiting)
         self._alive = self._last = time.monotonic()
         self._send(Kind.REQUEST, "FrameRate")
         self._send(Kind.KEEP_ALIVE)
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as Motive says; 0 where it does not say."""
+        """Frames per second as Motive says; 0 where it does not say."""
         return self._rate_hz
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
@@ -171,7 +171,7 @@ class NatNetLink:
                 self._send(Kind.REQUEST, "FrameRate")
         if self._waiting and now - self._waiting > ANSWER_S:
             raise LinkError(f"it has not described what it tracks within {ANSWER_S:g} s")
-        if self._waiting and now - self._asked > ASK_AGAIN_S:
+        if self._waiting and now - self._requested > ASK_AGAIN_S:
             self._ask()
         if self._strange and now - self._last > _STRANGE_S:
             raise LinkError(self._strange)
@@ -181,7 +181,7 @@ class NatNetLink:
                 + _multicast_advice(self._info.group, self._info.data_port, self._options)
             )
 
-    def _ask_until(self, kind: Kind, text: str, wanted: Kind, deadline: float) -> bytes:
+    def _ask_until(self, kind: Kind, text: str, expected: Kind, deadline: float) -> bytes:
         """Asks again and again until the answer comes."""
         while (left := deadline - time.monotonic()) > 0.0:
             self._send(kind, text)
@@ -194,7 +194,7 @@ class NatNetLink:
                     except LinkError as error:
                         self._strange = str(error)
                         continue
-                    if came == wanted:
+                    if came == expected:
                         self._unread = datagrams[k + 1 :]
                         return body
             if not self._heard:
@@ -206,7 +206,7 @@ class NatNetLink:
         raise LinkError("no answer; does Motive stream, and may UDP pass the firewalls?")
 
     def _check_there(self) -> None:
-        """Finds out whether the port is closed; only a connected socket is told."""
+        """Finds out whether the port is closed; only a connected socket is notified."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.settimeout(0.05)
             try:
@@ -267,8 +267,8 @@ class NatNetLink:
 
     def _ask(self) -> None:
         """Asks for the descriptions; until they come no name is certain."""
-        self._asked = time.monotonic()
-        self._waiting = self._waiting or self._asked
+        self._requested = time.monotonic()
+        self._waiting = self._waiting or self._requested
         self._send(Kind.REQUEST_MODEL)
 
 

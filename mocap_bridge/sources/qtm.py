@@ -17,10 +17,10 @@ from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
 
 VERSIONS = ("1.25", "1.23", "1.19", "1.13")
-"""Versions of the protocol, asked for in this order; frames of points are the same in all."""
+"""Versions of the protocol, requested in this order; frames of points are the same in all."""
 
 ASK_AGAIN_S = 0.1
-"""Parameters that do not fit the frames are asked for so often at most, s."""
+"""Parameters that do not fit the frames are requested so often at most, s."""
 
 ANSWER_S = 2.0
 """A server that leaves a question open for so long is taken for dead, s."""
@@ -74,9 +74,9 @@ class QtmLink:
         """Agrees on a version and on what is sent, until ``deadline`` (monotonic, s); use :func:`connect_qtm`."""
         self._sock, self._title = sock, title
         self._buffer = bytearray()
-        self._unread: list[tuple[int, bytes]] = []  # messages of the opening that were not asked for
+        self._unread: list[tuple[int, bytes]] = []  # messages of the opening that were not requested
         self._ended = ""
-        self._asked = -math.inf  # when the parameters were last asked for (monotonic, s)
+        self._requested = -math.inf  # when the parameters were last requested (monotonic, s)
         self._waiting = self._outdated = False  # for parameters; those that come will be out of date
         self._held: list[wire.Data] = []  # whose labels are in doubt until the parameters come
         sock.setblocking(False)
@@ -87,7 +87,7 @@ class QtmLink:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as QTM says; 0 where it does not say."""
+        """Frames per second as QTM says; 0 where it does not say."""
         return self._parameters.rate_hz
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
@@ -97,7 +97,7 @@ class QtmLink:
         try:
             for kind, body in messages or self._read(timeout_s):
                 self._take(kind, body, frames)
-            if self._waiting and time.monotonic() - self._asked > ANSWER_S:
+            if self._waiting and time.monotonic() - self._requested > ANSWER_S:
                 raise LinkError(f"it sent no parameters within {ANSWER_S:g} s")
         except LinkError as error:
             raise LinkError(f"{self._title}: {error}") from None
@@ -123,13 +123,13 @@ class QtmLink:
             f"it speaks no version of QTM's protocol from {VERSIONS[-1]} to {VERSIONS[0]}; it says {said[:80]!r}"
         )
 
-    def _answer(self, wanted: wire.Kind, deadline: float, what: str) -> bytes:
+    def _answer(self, expected: wire.Kind, deadline: float, what: str) -> bytes:
         while True:
             kind, body = self._next(deadline, what)
-            if kind == wanted:
+            if kind == expected:
                 return body
             if kind == wire.Kind.ERROR:
-                raise LinkError(f"it says {wire.decode_text(body)[:80]!r} where {what} were asked for")
+                raise LinkError(f"it says {wire.decode_text(body)[:80]!r} where {what} were requested")
 
     def _next(self, deadline: float, what: str) -> tuple[int, bytes]:
         """The next message of the opening."""
@@ -192,9 +192,9 @@ class QtmLink:
     def _ask(self, at_once: bool = False) -> None:
         """Asks for the parameters; until they come no label is certain."""
         now = time.monotonic()
-        if at_once or now - self._asked > ASK_AGAIN_S:
+        if at_once or now - self._requested > ASK_AGAIN_S:
             self._send("getparameters 3d general")
-            self._asked, self._waiting = now, True
+            self._requested, self._waiting = now, True
 
     def _rename(self, parameters: wire.Parameters, frames: list[MarkerFrame]) -> None:
         """Takes new parameters, and those frames that waited for them whose labels they settle."""

@@ -21,7 +21,7 @@ BUILT_IN: Mapping[str, str] = MappingProxyType(
         "lsl": "highfive.mocap_bridge.sources.lsl:SCHEME",
     }
 )
-"""Our own protocols; each one's library is imported only where it is wanted."""
+"""Our own protocols; each one's library is imported only where it is needed."""
 
 
 def scheme_names() -> list[str]:

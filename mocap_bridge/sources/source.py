@@ -1,6 +1,6 @@
 """Where marker frames come from: the one interface of all sources, and the replay of a recording.
 
-A source is asked for its newest frame and is told the time. It never waits and never queues: whoever asks late gets the
+A source gives its newest frame at a time. It never waits and never queues: whoever asks late gets the
 newest frame, not the oldest one unread (a queue of even one frame cost users of such bridges 200 to 500 ms).
 """
 
@@ -59,7 +59,7 @@ class Source(Protocol):
 
     @property
     def rate_hz(self) -> float:
-        """Nominal frames a second."""
+        """Nominal frames per second."""
         ...
 
     def newest(self, now_ns: int) -> MarkerFrame | None:
@@ -78,7 +78,7 @@ class Source(Protocol):
 class C3DSource:
     """Replays one person of a recording at ``rate_hz``.
 
-    The clock is the caller's: pass one that counts ticks to step through the frames as fast as they are wanted, with
+    The clock is the caller's: pass one that counts ticks to step through the frames as fast as they are needed, with
     the same result every time, or the monotonic clock to replay in real time. Iteration gives every frame in order.
     """
 
@@ -90,7 +90,7 @@ class C3DSource:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second, after resampling."""
+        """Frames per second, after resampling."""
         return self._rate_hz
 
     def __len__(self) -> int:

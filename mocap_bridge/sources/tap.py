@@ -10,7 +10,7 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import Link
 
 Tap = Callable[[Sequence[MarkerFrame], float], None]
-"""Is told of frames, of all persons and stamped with their arrival, and of the rate, Hz (0: the system does not say).
+"""Gets frames, of all persons and stamped with their arrival, and of the rate, Hz (0: the system does not say).
 
 It is called in the thread that receives, and must neither wait nor raise.
 """

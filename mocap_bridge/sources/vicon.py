@@ -31,7 +31,7 @@ WANTED = frozenset(
         Kind.FRAME_RATE_INFO,
     }
 )
-"""What is asked for, as far as the system offers it."""
+"""What is requested, as far as the system offers it."""
 
 _CHUNK = 1 << 18  # bytes taken from the socket at once
 _DRAINED = wire.LONGEST  # bytes taken by one call, so that a sender without end cannot hold it
@@ -69,7 +69,7 @@ class ViconLink:
     """One connection to a Vicon system (see :class:`highfive.mocap_bridge.sources.live.Link`)."""
 
     def __init__(self, connection: socket.socket, where: str, pull: bool, deadline: float):
-        """Takes the greeting and says what is wanted.
+        """Takes the greeting and says what is requested.
 
         Args:
             connection: an open TCP connection.
@@ -79,7 +79,7 @@ class ViconLink:
         """
         self._socket, self._where, self._pull = connection, where, pull
         self._buffer = bytearray()
-        self._asked = False
+        self._requested = False
         self._rate_hz, self._period_ns, self._latency_ns = 0.0, 0.0, -1.0
         self._y_up = False
         self._subjects: tuple[Subject, ...] = ()
@@ -100,7 +100,7 @@ class ViconLink:
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second as the system says; 0 where it does not say."""
+        """Frames per second as the system says; 0 where it does not say."""
         return self._rate_hz
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
@@ -109,7 +109,7 @@ class ViconLink:
         Raises:
             LinkError: the connection is lost, or what came is not of the protocol.
         """
-        if self._pull and not self._asked:
+        if self._pull and not self._requested:
             self._ask()
         if not self._fill(timeout_s):
             return ()
@@ -119,11 +119,11 @@ class ViconLink:
                 self._learn(packet)
                 continue
             repeated = self._last is not None and self._last.number == packet.number
-            self._asked = False
+            self._requested = False
             frames.append(self._frame(packet))
             if self._pull and repeated:
                 time.sleep(min(_REPEATED_S, timeout_s))
-        if self._pull and not self._asked:
+        if self._pull and not self._requested:
             self._ask()
         return frames
 
@@ -151,7 +151,7 @@ class ViconLink:
 
     def _ask(self) -> None:
         self._send(wire.encode(Packet(stream=False)))
-        self._asked = True
+        self._requested = True
 
     def _send(self, message: bytes) -> None:
         try:
@@ -228,7 +228,7 @@ class ViconLink:
         if packet.labelled is not None and len(packet.labelled.ids):
             points = packet.labelled.points
             columns, known = self._find(packet.labelled.ids)
-            if not known.all():  # of no subject that we were told of: a point, but whose?
+            if not known.all():  # of no subject that was announced: a point, but whose?
                 loose = np.concatenate([loose, points[~known]])
                 points, columns = points[known], columns[known]
             positions[columns], valid[columns] = points, True

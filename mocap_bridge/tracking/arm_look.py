@@ -29,7 +29,7 @@ et al. 2005, Ergonomics 48(11-14); 12.9 ± 5.9° straight in 600 people: Paraske
 26(1)): root mean square over the range of flexion 8°. Skeletons that others have solved mostly have none at all."""
 
 GIRDLE_SIGMA = 0.04
-"""How far a shoulder moves against a trunk that has no shoulder girdle, m, a coordinate: 0.25 rad of a clavicle."""
+"""How far a shoulder moves against a trunk that has no shoulder girdle, m, per coordinate: 0.25 rad of a clavicle."""
 
 FREE = 10.0
 """Standard deviation, rad, of a turn that nothing shows: more than any turn, little enough to be inverted."""
@@ -293,13 +293,13 @@ def _carried(arm: ArmModel, fitted: Array, information: Array) -> Look:
         cost = _cost(start, turned, information)
         for _ in range(_ROUNDS):
             angle, slope = _carrying(frames)
-            wanted = np.linalg.solve(
+            target = np.linalg.solve(
                 information + weight * np.outer(slope, slope),
                 -information @ turned - weight * (angle - slope @ step) * slope,
             )
             share, better = 1.0, False
             for _ in range(6):
-                trial = step + share * (wanted - step)
+                trial = step + share * (target - step)
                 there = _moved(start, trial)
                 found = _cost(there, turned + trial, information)
                 if found < cost:

@@ -20,7 +20,7 @@ Turn = tuple[str, float, float, float]
 """Axis, standard deviation about rest, rad, rest angle, rad, and power of the accelerations that drive it, rad²/s³."""
 
 # Turns from parent to child, about the axes of scenes/anthropometry.py. Powers: a raised arm reaches 300 rad/s² for a
-# tenth of a second, but what is driven that hard is not told from noise when it is seen, nor foretold when it is not;
+# tenth of a second, but what is driven that hard is noise when it is seen, and is not predicted when it is not;
 # these are the ones with which hidden hands were found best (simulated high fives, CMU 85).
 _TURNS: dict[str, tuple[Turn, ...]] = {
     "clavicle": (("z", 0.25, 0.0, 20.0), ("x", 0.25, 0.0, 20.0)),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, SHIFT, Chain, Pose, kinematics, on_segments
 from highfive.mocap_bridge.tracking.filter_settings import NEVER
 from highfive.mocap_bridge.tracking.following import misfit_of
-from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, places_doubt, settled
+from highfive.mocap_bridge.tracking.pose_filter import State, consider_covariance, corrected, expected, settled
 from highfive.model.geometry.rotations import Array
 
 HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0])
@@ -91,7 +91,9 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
         seen: (M,) markers to go by, new ones and others.
     """
     n = len(chain.kind)
-    wide = state._replace(covariance=state.covariance + np.stack([places_doubt(chain, state), *np.zeros((2, n, n))]))
+    wide = state._replace(
+        covariance=state.covariance + np.stack([consider_covariance(chain, state), *np.zeros((2, n, n))])
+    )
     markers, covariances, _ = expected(chain, wide)
     gap = points - markers
     precisions = np.linalg.inv(covariances + chain.settings.marker_sigma**2 * np.eye(3))
@@ -106,10 +108,10 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
     moving &= chain.kind == HINGE
     beside = np.array([moving[chain.path[j, : chain.lengths[j]]].any() for j in chain.carrier])
     covariance = state.covariance.copy()
-    covariance[0] += np.where(np.outer(moving, moving), places_doubt(chain, state), 0.0)
+    covariance[0] += np.where(np.outer(moving, moving), consider_covariance(chain, state), 0.0)
     fresh = state._replace(
         covariance=covariance,
-        doubt=np.where(beside, np.maximum(state.doubt, chain.spreads**2), state.doubt),
+        place_variance=np.where(beside, np.maximum(state.place_variance, chain.spreads**2), state.place_variance),
         ages=np.where(new, 0, state.ages),
         last=np.where(new[:, None], points, state.last),
     )

@@ -1,4 +1,4 @@
-"""One frame of the tracker: predict, gate, update, and what is to be told of it."""
+"""One frame of the tracker: predict, gate, update, and what is reported of it."""
 
 from __future__ import annotations
 
@@ -118,7 +118,8 @@ def without_speeds(chain: Chain, state: State, seen: NDArray[np.bool_]) -> State
                 covariance[1, d, i] = covariance[2, d, i] = covariance[2, i, d] = 0.0
             covariance[2, d, d] = chain.settings.return_speed**2
     return State(
-        state.pose, state.speeds, covariance, state.offsets, state.places, state.homes, state.doubt, state.misfit,
+        state.pose, state.speeds, covariance, state.offsets, state.places, state.homes, state.place_variance,
+        state.misfit,
         state.left,        state.ages, state.disbelieved, state.last, state.pace, state.astray,
     )  # fmt: skip
 
@@ -129,7 +130,7 @@ def remembered(
     elapsed_ns: int,
 ) -> State:  # fmt: skip
     """The state with the markers' ages; markers that appear, or have slipped, are put where they are, and are seen."""
-    places, doubt, left = state.places.copy(), state.doubt.copy(), state.left.copy()
+    places, place_variance, left = state.places.copy(), state.place_variance.copy(), state.left.copy()
     homes = state.homes.copy()
     ages, disbelieved, shown = state.ages.copy(), state.disbelieved.copy(), 0
     last, pace = state.last.copy(), np.empty_like(state.pace)
@@ -145,7 +146,13 @@ def remembered(
                     local[i] += state.pose.frames[j, k, i] * (points[m, k] - state.pose.centres[j, k])
                 square += (local[i] - chain.places[m, i]) ** 2
             if square < chain.settings.slipped**2:
-                places[m], homes[m], left[m], doubt[m], seen[m] = local, local, 0.0, chain.spreads[m] ** 2, True
+                places[m], homes[m], left[m], place_variance[m], seen[m] = (
+                    local,
+                    local,
+                    0.0,
+                    chain.spreads[m] ** 2,
+                    True,
+                )
         for i in range(3):
             pace[m, i] = points[m, i] - last[m, i] if seen[m] and ages[m] == 0 else np.nan
             last[m, i] = points[m, i] if seen[m] else last[m, i]
@@ -155,7 +162,7 @@ def remembered(
             ages[m] += elapsed_ns
     astray = state.astray + 1 if shown > 0 and rejected > chain.settings.lost_share * shown else 0
     return State(
-        state.pose, state.speeds, state.covariance, state.offsets, places, homes, doubt, state.misfit, left,
+        state.pose, state.speeds, state.covariance, state.offsets, places, homes, place_variance, state.misfit, left,
         ages, disbelieved, last, pace, astray,
     )  # fmt: skip
 
@@ -196,7 +203,7 @@ def misfit_of(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]
             square = 0.0
             for i in range(3):
                 square += (points[m, i] - markers[m, i]) ** 2
-            total += square / (chain.settings.marker_sigma**2 + state.doubt[m])
+            total += square / (chain.settings.marker_sigma**2 + state.place_variance[m])
     for d in range(len(chain.kind)):
         if chain.kind[d] == 2:
             total += chain.stiffness[d] * (pose.angles[d] - chain.rest[d]) ** 2

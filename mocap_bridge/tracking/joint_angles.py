@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from highfive.mocap_bridge.tracking.arm_look import ArmModel, base_covariance, looked, sharpened, tracking_covariance
 from highfive.mocap_bridge.tracking.chain_kinematics import Chain, kinematics
 from highfive.mocap_bridge.tracking.filter_settings import NEVER
-from highfive.mocap_bridge.tracking.pose_filter import State, places_doubt
+from highfive.mocap_bridge.tracking.pose_filter import State, consider_covariance
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 
@@ -78,18 +78,18 @@ class ArmAngles:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(8,) the angle is told by the markers, and not by what people are like."""
-        told = self.bits >= ENOUGH_BITS
-        return told & told[_DECIDES]
+        """(8,) the angle is observable from the markers, and not by what people are like."""
+        observable = self.bits >= ENOUGH_BITS
+        return observable & observable[_DECIDES]
 
 
 def arm_segments(names: Sequence[str]) -> tuple[int, int, int, int] | None:
     """Base, upper arm, forearm and hand among the segments of a chain; None where one of them is not there."""
     base = next((name for name in BASES if name in names), None)
-    wanted = (base, "right_shoulder", "right_elbow", "right_wrist")
-    if any(name not in names for name in wanted):
+    required = (base, "right_shoulder", "right_elbow", "right_wrist")
+    if any(name not in names for name in required):
         return None
-    first, second, third, fourth = (names.index(str(name)) for name in wanted)
+    first, second, third, fourth = (names.index(str(name)) for name in required)
     return first, second, third, fourth
 
 
@@ -167,9 +167,12 @@ def arm_angles_of(chain: Chain, arm: ArmModel, state: State, tracked: Array, see
         tracking_covariance(chain, arm, axes, state.covariance[0]),
     )  # fmt: skip
     frames = np.concatenate([pose.frames[base : base + 1], look.frames])
-    doubt = np.zeros((11, 11))
-    doubt[:3, :3], doubt[3:, 3:] = base_covariance(chain, arm, axes, places_doubt(chain, state)), look.covariance
-    angles, covariance = angles_with_doubt(frames, doubt)
+    turned = np.zeros((11, 11))
+    turned[:3, :3], turned[3:, 3:] = (
+        base_covariance(chain, arm, axes, consider_covariance(chain, state)),
+        look.covariance,
+    )
+    angles, covariance = angles_with_covariance(frames, turned)
     # Beyond the first order: a carrying angle that is not known takes from the flexion, whichever way it goes.
     bend, aside = angles[_FLEXION], math.sqrt(covariance[_CARRYING, _CARRYING])
     taken = abs(bend) - math.acos(min(math.cos(bend) / max(math.cos(aside), 1e-6), 1.0))
@@ -178,7 +181,7 @@ def arm_angles_of(chain: Chain, arm: ArmModel, state: State, tracked: Array, see
 
 
 @compiled_entry
-def angles_with_doubt(frames: Array, covariance: Array) -> tuple[Array, Array]:
+def angles_with_covariance(frames: Array, covariance: Array) -> tuple[Array, Array]:
     """Angles (8,), rad, and their covariance (8, 8), linearised.
 
     Args:

@@ -47,7 +47,7 @@ class State(NamedTuple):
         offsets: (J, 3) m, the body's.
         places: (M, 3) m, of the markers on their segments as believed now.
         homes: (M, 3) m, where they were at first, and return to in the long run.
-        doubt: (M,) m², variance of a coordinate of that place.
+        place_variance: (M,) m², variance of a coordinate of that place.
         misfit: (M,) m², variance of what chain and noise do not explain.
         left: (M, 3) m, in the segment's frame: how far beside its place a marker was last seen.
         ages: (M,) ns since the marker was last seen; :data:`NEVER` where it never was.
@@ -63,7 +63,7 @@ class State(NamedTuple):
     offsets: Array
     places: Array
     homes: Array
-    doubt: Array
+    place_variance: Array
     misfit: Array
     left: Array
     ages: NDArray[np.int64]
@@ -96,9 +96,9 @@ def predicted(chain: Chain, state: State, seconds: float) -> State:
     pose, _ = kinematics(chain, state.offsets, shifted(chain, state.pose, step))
     fading = math.exp(-seconds / chain.settings.fading_s)
     wander = chain.settings.slip * chain.settings.slip * seconds
-    doubt, left = np.empty_like(state.doubt), np.empty_like(state.left)
-    for m in range(len(doubt)):
-        doubt[m] = min(state.doubt[m] + wander, chain.spreads[m] ** 2)
+    place_variance, left = np.empty_like(state.place_variance), np.empty_like(state.left)
+    for m in range(len(place_variance)):
+        place_variance[m] = min(state.place_variance[m] + wander, chain.spreads[m] ** 2)
         for i in range(3):
             left[m, i] = state.left[m, i] * fading
     return State(
@@ -108,7 +108,7 @@ def predicted(chain: Chain, state: State, seconds: float) -> State:
         state.offsets,
         state.places,
         state.homes,
-        doubt,
+        place_variance,
         state.misfit,
         left,
         state.ages,
@@ -144,7 +144,11 @@ def marker_covariance(chain: Chain, state: State, axes: Array, m: int, marker: A
         xy += u * y + v * x
         xz += u * z + w * x
         yz += v * z + w * y
-    out[0, 0], out[1, 1], out[2, 2] = xx + state.doubt[m], yy + state.doubt[m], zz + state.doubt[m]
+    out[0, 0], out[1, 1], out[2, 2] = (
+        xx + state.place_variance[m],
+        yy + state.place_variance[m],
+        zz + state.place_variance[m],
+    )
     out[0, 1] = out[1, 0] = xy
     out[0, 2] = out[2, 0] = xz
     out[1, 2] = out[2, 1] = yz
@@ -206,7 +210,7 @@ def _look(
             continue
         j = chain.carrier[m]
         count = point_jacobian(chain, pose, axes, j, markers[m], slopes)
-        weight = 1.0 / (chain.settings.marker_sigma**2 + state.doubt[m] + state.misfit[m] + caution[m])
+        weight = 1.0 / (chain.settings.marker_sigma**2 + state.place_variance[m] + state.misfit[m] + caution[m])
         for k in range(3):
             gap[k] = weight * (points[m, k] - markers[m, k])
         for a in range(count):
@@ -218,7 +222,7 @@ def _look(
 
 
 @compiled_entry
-def places_doubt(chain: Chain, state: State) -> Array:
+def consider_covariance(chain: Chain, state: State) -> Array:
     """Covariance (n, n) of the pose that comes of not knowing this person: places of markers, lengths of segments.
 
     The places' errors stay the same from frame to frame, so no number of frames takes them away ("consider" covariance,
@@ -298,7 +302,7 @@ def corrected(
             state.offsets,
             state.places,
             state.homes,
-            state.doubt,
+            state.place_variance,
             state.misfit,
             state.left,
             state.ages,
@@ -314,14 +318,19 @@ def corrected(
 @compiled_entry
 def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], seconds: float) -> State:
     """The state after the markers' places on their segments have followed what was seen."""
-    places, doubt, misfit, left = (state.places.copy(), state.doubt.copy(), state.misfit.copy(), state.left.copy())
+    places, place_variance, misfit, left = (
+        state.places.copy(),
+        state.place_variance.copy(),
+        state.misfit.copy(),
+        state.left.copy(),
+    )
     share = min(seconds / chain.settings.misfit_s, 1.0)
     beside = np.empty(3)
     for m in range(len(places)):
         if not seen[m]:
             continue
         j = chain.carrier[m]
-        gain = doubt[m] / (doubt[m] + chain.settings.marker_sigma**2 + misfit[m])
+        gain = place_variance[m] / (place_variance[m] + chain.settings.marker_sigma**2 + misfit[m])
         # A turn of a segment and a shift of all its markers look alike. In the long run it is the turn: markers wander
         # about their homes, at most as far as they lie apart from person to person.
         homing = seconds * chain.settings.slip**2 / chain.spreads[m] ** 2
@@ -334,7 +343,7 @@ def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], 
             places[m, i] += gain * beside[i] + homing * (state.homes[m, i] - places[m, i])
             left[m, i] = (1.0 - gain) * beside[i]
             square += left[m, i] * left[m, i] / 3.0
-        doubt[m] *= 1.0 - gain
+        place_variance[m] *= 1.0 - gain
         misfit[m] += share * (max(square - chain.settings.marker_sigma**2, 0.0) - misfit[m])
         misfit[m] = min(misfit[m], chain.settings.largest_misfit**2)
     return State(
@@ -344,7 +353,7 @@ def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], 
         state.offsets,
         places,
         state.homes,
-        doubt,
+        place_variance,
         misfit,
         left,
         state.ages,

@@ -25,7 +25,7 @@ class ReacquisitionSettings(Settings):
     """Share of the newest tick in the speed of a hand: a guessed one trembles."""
 
 
-class HandReturn:
+class ReacquisitionSmoother:
     """Carries a hand from where it was guessed to where it is seen, along a critically damped curve."""
 
     def __init__(self, settings: ReacquisitionSettings | None = None) -> None:

@@ -28,7 +28,7 @@ class TrackedRecording:
 
     Attributes:
         marker_set: the set.
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         measured: (T, M, 3) m, as recorded; zero where not ``there``.
         there: (T, M) the recording has the marker.
         skeleton: (T, M, 3) m, where the markers sit on the tracked skeleton; NaN where it knows no pose.

@@ -52,7 +52,7 @@ class RestartSettings(Settings):
 
 
 class Tracker:
-    """Follows every marker of a set; one call a frame, each at the same cost but for beginnings (some milliseconds)."""
+    """Follows every marker of a set; one call per frame, each at the same cost but for beginnings (milliseconds)."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class Tracker:
         """Forgets everything that was seen."""
         self._state: State | None = None
         self._found: Followed | None = None
-        self._agreed_ns = self._asked_ns = 0
+        self._agreed_ns = self._reconsidered_ns = 0
         self._doubted_ns = np.zeros(len(self._set), dtype=np.int64)  # how long each label has been somewhere else
         self._time_ns: int | None = None
 
@@ -142,20 +142,20 @@ class Tracker:
         doubted = int(self._doubted_ns.max(initial=0))
         if not doubted:
             self._agreed_ns += elapsed
-            self._asked_ns = 0
+            self._reconsidered_ns = 0
             return state
         restart = self._restart
         patience = round(restart.patience * self._agreed_ns)
         patience = min(max(patience, restart.shortest_patience_ns), restart.longest_patience_ns)
-        if doubted < patience + self._asked_ns:
+        if doubted < patience + self._reconsidered_ns:
             return state
-        self._asked_ns = doubted  # should it have been right, it is not asked again at once
+        self._reconsidered_ns = doubted  # should it have been right, it is not reconsidered again at once
         fresh = first_state(self._chain, self._shoulders, points, labelled)
         if fresh is None or self._cost(fresh, points, labelled) > self._restart.better * self._cost(
             state, points, labelled
         ):
             return state
-        self._agreed_ns = self._asked_ns = 0
+        self._agreed_ns = self._reconsidered_ns = 0
         return fresh
 
     def _doubts(self, points: Array, labelled: NDArray[np.bool_], found: Followed, elapsed: int) -> NDArray[np.int64]:

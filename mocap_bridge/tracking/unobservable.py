@@ -68,5 +68,5 @@ def unseen_lines(summary: dict[str, Any]) -> list[str]:
         share = "every frame" if always else f"{row['frames']} of {summary['tracked_frames']} frames"
         groups.setdefault((share, row["why"], row["add"]), []).append(row["angle"].replace("_", " "))
     return [
-        f"{' and '.join(names)}, blank in {share}: {why}; wanted: {add}" for (share, why, add), names in groups.items()
+        f"{' and '.join(names)}, blank in {share}: {why}; needed: {add}" for (share, why, add), names in groups.items()
     ]

@@ -1,4 +1,4 @@
-"""What a connection's end, or bytes that are not of its protocol, are told by."""
+"""What a connection's end, or bytes that are not of its protocol, are reported by."""
 
 from __future__ import annotations
 

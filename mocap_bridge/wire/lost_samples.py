@@ -1,4 +1,4 @@
-"""Which samples of an evenly sampled stream are missing, told from the times at which the others were stamped.
+"""Which samples of an evenly sampled stream are missing, inferred from the times at which the others were stamped.
 
 Lateness passes, a loss stays: it moves the time line of the stream (:mod:`highfive.mocap_bridge.wire.sample_period`),
 which no late sample moves, by whole periods. The line needs later samples, so that a loss is known :data:`PATIENCE_S`
@@ -29,7 +29,7 @@ _PAUSE_S = 0.25  # where a clock was set, a shorter time between arrivals says n
 
 
 class LostSamples:
-    """Told of samples as they come, it tells where others are missing; memory grows with the gaps only.
+    """Given samples as they come, it says where others are missing; memory grows with the gaps only.
 
     Attributes:
         period: of the stream.

@@ -230,9 +230,9 @@ def samples_of(order: Sequence[str], names: Sequence[str], points: Array, valid:
 
 
 def library_settings(text: str, local_only: bool) -> str:
-    """Settings for liblsl: those of the user's own file ``text``, less noise, and on this machine alone if asked for.
+    """Settings for liblsl: those of the user's own file ``text``, less noise, and on this machine alone if requested.
 
-    Streams of this machine are asked for directly too, where there is no multicast. What cannot be read is left out.
+    Streams of this machine are requested directly too, where there is no multicast. What cannot be read is left out.
     """
     settings = configparser.ConfigParser(strict=False, interpolation=None)
     settings.optionxform = str  # pyright: ignore[reportAttributeAccessIssue]  (names keep their capitals)

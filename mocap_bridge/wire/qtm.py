@@ -81,7 +81,7 @@ _WIDTHS = {
     Component.UNLABELLED: 16,
     Component.LABELLED_RESIDUALS: 16,
     Component.UNLABELLED_RESIDUALS: 20,
-}  # bytes a point
+}  # bytes per point
 
 COMPONENT_NAMES = {
     "3d": Component.LABELLED,
@@ -116,7 +116,7 @@ class Parameters:
 
     Attributes:
         labels: M labels, in the order of the points.
-        rate_hz: frames a second; 0 if it does not say.
+        rate_hz: frames per second; 0 if it does not say.
         unit: of coordinates, m.
         up: the axis that points up: '+X', '-X', and so on.
     """
@@ -244,17 +244,17 @@ def encode_data(
 
 def encode_parameters(labels: Sequence[str], rate_hz: float, sections: Iterable[str] = ("3d", "general")) -> str:
     """Parameters as XML; ``sections`` as a command names them: '3d', 'general' or 'all', others stay out."""
-    wanted, parts = set(sections), []
-    if wanted & {"general", "all"}:
+    requested, parts = set(sections), []
+    if requested & {"general", "all"}:
         parts.append(f"<General><Frequency>{rate_hz:g}</Frequency></General>")
-    if wanted & {"3d", "all"}:
+    if requested & {"3d", "all"}:
         names = "".join(f"<Label><Name>{escape(name)}</Name><RGBColor>65535</RGBColor></Label>" for name in labels)
         parts.append(f"<The_3D><AxisUpwards>+Z</AxisUpwards><Labels>{len(labels)}</Labels>{names}</The_3D>")
     return f"<QTM_Parameters_Ver_1.25>{''.join(parts)}</QTM_Parameters_Ver_1.25>"
 
 
 class _Reader:
-    """Collects what is wanted from the parameters as they are parsed: no tree is built, however deep they are."""
+    """Collects what is needed from the parameters as they are parsed: no tree is built, however deep they are."""
 
     def __init__(self) -> None:
         self.labels: list[str] = []

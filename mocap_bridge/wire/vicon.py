@@ -112,7 +112,7 @@ class Packet:
     """What one message holds; None, 0 or empty for what it does not.
 
     Attributes:
-        enums: kinds offered by the server, or wanted by the client.
+        enums: kinds offered by the server, or requested by the client.
         stream: the client wants all frames from now on (True) or one (False).
         more: the client wants so many frames more.
         ping: a number that the server sends back.
@@ -124,7 +124,7 @@ class Packet:
         labelled: points with a label; a marker that is not seen is not among them.
         unlabelled: (U, 3) m, points without a label.
         latencies: name and duration, s, of each stage from the cameras to the wire.
-        rates: name and frames a second of each stage.
+        rates: name and frames per second of each stage.
         posed: numbers of the subjects whose root segment is sent, at the origin (written only, not read).
     """
 
@@ -146,8 +146,8 @@ class Packet:
 
 def rate_of(packet: Packet) -> float:
     """Frames a second that a message tells, Hz; 0 where it tells none that makes sense."""
-    told = [TICKS_HZ / packet.period] if packet.period else [rate for _, rate in packet.rates]
-    return next((rate for rate in told if math.isfinite(rate) and 0.1 <= rate <= 1e5), 0.0)
+    announced = [TICKS_HZ / packet.period] if packet.period else [rate for _, rate in packet.rates]
+    return next((rate for rate in announced if math.isfinite(rate) and 0.1 <= rate <= 1e5), 0.0)
 
 
 def body_length(header: bytes | bytearray) -> int:
@@ -184,14 +184,14 @@ def decode(body: bytes) -> Packet:
     return packet
 
 
-def encode(packet: Packet, wanted: Iterable[int] | None = None) -> bytes:
-    """Writes a message with its outer header; of a frame only the kinds that are ``wanted`` (None: all)."""
-    blocks = [(kind, body) for kind, body in _bodies(packet) if wanted is None or kind in wanted]
-    if packet.number is not None and (wanted is None or Kind.CONTENTS in wanted):
+def encode(packet: Packet, requested: Iterable[int] | None = None) -> bytes:
+    """Writes a message with its outer header; of a frame only the kinds that are ``requested`` (None: all)."""
+    blocks = [(kind, body) for kind, body in _bodies(packet) if requested is None or kind in requested]
+    if packet.number is not None and (requested is None or Kind.CONTENTS in requested):
         counts: dict[int, int] = {}
         for kind, _ in blocks:
             counts[kind] = counts.get(kind, 0) + 1
-        unchanged = packet.unchanged if wanted is None else packet.unchanged.intersection(wanted)
+        unchanged = packet.unchanged if requested is None else packet.unchanged.intersection(requested)
         table = b"".join(HEADER.pack(kind, counts[kind]) for kind in sorted(counts))
         blocks.insert(0, (Kind.CONTENTS, _U32.pack(len(counts)) + table + _list_of_kinds(unchanged)))
     blocks += _requests(packet)
@@ -350,7 +350,7 @@ class _Reader:
         return self.kinds()
 
     def more(self) -> int:
-        """How many frames are wanted; old clients do not say, and want one."""
+        """How many frames are requested; old clients do not say, and want one."""
         return self.unpack(_U32)[0] if self._end - self._at >= _U32.size else 1
 
     def named(self, least: int) -> int:

@@ -31,10 +31,10 @@ def _by_style(task: Problem, fit: Callable[[Array, Array], Callable[[Array], Arr
     features, outputs, styles = task.features, task.data.outputs, task.data.styles
     fitted = [fit(features[mask > 0.5], outputs[mask > 0.5]) for mask in styles.T]
 
-    def predict(inputs: Array, wanted: Array) -> Array:
+    def predict(inputs: Array, weights: Array) -> Array:
         answer = np.empty((len(inputs), outputs.shape[1]))
         for number, regression in enumerate(fitted):
-            rows = np.argmax(wanted, axis=1) == number
+            rows = np.argmax(weights, axis=1) == number
             if np.any(rows):
                 answer[rows] = regression(inputs[rows])
         return answer
@@ -97,4 +97,4 @@ def sparse_gp(
 
 def regression(posterior: Posterior) -> Predictor:
     """The means of a sparse GP with styles."""
-    return lambda inputs, wanted: np.asarray(sparse.means(posterior, jnp.asarray(inputs), jnp.asarray(wanted)))
+    return lambda inputs, weights: np.asarray(sparse.means(posterior, jnp.asarray(inputs), jnp.asarray(weights)))

@@ -29,7 +29,7 @@ Errors = dict[str, Array]
 def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
     """Errors of the contact point as each method says it :data:`BEFORE` contact.
 
-    ``constant_velocity`` is where the person's palm would be at contact if it went on as it does, told when contact is.
+    ``constant_velocity`` is where the person's palm would be at contact if it went on as it does, given that time.
     """
     found: dict[str, list[list[float]]] = {}
     for number, trial in enumerate(trials):
@@ -44,17 +44,17 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Predic
 
 
 def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
-    """Share of contacts inside the 90 % region that each method that doubts gives :data:`BEFORE` contact."""
+    """Share of contacts inside the 90 % region that each method with an uncertainty gives :data:`BEFORE` contact."""
     found: Errors = {}
     for name, given in answers.items():
         inside = []
         for trial, answer in zip(trials, given, strict=True):
-            if answer.doubt is None:
+            if answer.uncertainty is None:
                 break
             part, ends = Channels(trial.joints.shape[1]).contact, trial.palm[trial.contact_frame]
             at = [_nearest(answer, trial, before) for before in BEFORE]
             errors = np.array([np.full(3, np.nan) if row is None else answer.outputs[row, part] - ends for row in at])
-            spreads = np.array([np.eye(3) if row is None else answer.doubt.contact[row] for row in at])
+            spreads = np.array([np.eye(3) if row is None else answer.uncertainty.contact[row] for row in at])
             level = metrics.levels(metrics.region_surprise(errors, spreads), 3)
             inside.append(np.where(np.isnan(level), np.nan, level < REGION))
         else:

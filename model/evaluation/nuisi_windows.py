@@ -77,11 +77,11 @@ def read_windows(path: Path | str) -> tuple[Windows, Windows]:
 
 
 def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
-    wanted = {key: f"{name}_{key}" for key in ("input", "target", "sequence_lengths", "action")}
-    if missing := [full for full in wanted.values() if full not in arrays]:
+    names = {key: f"{name}_{key}" for key in ("input", "target", "sequence_lengths", "action")}
+    if missing := [full for full in names.values() if full not in arrays]:
         raise HighFiveError(f"{path} lacks {', '.join(missing)}; it holds {', '.join(arrays) or 'nothing'}")
-    inputs, target, lengths, action = (np.asarray(arrays[full]) for full in wanted.values())
-    for full, values in zip(wanted.values(), (inputs, target, lengths, action), strict=True):
+    inputs, target, lengths, action = (np.asarray(arrays[full]) for full in names.values())
+    for full, values in zip(names.values(), (inputs, target, lengths, action), strict=True):
         if values.dtype.kind not in "iuf":
             raise HighFiveError(f"{path}: {full} holds no numbers")
         if not np.all(np.isfinite(values)):

@@ -85,13 +85,13 @@ class Prediction:
         frames: (F,) the trial's frames that count.
         outputs: (F, channels) avatar channels at these frames.
         palm: (T, 3) m, the right palm at every frame, by forward kinematics.
-        doubt: None for a method that does not say how sure it is.
+        uncertainty: None for a method that does not say how sure it is.
     """
 
     frames: NDArray[np.int64]
     outputs: Array
     palm: Array
-    doubt: Uncertainty | None
+    uncertainty: Uncertainty | None
 
 
 Method = Callable[[Trial], Prediction]
@@ -135,14 +135,14 @@ def online(model: HGPDM, body: Body) -> Method:
         responses = [responder.step(hand) for hand in trial.hand_points]
         outputs, frames = np.array([to_channels(r) for r in responses]), scored_frames(trial)
         counted, said = [responses[frame] for frame in frames], outputs[frames]
-        doubt = Uncertainty(
+        uncertainty = Uncertainty(
             np.array([response.generated.avatar_deviations for response in counted]),
             np.array([response.generated.covariance(where.palm) for response in counted]),
             np.array([response.generated.covariance(where.contact) for response in counted]),
         )
         for row, response in enumerate(counted):
-            _forecast(response, where, said[row], doubt.deviations[row], doubt.contact[row])
-        return Prediction(frames, said, body.palm(outputs), doubt)
+            _forecast(response, where, said[row], uncertainty.deviations[row], uncertainty.contact[row])
+        return Prediction(frames, said, body.palm(outputs), uncertainty)
 
     return answer
 
@@ -151,7 +151,7 @@ def reacting(start: Callable[[str, float], OnlineResponder], body: Body) -> Meth
     """Another model, tick by tick at the trial's rate.
 
     Args:
-        start: makes its responder in an emotion, at so many ticks a second.
+        start: makes its responder in an emotion, at so many ticks per second.
         body: the avatar's body.
     """
 
@@ -192,13 +192,13 @@ def regressed(regression: Regression, task: Problem, body: Body, posterior: Post
         features = task.feature_map(hand_history(trial, times, task.preset.history))
         outputs = regression(features, np.tile(style, (len(features), 1)))
         frames = scored_frames(trial)
-        doubt = None if layer is None else _doubt(layer, features[frames], style)
-        return Prediction(frames, outputs[frames], body.palm(outputs), doubt)
+        uncertainty = None if layer is None else _uncertainty(layer, features[frames], style)
+        return Prediction(frames, outputs[frames], body.palm(outputs), uncertainty)
 
     return answer
 
 
-def _doubt(layer: Array, features: Array, style: Array) -> Uncertainty:
+def _uncertainty(layer: Array, features: Array, style: Array) -> Uncertainty:
     variances = np.array([predict_layer(layer, point, style)[2] for point in features])
     where = Channels(variances.shape[1] - AUXILIARY)
     palm, contact = (variances[:, part, None] * np.eye(3) for part in (where.palm, where.contact))

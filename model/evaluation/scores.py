@@ -58,15 +58,17 @@ def held_out(trials: Sequence[Trial], answers: Sequence[Prediction], body: Body)
 
 
 def surprises(answers: Sequence[Prediction], held: HeldOut) -> dict[str, Array]:
-    """Squared normalised errors of each kind of :data:`CALIBRATED`; nothing for a method without doubt."""
-    doubts = [answer.doubt for answer in answers if answer.doubt is not None]
-    if len(doubts) < len(answers):
+    """Squared normalised errors of each kind of :data:`CALIBRATED`; nothing for a method without uncertainty."""
+    uncertainties = [answer.uncertainty for answer in answers if answer.uncertainty is not None]
+    if len(uncertainties) < len(answers):
         return {}
     error = np.concatenate([answer.outputs for answer in answers]) - held.outputs
-    deviations = np.concatenate([doubt.deviations for doubt in doubts])
+    deviations = np.concatenate([uncertainty.deviations for uncertainty in uncertainties])
     joints, soon = len(held.moving), held.soon
     where, pose = Channels(joints), np.flatnonzero(held.moving)
-    palm, contact = (np.concatenate(parts) for parts in ([d.palm for d in doubts], [d.contact for d in doubts]))
+    palm, contact = (
+        np.concatenate(parts) for parts in ([d.palm for d in uncertainties], [d.contact for d in uncertainties])
+    )
     return {
         "pose": metrics.surprise(error[:, pose], deviations[:, pose]).ravel(),
         "palm": metrics.region_surprise(error[:, where.palm], palm),
@@ -132,11 +134,11 @@ def _lag(trials: Sequence[Trial], tracks: Sequence[Array]) -> dict[str, float]:
 
 def _pose_errors(predicted: Array, held: HeldOut, body: Body) -> dict[str, float]:
     joints = 3 * len(body.skeleton)
-    wanted, got = (
+    expected, got = (
         rotations.from_rotation_vector(outputs[:, :joints].reshape(len(outputs), -1, 3))
         for outputs in (held.outputs, predicted)
     )
-    turn = rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(wanted), got))
+    turn = rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(expected), got))
     positions = body.joints(predicted)
     return {
         "all_joints": float(np.linalg.norm(positions - held.joints, axis=-1).mean()),
@@ -150,11 +152,11 @@ def _contact_errors(predicted: Array, held: HeldOut) -> dict[str, float]:
         return {}
     where = Channels(len(held.moving))
     point = np.linalg.norm((predicted - held.outputs)[held.soon, where.contact], axis=1)
-    got, wanted = (
+    got, expected = (
         CLOCK_SCALE * np.arctanh(np.clip(outputs[held.soon, where.clock], -CLOCK_LIMIT, CLOCK_LIMIT))
         for outputs in (predicted, held.outputs)
     )
-    return {"contact_point": float(point.mean()), "time_to_contact": float(np.abs(got - wanted).mean())}
+    return {"contact_point": float(point.mean()), "time_to_contact": float(np.abs(got - expected).mean())}
 
 
 def plain_baselines(task: Problem) -> dict[str, baselines.Predictor]:

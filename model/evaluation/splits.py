@@ -43,7 +43,7 @@ def own_split(trials: Sequence[Trial]) -> list[Fold]:
     return [Fold("", tuple(trials))]
 
 
-class Told(Protocol):
+class Labelled(Protocol):
     """What a trial, or a row of a table of trials, says of itself."""
 
     @property
@@ -57,7 +57,7 @@ class Told(Protocol):
         ...
 
 
-def left_out_in_turn(trials: Sequence[Told], what: str) -> list[str]:
+def left_out_in_turn(trials: Sequence[Labelled], what: str) -> list[str]:
     """The repetitions or cells, by number.
 
     Raises:
@@ -86,7 +86,7 @@ def leave_out(trials: Sequence[Trial], what: str) -> list[Fold]:
     ]
 
 
-def group_of(trial: Told, what: str) -> str:
+def group_of(trial: Labelled, what: str) -> str:
     """The trial's repetition or cell as text, '' where it is not known."""
     if what == "cell":
         return trial.cell

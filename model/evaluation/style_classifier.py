@@ -1,4 +1,4 @@
-"""A machine observer: which emotion a motion shows, judged by joint angles and speeds alone.
+"""A style classifier: which emotion a motion shows, judged by joint angles and speeds alone.
 
 Linear discriminant analysis of a few named features of one high five, the classifier that leaves least to be chosen. It
 learns from captured motion and then judges motion that a model generated: if the emotion survives generation and
@@ -56,7 +56,7 @@ class Motion:
     """One high five of one body.
 
     Attributes:
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         joints: (T, 3 J) rad, rotation vectors relative to the rest pose.
         palm: (T, 3) m, the right palm's centre.
     """
@@ -114,7 +114,7 @@ def _angular_speed(turns: Array, rate_hz: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Observer:
+class StyleClassifier:
     """A fitted linear discriminant.
 
     Attributes:
@@ -138,7 +138,7 @@ class Observer:
         return [self.emotions[k] for k in self.probabilities(values).argmax(axis=1)]
 
 
-def fit_observer(values: Array, labels: Sequence[str]) -> Observer:
+def fit_style_classifier(values: Array, labels: Sequence[str]) -> StyleClassifier:
     """Learns from features (N, F) of motions and the emotion of each.
 
     Raises:
@@ -148,8 +148,10 @@ def fit_observer(values: Array, labels: Sequence[str]) -> Observer:
     index = np.array([emotions.index(label) for label in labels])
     counts = np.bincount(index, minlength=len(emotions))
     if len(emotions) < 2 or counts.min() < 2:
-        told = ", ".join(f"{count} of {emotion}" for emotion, count in zip(emotions, counts, strict=True))
-        raise HighFiveError(f"an observer learns from two or more motions of two or more emotions; there are {told}")
+        counted = ", ".join(f"{count} of {emotion}" for emotion, count in zip(emotions, counts, strict=True))
+        raise HighFiveError(
+            f"a classifier learns from two or more motions of two or more emotions; there are {counted}"
+        )
     means = np.stack([values[index == k].mean(axis=0) for k in range(len(emotions))])
     within = values - means[index]
     degrees = max(len(values) - len(emotions), 1)
@@ -157,7 +159,7 @@ def fit_observer(values: Array, labels: Sequence[str]) -> Observer:
     within, means = within / scale, means / scale
     covariance = (1.0 - SHRINKAGE) * within.T @ within / degrees + SHRINKAGE * np.eye(values.shape[1])
     weights = np.linalg.solve(covariance, means.T)
-    return Observer(emotions, weights / scale[:, None], -0.5 * (means.T * weights).sum(axis=0))
+    return StyleClassifier(emotions, weights / scale[:, None], -0.5 * (means.T * weights).sum(axis=0))
 
 
 def confusion(shown: Sequence[str], seen: Sequence[str]) -> dict[str, dict[str, int]]:

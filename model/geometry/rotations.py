@@ -109,7 +109,7 @@ def from_matrix(matrix: ArrayLike) -> Array:
     return normalize(np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :])
 
 
-def about_axis(axis: str, angle: ArrayLike) -> Array:
+def from_axis_angle(axis: str, angle: ArrayLike) -> Array:
     """Quaternions (..., 4) of a rotation by ``angle`` (rad) about the coordinate axis ``'x'``, ``'y'`` or ``'z'``."""
     angle = np.asarray(angle, dtype=float)
     q = np.zeros((*angle.shape, 4))
@@ -117,17 +117,20 @@ def about_axis(axis: str, angle: ArrayLike) -> Array:
     return q
 
 
-def from_hinges(order: str, angles: ArrayLike) -> Array:
-    """Quaternions (..., 4) of three hinges in a chain: ``order`` such as ``'yxz'`` names axes from parent to child."""
+def from_euler(order: str, angles: ArrayLike) -> Array:
+    """Quaternions (..., 4) of Euler angles (..., 3), rad, intrinsic.
+
+    ``order``, such as ``'yxz'``, names the axes from parent to child.
+    """
     angles = np.asarray(angles, dtype=float)
-    first, second, third = (about_axis(axis, angles[..., i]) for i, axis in enumerate(order))
+    first, second, third = (from_axis_angle(axis, angles[..., i]) for i, axis in enumerate(order))
     return multiply(multiply(first, second), third)
 
 
-def to_hinges(order: str, quaternion: ArrayLike) -> Array:
-    """Angles (..., 3), rad, of three hinges in a chain (Tait–Bryan angles); the second lies in [-pi/2, pi/2].
+def to_euler(order: str, quaternion: ArrayLike) -> Array:
+    """Euler angles (..., 3), rad, intrinsic, of three different axes (Tait–Bryan); the second lies in [-pi/2, pi/2].
 
-    Inverse of :func:`from_hinges` away from the singularity at a second angle of ±pi/2.
+    Inverse of :func:`from_euler` away from the singularity at a second angle of ±pi/2.
     """
     i, j, k = (_AXIS[axis] for axis in order)
     sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
@@ -144,7 +147,7 @@ def slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
     return multiply(a, from_rotation_vector(np.asarray(fraction, dtype=float)[..., None] * step))
 
 
-def between(a: ArrayLike, b: ArrayLike) -> Array:
+def rotation_between(a: ArrayLike, b: ArrayLike) -> Array:
     """Smallest rotation (..., 4) that turns unit vectors ``a`` (..., 3) into unit vectors ``b`` (..., 3)."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     cosine = np.sum(a * b, axis=-1, keepdims=True)

@@ -91,7 +91,7 @@ class Skeleton:
     def to_hinges(self, quaternions: Array) -> Array:
         """Hinge angles (..., J, 3), rad, of joint rotations (..., J, 4).
 
-        The same as :func:`highfive.model.geometry.rotations.to_hinges` joint by joint, in one pass, but each angle in
+        The same as :func:`highfive.model.geometry.rotations.to_euler` joint by joint, in one pass, but each angle in
         the turn nearest the middle of its limits: near ±pi rounding would decide.
         """
         joints, axes, sign, middle = self._hinges
@@ -158,7 +158,7 @@ class Skeleton:
 
     @cached_property
     def _chains(self) -> dict[str, tuple[list[int], Skeleton]]:
-        """What :meth:`chain_to` was asked for before: a chain works out its levels once."""
+        """What :meth:`chain_to` was called with before: a chain works out its levels once."""
         return {}
 
     def forward_kinematics(self, root_in_world: Array, quaternions: Array) -> tuple[Array, Array]:
@@ -192,5 +192,5 @@ def skeleton_from_table(
     offsets = np.array([c - (centres[p] if p >= 0 else 0.0) for c, p in zip(centres, parents, strict=True)])
     orders = tuple(hinges[name][0] for name in names)
     limits = np.radians([hinges[name][1] for name in names])
-    rest = [rotations.from_hinges(hinges[n][0], np.radians(rest_degrees.get(n, (0.0, 0.0, 0.0)))) for n in names]
+    rest = [rotations.from_euler(hinges[n][0], np.radians(rest_degrees.get(n, (0.0, 0.0, 0.0)))) for n in names]
     return Skeleton(names, parents, offsets, orders, limits, np.array(rest))

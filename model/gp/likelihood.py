@@ -114,7 +114,7 @@ def negative_log_likelihood(
         covariance: the covariance functions.
         channels: number D of channels of Y.
         variational: whether to add (tr K_ff − tr Q) D / (2 noise).
-        shards: equal parts of the points that are summed up separately, one a device.
+        shards: equal parts of the points that are summed up separately, one per device.
         parameters: tree of what the covariances depend on.
         points: the points; there is no derivative by styles and weights.
         noise: () variance of the noise.

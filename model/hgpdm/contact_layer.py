@@ -1,8 +1,8 @@
 """Looking ahead: where and when the palms will meet, and how far to trust that.
 
 The contact layer is a sparse GP beside the hierarchy, from what the back projection sees of the hand to the way and
-the time that are left. It knows the approach alone, and no style: the person is the same whatever the avatar is asked
-to be. Rolling the latent dynamics ahead was the alternative; it forecasts less well, since X¹ keeps only as much of
+the time that are left. It knows the approach alone, and no style: the person is the same whatever style the avatar
+has. Rolling the latent dynamics ahead was the alternative; it forecasts less well, since X¹ keeps only as much of
 where in the room the palms will meet as the pose needs (36 held-out simulated trials, 0.2 s before contact, median:
 2.0 cm against 3.3 to 3.4).
 """

@@ -47,7 +47,7 @@ def precision(time: Array) -> Array:
     """How far frames (n,) count whose contact is ``time`` s away, against one that is ``FAR`` away.
 
     What a hand does not yet know of its way (its speed will change, the other may still move) makes it err by so many
-    metres a second of the time left: the noise's standard deviation grows with it. One noise for all frames lets those
+    metres per second of the time left: the noise's deviation grows with it. One noise for all frames lets those
     far away blur those near contact: 36 held-out simulated trials, angry, 0.1 s before contact, median: 1.5 cm
     against 3.0.
     """

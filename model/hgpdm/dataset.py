@@ -93,8 +93,8 @@ def hand_history(trial: Trial, times: Array, history: Sequence[float]) -> Array:
     """
     frames = np.arange(len(trial.hand_points)) / trial.rate_hz
     points = trial.hand_points.reshape(len(frames), HAND_DIMS)
-    wanted = np.asarray(times)[:, None] - np.array([0.0, *history])
-    return np.stack([np.interp(wanted, frames, points[:, d]) for d in range(HAND_DIMS)], axis=-1)
+    times = np.asarray(times)[:, None] - np.array([0.0, *history])
+    return np.stack([np.interp(times, frames, points[:, d]) for d in range(HAND_DIMS)], axis=-1)
 
 
 def output_channels(trial: Trial, times: Array) -> Array:
@@ -114,7 +114,7 @@ def check_trial(trial: Trial, number: int, joints: int) -> None:
     where = f"trial {number} ({trial.emotion or 'no emotion'}, cell {trial.cell or '?'})"
     frames = len(trial.hand_points)
     if trial.rate_hz < MINIMUM_RATE:
-        raise HighFiveError(f"{where} has {trial.rate_hz:g} frames a second; at least {MINIMUM_RATE:g} are needed")
+        raise HighFiveError(f"{where} has {trial.rate_hz:g} frames per second; at least {MINIMUM_RATE:g} are needed")
     expected = {"hand_points": (frames, 2, 3), "joints": (frames, joints)}
     expected |= {name: (frames, 3) for name in ("root", "palm")}
     for name, shape in expected.items():
@@ -152,8 +152,8 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
         raise HighFiveError(f"no training trial of emotion {', '.join(missing)}; there are {', '.join(found)}")
 
     seconds = sum(len(trial.joints) / trial.rate_hz for trial in trials)
-    wanted = max(preset.points / seconds, MINIMUM_SAMPLE_RATE)
-    highest = min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), wanted)
+    rate = max(preset.points / seconds, MINIMUM_SAMPLE_RATE)
+    highest = min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), rate)
     times = [np.arange(0.0, (len(trial.joints) - 1) / trial.rate_hz + 1e-9, 1.0 / highest) for trial in trials]
     history = np.concatenate([hand_history(t, at, preset.history) for t, at in zip(trials, times, strict=True)])
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])

@@ -145,7 +145,7 @@ class Problem:
 
     @property
     def shards(self) -> int:
-        """Equal parts of the points whose sums are taken separately, one a device."""
+        """Equal parts of the points whose sums are taken separately, one per device."""
         return 1 if self.mesh is None else self.mesh.size
 
 
@@ -282,6 +282,6 @@ def terms(parameters: Parameters, task: Problem, points: PointArrays | None = No
 
 def objective(parameters: Parameters, task: Problem, points: PointArrays | None = None) -> jax.Array:
     """Negative log joint density a training point, from the points given, or from those of the task."""
-    if task.mesh is not None:  # the gradient, too, is wanted whole on every device
+    if task.mesh is not None:  # the gradient, too, is needed whole on every device
         parameters = jax.lax.with_sharding_constraint(parameters, NamedSharding(task.mesh, PartitionSpec()))
     return sum(terms(parameters, task, points).values(), start=jnp.zeros(())) / len(task.data.trial)

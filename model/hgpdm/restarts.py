@@ -97,7 +97,7 @@ class _Memory:
         self.keep(None)
 
     def keep(self, state: State | None) -> None:
-        """Writes everything; a disk that takes nothing is told once, and training goes on."""
+        """Writes everything; a disk that takes nothing is reported once, and training goes on."""
         self.state = state
         if self.checkpoint is None:
             return

@@ -195,13 +195,13 @@ def _check_shapes(model: HGPDM) -> None:
     """Raises ValueError unless the layers fit together."""
     preset, history = model.preset, HAND_DIMS * (len(model.preset.history) + 1)
     dims, below = preset.interaction_dims, preset.avatar_dims + preset.human_dims
-    wanted = {
+    expected = {
         "dynamics": (2 * dims, dims),
         "interaction": (dims, below),
         "human": (preset.human_dims, HAND_DIMS),
         "avatar": (preset.avatar_dims, model.joints + AUXILIARY),
     }
-    for name, (inputs, outputs) in wanted.items():
+    for name, (inputs, outputs) in expected.items():
         _check_layer(name, getattr(model, name), inputs, outputs)
     inputs = len(model.feature_map.offset)
     if model.feature_map.matrix.shape != (inputs, history):

@@ -43,7 +43,7 @@ from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
 
 BACK_NOISE = 0.05  # standard deviation of I and X¹ given the hand where they are learned functions of it: smooths ticks
-UNEXPLAINED = 0.2  # share of the prior's standard deviation, where inducing inputs are far, that these functions doubt
+UNEXPLAINED = 0.2  # share of the prior's standard deviation, where inducing inputs are far, that these functions add
 BACK_BOUNDS = (1e-2, 1.0)  # bounds of that noise where r and s are regressions fitted after training
 BACK_ITERATIONS = 60  # steps for each of those regressions
 
@@ -66,7 +66,7 @@ def train(
         trials: recorded trials; those with ``test`` set are left out.
         preset: a preset or the name of one.
         emotions: order of the styles; by default in order of appearance.
-        inducing: inducing inputs a layer.
+        inducing: inducing inputs per layer.
         seed: seed of the choice of inducing inputs.
         skeleton_hash: stored in the model, so that it is not used with another skeleton.
         progress: called after every step.

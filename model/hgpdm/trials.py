@@ -13,7 +13,7 @@ class Trial:
     """One recorded trial of two people, sampled at ``rate_hz`` on one clock.
 
     Attributes:
-        rate_hz: frames a second.
+        rate_hz: frames per second.
         hand_points: (T, 2, 3) m, the person's wrist and knuckle centre (the paper's Y²).
         joints: (T, D) rad, the avatar actor's joint rotations as rotation vectors relative to the rest pose (the
             paper's Y¹, D = 159).

@@ -126,9 +126,9 @@ class Filter:
         style = np.full(self._styles, 1.0 / self._styles)
         belief = self.initial(style)
         self.predict(belief.latent, belief.covariance, self.lag)
-        self.measure(belief.hands)
+        self.observe(belief.hands)
         self.step(belief, belief.generated_hand, np.ones(self._coordinates), style)
-        self.foresee(belief)
+        self.forecast_contact(belief)
 
     def initial(self, style: Array) -> Belief:
         """The belief before any hand was seen: where training trials begin."""
@@ -144,12 +144,12 @@ class Filter:
         size = len(self._start)
         return predict(self._plan, self._moving_by(seconds), _own(latent, size), _own(covariance, size, size))
 
-    def measure(self, hands: Array) -> tuple[Array, Array]:
+    def observe(self, hands: Array) -> tuple[Array, Array]:
         """What the back projections make of the hand's last ticks (L, 2, P): mean (B,) and covariance (B, B).
 
         First I (q), then X¹ where it is projected, too. The uncertainty of the hand passes through; the back projection
         adds its own, which is large far from the training data. That part stays the same from tick to tick, so it is
-        counted once a lag and not once a tick.
+        counted once a lag and not once per tick.
         """
         return observe(self._plan, self._plan.ticks, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
 
@@ -177,7 +177,7 @@ class Filter:
         variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
         return step(self._plan, belief, hand is not None, seen, variance, weights)
 
-    def foresee(self, belief: Belief) -> ContactForecast | None:
+    def forecast_contact(self, belief: Belief) -> ContactForecast | None:
         """Where and when the palms will meet, as the hand's last ticks say; None where nothing was learned of it."""
         if self._contact is None or self._contact_layer is None:
             return None

@@ -75,9 +75,9 @@ def predict_layer(layer: Array, point: Array, style: Array) -> tuple[Array, Arra
     for j in range(dims):
         prior += linear[j] * point[j] * point[j]
     variance = max(own * prior - _quadratic(reduction, towards[0]), 0.0)
-    mean, slope, doubt = np.empty(channels), np.empty((channels, dims)), np.empty(channels)
+    mean, slope, variances = np.empty(channels), np.empty((channels, dims)), np.empty(channels)
     for d in range(channels):
-        doubt[d] = (variance + noise[d]) * units[d]
+        variances[d] = (variance + noise[d]) * units[d]
         own_weights = weights[d * size : (d + 1) * size]
         total = 0.0
         for m in range(size):
@@ -90,7 +90,7 @@ def predict_layer(layer: Array, point: Array, style: Array) -> tuple[Array, Arra
             for m in range(size):
                 total += own_weights[m] * towards[1 + j, m]
             slope[d, j] = total
-    return mean, slope, doubt
+    return mean, slope, variances
 
 
 @compiled
@@ -155,23 +155,23 @@ def _quadratic(triangle: Array, vector: Array) -> float:
 
 
 @compiled
-def propagated_variance(slope: Array, covariance: Array, doubt: Array, repeats: float) -> Array:
-    """Covariance (D, D) of channels with variances ``doubt`` (D,) of their own, counted ``repeats`` times.
+def propagated_variance(slope: Array, covariance: Array, variances: Array, repeats: float) -> Array:
+    """Covariance (D, D) of channels with variances ``variances`` (D,) of their own, counted ``repeats`` times.
 
     Their input (q,) has the upper left part of ``covariance``.
     """
     result = times_transposed(times(slope, covariance), slope)
-    for d in range(len(doubt)):
-        result[d, d] += repeats * doubt[d]
+    for d in range(len(variances)):
+        result[d, d] += repeats * variances[d]
     return result
 
 
 @compiled
-def propagated_deviations(slope: Array, covariance: Array, first: int, doubt: Array) -> Array:
+def propagated_deviations(slope: Array, covariance: Array, first: int, variances: Array) -> Array:
     """Standard deviations (D,) of channels; their input's covariance begins at ``first`` on the diagonal."""
-    result = np.empty(len(doubt))
-    for d in range(len(doubt)):
-        total = doubt[d]
+    result = np.empty(len(variances))
+    for d in range(len(variances)):
+        total = variances[d]
         for i in range(slope.shape[1]):
             for j in range(slope.shape[1]):
                 total += slope[d, i] * covariance[first + i, first + j] * slope[d, j]

@@ -120,7 +120,7 @@ class ReactionModel(Protocol):
         ...
 
     def start(self, style: Array, rate_hz: float) -> OnlineResponder:
-        """A responder at ``rate_hz`` ticks a second, with nothing left to compile."""
+        """A responder at ``rate_hz`` ticks per second, with nothing left to compile."""
         ...
 
 

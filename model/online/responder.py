@@ -50,7 +50,7 @@ class Response:
         latent, latent_covariance: (q,) and (q, q) of the interaction latent I.
         ahead: s, how far after the last tick this holds; 0 for the answer of a tick.
         generated: the channels and the hand, with their deviations.
-        foresee: makes :attr:`contact`.
+        forecast_contact: makes :attr:`contact`.
     """
 
     joints: Array
@@ -64,19 +64,19 @@ class Response:
     latent_covariance: Array
     ahead: float
     generated: Generated = field(repr=False, compare=False)
-    foresee: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
+    forecast_contact: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
 
     @property
     def contact(self) -> ContactForecast | None:
         """Where and when the palms will meet, as the contact layer forecasts it: better, and with a covariance.
 
-        None in a response ahead, or where the model has no such layer. Worked out when it is first asked for.
+        None in a response ahead, or where the model has no such layer. Worked out when it is first requested.
         """
-        return self._foreseen
+        return self._forecast_contactn
 
     @cached_property
-    def _foreseen(self) -> ContactForecast | None:
-        return self.foresee()
+    def _forecast_contactn(self) -> ContactForecast | None:
+        return self.forecast_contact()
 
     @property
     def in_distribution(self) -> bool:
@@ -123,10 +123,10 @@ class Responder:
         Args:
             model: the trained model.
             style_weights: an emotion's name, a mapping of names to weights, or (K,) weights that sum to one.
-            rate_hz: ticks a second.
+            rate_hz: ticks per second.
         """
         if not (math.isfinite(rate_hz) and rate_hz > 0.0):
-            raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks a second")
+            raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks per second")
         self._model, self._where = model, model.channels
         self._style = _checked(style_weights, model)
         self._filter, self._inertializer = Filter(model, rate_hz), Inertializer(1.0 / rate_hz)
@@ -181,8 +181,8 @@ class Responder:
         self._belief = belief
         # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
         generated = generated._replace(avatar=self._inertializer.step(generated.avatar, changed))
-        foresee = partial(self._filter.foresee, self._belief)
-        return self._response(self._belief.latent, self._belief.covariance, generated, foresee, 0.0)
+        forecast_contact = partial(self._filter.forecast_contact, self._belief)
+        return self._response(self._belief.latent, self._belief.covariance, generated, forecast_contact, 0.0)
 
     def forecast(self, horizon_s: float) -> list[Response]:
         """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
@@ -201,7 +201,7 @@ class Responder:
         latent: Array,
         covariance: Array,
         generated: Generated,
-        foresee: Callable[[], ContactForecast | None],
+        forecast_contact: Callable[[], ContactForecast | None],
         ahead: float,
     ) -> Response:
         where, dims, mean = self._where, self._model.preset.interaction_dims, generated.avatar
@@ -219,7 +219,7 @@ class Responder:
             latent_covariance=covariance[:dims, :dims],
             ahead=ahead,
             generated=generated,
-            foresee=foresee,
+            forecast_contact=forecast_contact,
         )
 
 

@@ -18,7 +18,7 @@ from highfive.model.online.layer import (
 from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
 
 SPEED_SPAN = 4  # ticks over which the speed of a hand is taken that is about to be hidden: fewer are too noisy
-COVARIANCE_LIMIT = 10.0  # variance of a latent beyond which more doubt means nothing (the data have variance 1)
+COVARIANCE_LIMIT = 10.0  # variance of a latent beyond which more means nothing (the data have variance 1)
 
 
 # Loops are spelled out: a call of BLAS costs more than these products do and may wait for its threads, and expressions
@@ -30,7 +30,7 @@ def predict(plan: Plan, moving: Moving, latent: Array, covariance: Array) -> tup
     """The belief over (I now, I one lag ago) a time later: the dynamics, linearised."""
     size, none = len(latent), np.ones(1)
     for _ in range(moving.substeps):
-        change, slope, doubt = predict_layer(plan.dynamics, times_vector(plan.inputs, latent), none)
+        change, slope, variances = predict_layer(plan.dynamics, times_vector(plan.inputs, latent), none)
         reach = times(slope, plan.inputs)  # (q, 2 q), the change's derivative by the latents
         transition, ahead = moving.steady.copy(), times_vector(moving.steady, latent)
         for i in range(size):
@@ -41,8 +41,8 @@ def predict(plan: Plan, moving: Moving, latent: Array, covariance: Array) -> tup
         latent, covariance = ahead, times_transposed(times(transition, covariance), transition)
         largest = 0.0
         for i in range(size):
-            if i < len(doubt):
-                covariance[i, i] += moving.fraction * doubt[i]
+            if i < len(variances):
+                covariance[i, i] += moving.fraction * variances[i]
             largest = max(largest, covariance[i, i])
         if largest > COVARIANCE_LIMIT:
             for i in range(size):
@@ -82,8 +82,8 @@ def observe(plan: Plan, ticks: Array, hands: Array) -> tuple[Array, Array]:
     none, begin = np.ones(1), 0
     while begin < len(plan.back):
         layer = plan.back[begin:]
-        value, slope, doubt = predict_layer(layer, value, none)
-        covariance = propagated_variance(slope, covariance, doubt, plan.repeats)
+        value, slope, variances = predict_layer(layer, value, none)
+        covariance = propagated_variance(slope, covariance, variances, plan.repeats)
         begin += int(layer[0])
     return value, covariance
 
@@ -114,16 +114,16 @@ def update(latent: Array, covariance: Array, value: Array, noise: Array) -> tupl
 @compiled_entry
 def generate(plan: Plan, latent: Array, covariance: Array, residual: Array, style: Array) -> Generated:
     """Down the hierarchy from (I, …), its covariance and the residual: I → X¹, X² → Y¹, Y², linearised."""
-    below, slope, doubt = predict_layer(plan.interaction, latent, np.ones(1))
-    return _output(plan, below, slope, doubt, covariance, residual, style)
+    below, slope, variances = predict_layer(plan.interaction, latent, np.ones(1))
+    return _output(plan, below, slope, variances, covariance, residual, style)
 
 
 @compiled
-def _residual(plan: Plan, before: Array, below: Array, doubt: Array, value: Array, noise: Array) -> Array:
+def _residual(plan: Plan, before: Array, below: Array, variances: Array, value: Array, noise: Array) -> Array:
     """The residual (2, q_1) one tick after ``before``, by a Kalman filter for each dimension.
 
     What X¹ has beyond I does not come anew each tick: it dies away, an Ornstein-Uhlenbeck process whose variance is the
-    interaction layer's ``doubt``. ``value`` (q_1,) is X¹ as the hand has it, of covariance ``noise``; empty where the
+    interaction layer's ``variances``. ``value`` (q_1,) is X¹ by the hand, of covariance ``noise``; empty where the
     hand is hidden.
     """
     residual, left = np.empty_like(before), plan.residual_left
@@ -131,7 +131,7 @@ def _residual(plan: Plan, before: Array, below: Array, doubt: Array, value: Arra
         residual[0, d] = left * before[0, d]
         residual[1, d] = left**2 * before[1, d] + 1.0 - left**2
         if len(value) > 0:
-            variance = residual[1, d] * doubt[d]
+            variance = residual[1, d] * variances[d]
             gain = variance / (variance + noise[d, d])
             residual[0, d] += gain * (value[d] - below[d] - residual[0, d])
             residual[1, d] *= 1.0 - gain
@@ -140,18 +140,18 @@ def _residual(plan: Plan, before: Array, below: Array, doubt: Array, value: Arra
 
 @compiled
 def _output(
-    plan: Plan, below: Array, slope: Array, doubt: Array, covariance: Array, residual: Array, style: Array
+    plan: Plan, below: Array, slope: Array, variances: Array, covariance: Array, residual: Array, style: Array
 ) -> Generated:
     """Y¹ and Y² from X¹ and X², whose mean is ``below``, whose derivative by I is ``slope``, beside the residual."""
     none = np.ones(1)
     for d in range(residual.shape[1]):
         below[d] += residual[0, d]
-        doubt[d] *= residual[1, d]
-    spread = propagated_variance(slope, covariance, doubt, 1.0)
-    avatar, avatar_slope, doubt = predict_layer(plan.avatar, below, style)
-    avatar_deviations = propagated_deviations(avatar_slope, spread, 0, doubt)
-    human, slope, doubt = predict_layer(plan.human, below[plan.human_first :], none)
-    human_deviations = propagated_deviations(slope, spread, plan.human_first, doubt)
+        variances[d] *= residual[1, d]
+    spread = propagated_variance(slope, covariance, variances, 1.0)
+    avatar, avatar_slope, variances = predict_layer(plan.avatar, below, style)
+    avatar_deviations = propagated_deviations(avatar_slope, spread, 0, variances)
+    human, slope, variances = predict_layer(plan.human, below[plan.human_first :], none)
+    human_deviations = propagated_deviations(slope, spread, plan.human_first, variances)
     return Generated(avatar, avatar_deviations, avatar_slope, human, human_deviations, spread)
 
 
@@ -159,22 +159,22 @@ def _output(
 def forecast(plan: Plan, contact: Array, hands: Array) -> tuple[Array, Array]:
     """The ``contact`` layer, packed, at the hand's last ticks (L, 2, P): mean (D,) and covariance (D, D)."""
     value, covariance = features(plan, plan.ticks, hands)
-    mean, slope, doubt = predict_layer(contact, value, np.ones(1))
-    return mean, propagated_variance(slope, covariance, doubt, 1.0)
+    mean, slope, variances = predict_layer(contact, value, np.ones(1))
+    return mean, propagated_variance(slope, covariance, variances, 1.0)
 
 
 @compiled
-def remember(belief: Belief, seen: bool, hand: Array, variance: Array, carried_on: Array, doubt: Array) -> Array:
+def remember(belief: Belief, seen: bool, hand: Array, variance: Array, carried_on: Array, variances: Array) -> Array:
     """The hand's last ticks (L, 2, P), one tick later.
 
-    A hidden hand is ``carried_on`` with its ``doubt``. Once it is back, what was made up is replaced: the ticks in
+    A hidden hand is ``carried_on`` with its ``variances``. Once it is back, what was made up is replaced: the ticks in
     between lie on the parabola that leaves the last one seen with the speed it had then, and are doubted as a Brownian
     bridge is. Left in place, they would mislead the features for as long as these look back.
     """
     count, gap = len(belief.hands), belief.away
     hands = np.empty_like(belief.hands)
     for p in range(len(hand)):
-        hands[0, 0, p], hands[0, 1, p] = (hand[p], variance[p]) if seen else (carried_on[p], doubt[p])
+        hands[0, 0, p], hands[0, 1, p] = (hand[p], variance[p]) if seen else (carried_on[p], variances[p])
         for n in range(1, count):
             for row in range(2):
                 hands[n, row, p] = belief.hands[n - 1, row, p] if belief.started else hands[0, row, p]
@@ -208,12 +208,12 @@ def step(
     latent, covariance, first = belief.latent, belief.covariance, seen and not belief.started
     if belief.started:
         latent, covariance = predict(plan, plan.tick, latent, covariance)
-    carried_on, doubt = hand, variance
+    carried_on, variances = hand, variance
     if not seen:
         answer = generate(plan, latent, covariance, belief.residual, blend)
         carried_on = belief.hands[0, 0] + answer.human - belief.generated_hand
-        doubt = answer.human_deviations**2
-    hands = remember(belief, seen, hand, variance, carried_on, doubt)
+        variances = answer.human_deviations**2
+    hands = remember(belief, seen, hand, variance, carried_on, variances)
     dims, value, noise = len(latent) // 2, latent, covariance
     if seen:
         value, noise = observe(plan, plan.ticks, hands)

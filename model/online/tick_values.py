@@ -33,7 +33,7 @@ class Plan(NamedTuple):
         inputs: (2 q, 2 q) from (I now, I one lag ago) to the dynamics' input.
         features, feature_offset: (F, P (H + 1)) and (F,), the feature map.
         ticks, earlier: (H + 1, L) interpolate the hand's history, and that of one lag ago, from its last L ticks.
-        repeats: ticks a lag: how often a back projection's own doubt is met.
+        repeats: ticks a lag: how often a back projection's own variance is met.
         human_first: where X² begins in the interaction layer's output, after X¹.
         tick: one tick.
         style_share: how far each smoothing of the style goes in a tick.
@@ -63,7 +63,7 @@ class Belief(NamedTuple):
     Attributes:
         latent: (2 q,) mean of I now and one lag ago.
         covariance: (2 q, 2 q).
-        residual: (2, q_1) what X¹ has beyond what I says, and its variance as a share of the interaction layer's doubt.
+        residual: (2, q_1) what X¹ has beyond what I says, and its variance as a share of the interaction layer's.
         hands: (L, 2, P) the hand of the last L ticks, m, and its variances, m², newest first; predicted while unseen.
         away: ticks since the hand was last seen.
         generated_hand: (P,) m, the hand as the human layer generates it.
@@ -99,7 +99,7 @@ class Generated(NamedTuple):
     spread: Array
 
     def covariance(self, channels: slice) -> Array:
-        """Covariance (D', D') of some avatar channels: what they share through X¹, and the doubt of each."""
+        """Covariance (D', D') of some avatar channels: what they share through X¹, and the variance of each."""
         slope = self.avatar_slope[channels]
         dims = slope.shape[1]
         covariance = slope @ self.spread[:dims, :dims] @ slope.T

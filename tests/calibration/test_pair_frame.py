@@ -31,7 +31,7 @@ PAIR = (standing(1.1, np.pi), standing(0.0, 0.0))
 
 
 def moved(recording, scale, axes, turn, shift):
-    points = rotations.rotate(rotations.about_axis("z", turn), recording.points) + shift
+    points = rotations.rotate(rotations.from_axis_angle("z", turn), recording.points) + shift
     return replace(recording, points=scale * points @ axes.T)
 
 
@@ -55,7 +55,7 @@ def test_recordings_in_the_world_are_not_touched():
 
 
 def test_a_tilted_room_is_put_upright():
-    tilt = rotations.to_matrix(rotations.about_axis("y", 0.6))
+    tilt = rotations.to_matrix(rotations.from_axis_angle("y", 0.6))
     tilted = tuple(moved(r, 1.0, tilt, 0.0, np.zeros(3)) for r in PAIR)
     frame = find_frame([tilted], CENTRES, CENTRES)
     up = frame.apply(tilted[1]).points[0, CENTRES.indices(["head_top", "pelvis"])] @ np.array([0, 0, 1.0])

@@ -35,12 +35,12 @@ def moved(recording, turn, shift):
 # y up, z up and x down, each turned about the vertical and shifted on the floor.
 ELSEWHERE = [
     (
-        rotations.multiply(rotations.about_axis("x", -np.pi / 2), rotations.about_axis("z", 2.0)),
+        rotations.multiply(rotations.from_axis_angle("x", -np.pi / 2), rotations.from_axis_angle("z", 2.0)),
         np.array([2.0, 0.0, -1.0]),
     ),
-    (rotations.about_axis("z", -1.0), np.array([-1.0, 3.0, 0.0])),
+    (rotations.from_axis_angle("z", -1.0), np.array([-1.0, 3.0, 0.0])),
     (
-        rotations.multiply(rotations.about_axis("y", -np.pi / 2), rotations.about_axis("z", 0.5)),
+        rotations.multiply(rotations.from_axis_angle("y", -np.pi / 2), rotations.from_axis_angle("z", 0.5)),
         np.array([0.0, 1.0, 4.0]),
     ),
 ]

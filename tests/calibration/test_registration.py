@@ -36,7 +36,7 @@ def test_the_example_of_the_documentation_is_a_registration(tmp_path: Path) -> N
 
 
 def test_points_of_the_motion_capture_go_where_the_file_says(tmp_path: Path) -> None:
-    turn = rotations.about_axis("z", np.pi / 2)
+    turn = rotations.from_axis_angle("z", np.pi / 2)
     file = written(tmp_path, rotation=str(turn.tolist()), translation_m="[1.0, 2.0, 0.5]")
     points = np.array([[0.3, 0.0, 1.2], [0.0, -0.4, 0.0]])
     expected = np.array([[1.0, 2.3, 1.7], [1.4, 2.0, 0.5]])  # x to y, y to -x, then shifted

@@ -106,7 +106,7 @@ def test_real_people_are_fitted_to_millimetres(recordings, who):
     assert np.degrees(step) < 25.0  # between frames at 120 Hz: no joint jumps
 
 
-def test_people_are_told_apart_by_their_limbs():
+def test_people_are_distinguished_by_their_limbs():
     centres = load_marker_set("joint_centres")
 
     def recording(body, seed):

@@ -30,9 +30,9 @@ def predicted(posterior: Posterior, point: Array, style: Array | None = None) ->
     return mean(point), jax.jacrev(mean)(point), (variance + posterior.noise) * posterior.scale**2
 
 
-def carried(slope: Array, spread: Array, doubt: Array) -> Array:
+def carried(slope: Array, spread: Array, variances: Array) -> Array:
     """Covariance of channels whose input has the covariance ``spread``."""
-    return slope @ spread @ slope.T + np.diag(doubt)
+    return slope @ spread @ slope.T + np.diag(variances)
 
 
 def moved(model: HGPDM, latent: Array, covariance: Array, seconds: float) -> tuple[Array, Array]:
@@ -40,7 +40,7 @@ def moved(model: HGPDM, latent: Array, covariance: Array, seconds: float) -> tup
     dims, fraction, units = model.preset.interaction_dims, seconds / model.lag, np.eye(len(latent))
     inputs = np.asarray(dynamics_input(units[:, :dims], units[:, dims:], model.lag)).T  # both are linear
     ahead = np.asarray(dynamics_mean(units[:, :dims], units[:, dims:], model.lag, model.preset)).T
-    change, slope, doubt = predicted(model.dynamics, inputs @ latent)
+    change, slope, variances = predicted(model.dynamics, inputs @ latent)
     next_latent, next_slope = ahead @ latent + change, ahead + slope @ inputs
     means, slopes, identity = [], [], np.eye(2 * dims)
     for at in (fraction, fraction - 1.0):  # on the parabola through one lag ago, now and one lag ahead
@@ -48,7 +48,7 @@ def moved(model: HGPDM, latent: Array, covariance: Array, seconds: float) -> tup
         means.append(before * latent[dims:] + now * latent[:dims] + after * next_latent)
         slopes.append(before * identity[dims:] + now * identity[:dims] + after * next_slope)
     transition = np.concatenate(slopes)
-    noise = np.concatenate([fraction * doubt, np.zeros(dims)])
+    noise = np.concatenate([fraction * variances, np.zeros(dims)])
     covariance = transition @ covariance @ transition.T + np.diag(noise)
     return np.concatenate(means), covariance * min(1.0, COVARIANCE_LIMIT / np.diag(covariance).max())
 
@@ -60,8 +60,8 @@ def measured(model: HGPDM, hands: Array, rate: float, ago: float = 0.0) -> tuple
     matrix = model.feature_map.matrix
     value, covariance = model.feature_map(history[0]), matrix @ np.diag(history[1].reshape(-1)) @ matrix.T
     for stage in model.back:
-        value, slope, doubt = predicted(stage, value)
-        covariance = carried(slope, covariance, max(1.0, model.lag * rate) * doubt)
+        value, slope, variances = predicted(stage, value)
+        covariance = carried(slope, covariance, max(1.0, model.lag * rate) * variances)
     return value, covariance
 
 
@@ -76,10 +76,10 @@ def updated(latent: Array, covariance: Array, value: Array, noise: Array) -> tup
 def generated(model: HGPDM, latent: Array, covariance: Array, residual: Array, style: Array) -> Generated:
     """Down the hierarchy."""
     dims, split = model.preset.interaction_dims, model.preset.avatar_dims
-    below, slope, doubt = predicted(model.interaction, latent[:dims])
+    below, slope, variances = predicted(model.interaction, latent[:dims])
     below = np.concatenate([below[:split] + residual[0], below[split:]])
-    doubt = np.concatenate([doubt[:split] * residual[1], doubt[split:]])
-    return output(model, below, carried(slope, covariance[:dims, :dims], doubt), style)
+    variances = np.concatenate([variances[:split] * residual[1], variances[split:]])
+    return output(model, below, carried(slope, covariance[:dims, :dims], variances), style)
 
 
 def beyond(model: HGPDM, rate: float, before: Array, latent: Array, seen: Array, noise: Array) -> Array:
@@ -88,21 +88,21 @@ def beyond(model: HGPDM, rate: float, before: Array, latent: Array, seen: Array,
     mean, share = left * before[0], 1.0 - left**2 * (1.0 - before[1])
     if not len(seen):
         return np.stack([mean, share])
-    below, _, doubt = predicted(model.interaction, latent[: model.preset.interaction_dims])
+    below, _, variances = predicted(model.interaction, latent[: model.preset.interaction_dims])
     split = model.preset.avatar_dims
-    prior, measured_noise = share * doubt[:split], np.diag(noise)
+    prior, measured_noise = share * variances[:split], np.diag(noise)
     posterior = 1.0 / (1.0 / prior + 1.0 / measured_noise)
     mean = posterior * (mean / prior + (seen - below[:split]) / measured_noise)
-    return np.stack([mean, posterior / doubt[:split]])
+    return np.stack([mean, posterior / variances[:split]])
 
 
 def output(model: HGPDM, below: Array, spread: Array, style: Array) -> Generated:
     """Y¹ and Y²."""
     split = model.preset.avatar_dims
-    avatar, avatar_slope, doubt = predicted(model.avatar, below[:split], style)
-    deviations = np.sqrt(np.diag(carried(avatar_slope, spread[:split, :split], doubt)))
-    human, slope, doubt = predicted(model.human, below[split:])
-    human_deviations = np.sqrt(np.diag(carried(slope, spread[split:, split:], doubt)))
+    avatar, avatar_slope, variances = predicted(model.avatar, below[:split], style)
+    deviations = np.sqrt(np.diag(carried(avatar_slope, spread[:split, :split], variances)))
+    human, slope, variances = predicted(model.human, below[split:])
+    human_deviations = np.sqrt(np.diag(carried(slope, spread[split:, split:], variances)))
     return Generated(avatar, deviations, avatar_slope, human, human_deviations, spread)
 
 
@@ -138,9 +138,9 @@ def ticked(
     if not belief.started:
         hands = np.tile(newest, (len(hands), 1, 1))
     if hand is not None:
-        seen, doubt = measured(model, hands, rate)
+        seen, variances = measured(model, hands, rate)
         dims = model.preset.interaction_dims
-        value, noise = seen[:dims], doubt[:dims, :dims]
+        value, noise = seen[:dims], variances[:dims, :dims]
         if first:
             latent, covariance = np.tile(value, 2), np.kron(np.eye(2), noise)
         elif belief.away:
@@ -152,7 +152,7 @@ def ticked(
     share = 1.0 - np.exp(-1.0 / rate / STYLE_TIME)
     once = belief.style[0] + share * (style - belief.style[0])
     styles = np.stack([once, belief.style[1] + share * (once - belief.style[1])])
-    shown = (np.zeros(0), np.zeros((0, 0))) if hand is None else (seen[dims:], doubt[dims:, dims:])
+    shown = (np.zeros(0), np.zeros((0, 0))) if hand is None else (seen[dims:], variances[dims:, dims:])
     residual = beyond(model, rate, belief.residual, latent, *shown)
     answer = generated(model, latent, covariance, residual, styles[1])
     started, away = belief.started or hand is not None, 0 if hand is not None else belief.away + 1

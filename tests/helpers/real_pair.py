@@ -28,13 +28,13 @@ def write_real_set(recordings: Path, folder: Path, trials: int) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     whole = read_c3d(recordings / "high_five" / "cmu_20_21_11_high_five.c3d")
-    y_up = rotations.about_axis("x", -np.pi / 2)
+    y_up = rotations.from_axis_angle("x", -np.pi / 2)
     rows = []
     for number in range(trials):
         rng = np.random.default_rng(number)
         tempo = rng.uniform(0.9, 1.1)
         keep = slice(int(rng.integers(0, 25)), int(rng.integers(140, 183)))
-        points = rotations.rotate(rotations.about_axis("z", rng.uniform(-3, 3)), whole.points[keep])
+        points = rotations.rotate(rotations.from_axis_angle("z", rng.uniform(-3, 3)), whole.points[keep])
         points = rotations.rotate(y_up, points + np.append(rng.uniform(-1, 1, 2), 0.0))
         names = []
         for label in whole.names:

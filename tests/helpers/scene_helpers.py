@@ -37,6 +37,6 @@ def person_with_palm(position, normal, fingers=UP, velocity=(0.0, 0.0, 0.0), hea
     elbow = 0.5 * (shoulder + wrist) - [0.0, 0.0, 0.15]
     knuckles = wrist + 0.095 * fingers
     palm = PalmPose(position, normal, fingers, np.asarray(velocity, float))
-    facing = rotations.about_axis("z", np.pi)
+    facing = rotations.from_axis_angle("z", np.pi)
     points = np.stack([wrist, knuckles])
     return HumanArm(np.asarray(head, float), facing, shoulder, elbow, wrist, knuckles, palm, points, True, 0, 0)

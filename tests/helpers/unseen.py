@@ -158,7 +158,7 @@ def _write(path: Path, points: Array, export: Export, rng: np.random.Generator) 
         order = list(POINTS)
         swapped = [order.index("_".join(other.get(word, word) for word in order[m].split("_"))) for m in kept]
         room = room[:, :, [kept.index(m) for m in swapped]]
-    turn = rotations.about_axis("z", rng.uniform(-np.pi, np.pi))
+    turn = rotations.from_axis_angle("z", rng.uniform(-np.pi, np.pi))
     room = rotations.rotate(turn, room) + np.append(rng.uniform(-2.0, 2.0, 2), 0.3)
     room = room @ np.array(export.axes, dtype=float).T * export.unit[1]
     seen = np.ones(room.shape[:-1], dtype=bool)

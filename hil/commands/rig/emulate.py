@@ -1,4 +1,4 @@
-"""``highfive rig emulate``: servos on a pseudo-terminal until they are told to end."""
+"""``highfive rig emulate``: servos on a pseudo-terminal until they are ended."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator import Emulator
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, make_bus
 from highfive.hil.drivers.priority import go_first
-from highfive.hil.runtime.shutdown import until_told
+from highfive.hil.runtime.shutdown import until_ended
 from highfive.hil.safety.limits import JOINTS
 from highfive.model.errors import HighFiveError
 
@@ -22,7 +22,7 @@ from highfive.model.errors import HighFiveError
 def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str], None]) -> dict[str, Any]:
     """Serves the emulated bus until Ctrl-C or SIGTERM, or for so long; ``say`` gets lines for people.
 
-    The servos of an arm with our joints move its twin, others an inertia a joint.
+    The servos of an arm with our joints move its twin, others an inertia per joint.
 
     Every line that comes in on standard input replaces what goes wrong, with times that count from then.
 
@@ -37,7 +37,7 @@ def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str]
     if options.plant is None and tuple(joint.name for joint in rig.joints) == JOINTS:
         options = replace(options, plant=PLANT)
     bus = make_bus(options)
-    with until_told() as told, Emulator(bus, link=options.link) as emulator:
+    with until_ended() as end, Emulator(bus, link=options.link) as emulator:
         say(f"{emulator.port}: {rig.name}, {options.baud_rate or rig.baud_rate:,} baud")
         for joint in rig.joints:
             ids = " and ".join(map(str, joint.ids))
@@ -46,7 +46,7 @@ def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str]
         if _may_read_input():
             threading.Thread(target=_listen, args=(emulator, say), daemon=True).start()
         go_first()
-        summary = asdict(emulator.run(told.is_set, seconds))
+        summary = asdict(emulator.run(end.is_set, seconds))
     return {"port": emulator.port, "rig": rig.name, "servos": rig.models, **summary}
 
 

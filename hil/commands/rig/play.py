@@ -18,7 +18,7 @@ from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopp
 from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
-from highfive.hil.arm.lifecycle import check_asked, ready_arm
+from highfive.hil.arm.lifecycle import check_options, ready_arm
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.recording.recording import SessionRecorder, SessionRecording, read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
@@ -77,23 +77,25 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
 
 
 def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
-    check_asked(options.arm)  # before the session is read, which takes seconds
+    check_options(options.arm)  # before the session is read, which takes seconds
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     recording = read_recording(path)
-    asked = recorded_high_fives(recording, path)
-    wanted = _wanted(options, asked, path)
-    if absent := [number for number in wanted if number not in asked]:
-        known = ", ".join(map(str, asked))
+    recorded = recorded_high_fives(recording, path)
+    chosen = _chosen(options, recorded, path)
+    if absent := [number for number in chosen if number not in recorded]:
+        known = ", ".join(map(str, recorded))
         raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
-    about = _settings(recording, path, len(wanted))
-    say_aside(f"{counted(len(wanted), 'high five')}, {_duration([asked[number] for number in wanted])}")
+    about = _settings(recording, path, len(chosen))
+    say_aside(f"{counted(len(chosen), 'high five')}, {_duration([recorded[number] for number in chosen])}")
     with uninterrupted() as from_now_on:
-        trials, lag, end = _played([asked[number] for number in wanted], about, options.arm, folder, bar, from_now_on)
+        trials, lag, end = _played(
+            [recorded[number] for number in chosen], about, options.arm, folder, bar, from_now_on
+        )
         said = {"session": str(path), "port": options.arm.port}
         ended = {
             "stopped": end.why,
             "remedy": end.remedy,
-            "from": wanted[end.whole] if end.whole < len(wanted) else None,
+            "from": chosen[end.whole] if end.whole < len(chosen) else None,
         }
         summary = {**said, **arm_summary(trials, lag), **ended, "versions": versions()}
         _write_report(summary, trials, lag, options.arm.emulated, path, folder)
@@ -109,25 +111,25 @@ class _End:
     whole: int
 
 
-def _wanted(options: PlayOptions, asked: Mapping[int, ReferenceTrajectory], path: Path) -> tuple[int, ...]:
+def _chosen(options: PlayOptions, recorded: Mapping[int, ReferenceTrajectory], path: Path) -> tuple[int, ...]:
     """Numbers of the trials that are to be played."""
     begin = options.begin
-    wanted = tuple(number for number in options.trials or asked if begin is None or number >= begin)[: options.most]
-    if not wanted and asked:
-        raise HighFiveError(f"{path} has no high five from {begin} on; its last one is {max(asked)}")
-    return wanted
+    chosen = tuple(number for number in options.trials or recorded if begin is None or number >= begin)[: options.most]
+    if not chosen and recorded:
+        raise HighFiveError(f"{path} has no high five from {begin} on; its last one is {max(recorded)}")
+    return chosen
 
 
-def _duration(wanted: Sequence[ReferenceTrajectory]) -> str:
+def _duration(chosen: Sequence[ReferenceTrajectory]) -> str:
     """How long that takes, for people."""
-    seconds = sum(len(asked.goals) / RATE_HZ + BACK_S for asked in wanted)
+    seconds = sum(len(reference.goals) / RATE_HZ + BACK_S for reference in chosen)
     return (
         f"about {seconds / 60.0:.0f} minutes" if seconds > 90.0 else f"about {10.0 * math.ceil(seconds / 10.0):.0f} s"
     )
 
 
 def _played(
-    wanted: Sequence[ReferenceTrajectory],
+    chosen: Sequence[ReferenceTrajectory],
     about: SessionSettings,
     arm: ArmOptions,
     folder: Path,
@@ -144,11 +146,11 @@ def _played(
         recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
         ready()
         lag, stopped, remedy, whole = loop.retarget.settings.lag, "", "", 0
-        advance = bar("high fives", len(wanted))
-        for asked in wanted:
+        advance = bar("high fives", len(chosen))
+        for reference in chosen:
             try:
                 with going_first():
-                    trial = played_until_stopped(asked, loop)
+                    trial = played_until_stopped(reference, loop)
             except HighFiveError as error:
                 if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
                     recorder.discard()

@@ -49,7 +49,7 @@ def rig_reach(picture: Path | None, quick: bool, bar: Bar, *, overwrite: bool = 
 
         draw_reach(picture, chosen, found, replace=overwrite)
     return {
-        "chosen": _told(chosen),
+        "chosen": _described(chosen),
         "cells": {
             cell.cell: {
                 "reached": cell.reached,
@@ -61,7 +61,7 @@ def rig_reach(picture: Path | None, quick: bool, bar: Bar, *, overwrite: bool = 
         },
         "bases": len(found),
         "bases_with_all_cells": sum(reach.reached == len(CELLS) for reach in found),
-        "best": [_told(reach) for reach in found[:FINALISTS]],
+        "best": [_described(reach) for reach in found[:FINALISTS]],
         "picture": None if picture is None else str(picture),
     }
 
@@ -95,7 +95,7 @@ def _chosen() -> BaseReach:
     return from_ready(CHOSEN, arm, READY, [postures(arm, cell_point(cell), normal) for cell in CELLS])
 
 
-def _told(reach: BaseReach) -> dict[str, Any]:
+def _described(reach: BaseReach) -> dict[str, Any]:
     base, trial = reach.base, tried(reach)
     return {
         "height": base.height, "standoff": base.standoff, "side_deg": base.side, "tilt_deg": base.tilt,

@@ -42,7 +42,7 @@ class ScanOptions:
     Attributes:
         ports: paths; none for all that the system knows.
         bauds: rates to try, in this order; the first at which somebody answers is taken.
-        ids: asked for.
+        ids: requested.
     """
 
     ports: tuple[str, ...] = ()
@@ -60,7 +60,7 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
     if options.ports:
         paths = {port.path: port for port in known}
         known = [paths.get(path) or Port(path, "", latency_ms(path)) for path in options.ports]
-        for path in options.ports:  # what was asked for by name has to be there
+        for path in options.ports:  # what was requested by name has to be there
             if not Path(path).exists():
                 raise HighFiveError(
                     f"{path}: no such port; if rig emulate is to make it, wait until it says that it is there; the "
@@ -77,7 +77,7 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
         rows.append(row)
         for baud in options.bauds:
             try:
-                found, damaged = _asked(port.path, baud, options.ids)
+                found, damaged = _scanned(port.path, baud, options.ids)
             except PortError as error:
                 if options.ports:
                     raise
@@ -92,7 +92,7 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
     return {"ports": rows}
 
 
-def _asked(path: str, baud: int, ids: Sequence[int]) -> tuple[list[Found], list[int]]:
+def _scanned(path: str, baud: int, ids: Sequence[int]) -> tuple[list[Found], list[int]]:
     bus = ServoBus(path, baud, allowance_ms=PATIENCE_MS)
     try:
         return bus.scan(ids)

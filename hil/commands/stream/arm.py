@@ -52,18 +52,18 @@ def _angle(one: Array, other: Array) -> float:
     return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
 
-def choose_marker_set(labels: Sequence[str], wanted: str | None) -> MarkerSet | None:
-    """The set that was asked for, or the shipped one that fits; None where none does.
+def choose_marker_set(labels: Sequence[str], requested: str | None) -> MarkerSet | None:
+    """The set that was requested, or the shipped one that fits; None where none does.
 
     Raises:
-        HighFiveError: the set that was asked for does not exist, or needs markers that are not there.
+        HighFiveError: the set that was requested does not exist, or needs markers that are not there.
     """
-    if wanted is None:
+    if requested is None:
         try:
             return find_marker_set(labels)
         except HighFiveError:
             return None
-    marker_set = load_marker_set(wanted)
+    marker_set = load_marker_set(requested)
     nothing = np.zeros((len(labels), 3)), np.zeros(len(labels), dtype=bool)
     marker_set.arrange(labels, *nothing, required=marker_set.arm.markers)
     return marker_set

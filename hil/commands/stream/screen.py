@@ -1,4 +1,4 @@
-"""The screen of ``highfive stream``, and the one line a second where there is no terminal."""
+"""The screen of ``highfive stream``, and the one line per second where there is no terminal."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class StreamView:
     Attributes:
         title: the address.
         health: of the source.
-        nominal_hz: frames a second, as the system says.
+        nominal_hz: frames per second, as the system says.
         seen: what came.
         marker_set: name of the set, '' where none fits.
         arm: the right arm, or None.

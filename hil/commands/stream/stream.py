@@ -19,7 +19,7 @@ from highfive.hil.commands.stream.record import Recorder, recover
 from highfive.hil.commands.stream.screen import StreamView, arm_text, plain_line, screen
 from highfive.hil.commands.stream.statistics import StreamStatistics
 from highfive.hil.runtime.console import STDERR
-from highfive.hil.runtime.shutdown import Told, until_told
+from highfive.hil.runtime.shutdown import EndRequest, until_ended
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.address import open_source, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
@@ -45,7 +45,7 @@ class StreamOptions:
     Attributes:
         address: as :func:`highfive.mocap_bridge.sources.address.parse_address` reads it.
         person: prefix of the person's markers; None takes the only one there is.
-        seconds: end so long after the first frame; None until told to end.
+        seconds: end so long after the first frame; None until ended.
         record: C3D file for everything that comes.
         marker_set: name or path; None finds one.
         quiet: show nothing where there is no terminal.
@@ -62,7 +62,7 @@ class StreamOptions:
 
 
 def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]:
-    """Listens until the time is over, the file has ended, or it is told to end; ``say`` gets lines about it.
+    """Listens until the time is over, the file has ended, or it is ended; ``say`` gets lines about it.
 
     Returns:
         The summary. Its ``frames`` is 0 if none came; ``trouble`` then says why.
@@ -82,11 +82,11 @@ def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]
         prepare_tracker(say)  # the seconds count from the first frame
     try:
         sys.setswitchinterval(SWITCH_S)
-        with until_told() as told:
+        with until_ended() as end:
             source = open_source(address, options.person, tap=recorder)
             listener = _Listener(options, source)
             try:
-                listener.run(told, recorder)
+                listener.run(end, recorder)
             finally:
                 summary = listener.summary(address)
                 listener.close()
@@ -119,12 +119,12 @@ class _Listener:
         self._arm: ArmThread | None = None
         self._marker_set: str | None = None  # not looked for yet; '' where none fits
         self._first: tuple[MarkerFrame, SourceHealth] | None = None  # and how the source was then
-        self._told: str | None = None  # why nothing comes
+        self._reported: str | None = None  # why nothing comes
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._take, name="statistics", daemon=True)
         self._thread.start()
 
-    def run(self, told: Told, recorder: Recorder | None) -> None:
+    def run(self, end: EndRequest, recorder: Recorder | None) -> None:
         """Shows what comes until it is over."""
         on_screen = STDERR.is_terminal
         pause = 1.0 / _SCREENS_A_SECOND
@@ -134,7 +134,7 @@ class _Listener:
         if live is not None:
             live.start()
         try:
-            while not told.wait(min(pause, self._left())):
+            while not end.wait(min(pause, self._left())):
                 self._follow_arm()
                 if self._over(start):
                     break
@@ -151,9 +151,9 @@ class _Listener:
     def _tell(self, view: StreamView, waited_s: float) -> None:
         """A line about what comes; where nothing has come yet, about why, if that is not soon over and is news."""
         if self._first is None:
-            if waited_s < FIRST_FRAME_S or view.health.trouble == self._told:
+            if waited_s < FIRST_FRAME_S or view.health.trouble == self._reported:
                 return
-            self._told = view.health.trouble
+            self._reported = view.health.trouble
         STDERR.print(plain_line(view), markup=False, soft_wrap=True)
 
     def close(self) -> None:
@@ -259,7 +259,7 @@ class _Listener:
         return True
 
     def _rate(self, health: SourceHealth) -> float:
-        """Frames received a second, used or refused, from the first that was looked at to the newest, Hz."""
+        """Frames received per second, used or refused, from the first that was looked at to the newest, Hz."""
         if self._first is None:
             return 0.0
         elapsed = (health.arrived_ns - self._first[1].arrived_ns) * 1e-9

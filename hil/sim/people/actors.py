@@ -37,7 +37,7 @@ class PairTrial:
     """One simulated high five.
 
     Attributes:
-        emotion, cell, repetition: what was asked for.
+        emotion, cell, repetition: what was requested.
         person: the person, who stands at x about 1 m and faces -x.
         avatar: the avatar actor, at the origin, facing +x.
         contact_frame: frame at which the palms touch.
@@ -140,7 +140,7 @@ def _draw_pair(
     nominal = np.array([0.5 * distance, GRID_Y[column], GRID_Z[row]])
     point = nominal + np.clip(rng.normal(0.0, [0.015, 0.02, 0.02]), -0.05, 0.05)
     # Palms turned a little to each one's left, as forearms can; straight on, the forearms run into their limits.
-    facing = rotations.about_axis("z", np.radians(40.0))
+    facing = rotations.from_axis_angle("z", np.radians(40.0))
     normal = rotations.rotate(rotations.multiply(_jitter(rng, 5.0), facing), [1.0, 0.0, 0.0])
 
     start = rng.uniform(0.25, 0.45)
@@ -152,7 +152,7 @@ def _draw_pair(
     individuals = [draw_individual(rng) for _ in performers]
     palms = [comfortable_palm(b, style, who, p, n) for (b, p, n), who in zip(performers, individuals, strict=True)]
 
-    # How long each reach takes at the wanted speed decides when the palms can meet.
+    # How long each reach takes at the desired speed decides when the palms can meet.
     drafts = zip(performers, individuals, palms, speeds, strict=True)
     reach, person_reach = (reach_duration(b, style, who, palm, speed) for (b, _, _), who, palm, speed in drafts)
     person_reach = max(person_reach, reach + style.reaction)
@@ -176,7 +176,7 @@ def _turn(point: Array, distance: float) -> Array:
 
 
 def _face_the_avatar(motion: ActorMotion, distance: float) -> ActorMotion:
-    half_turn = rotations.about_axis("z", np.pi)
+    half_turn = rotations.from_axis_angle("z", np.pi)
     quaternions = motion.quaternions.copy()
     quaternions[:, 0] = rotations.multiply(half_turn, quaternions[:, 0])
     root = np.array([distance, 0.0, 0.0]) + motion.root_in_world * [-1, -1, 1]

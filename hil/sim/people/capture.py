@@ -142,7 +142,7 @@ def capture(
 ) -> int:
     """Captures every emotion at every cell, ``repetitions`` times, into ``folder``; returns the number of trials.
 
-    Writes one C3D file a trial and ``trials.csv``, the table last. The last ``test_repetitions`` of each are marked as
+    Writes one C3D file per trial and ``trials.csv``, last. The last ``test_repetitions`` of each are marked as
     held out. A capture that fails, or is interrupted, leaves nothing; an earlier set, which ``overwrite`` lets it
     replace, stays as it is until the new one is whole.
 

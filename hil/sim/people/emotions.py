@@ -1,7 +1,7 @@
 """How the simulated actors show an emotion.
 
 A stand-in, not a finding about people. Speeds: peak right-hand speed of single-person recordings of a guiding gesture,
-one clip a style (angry 4.1, happy 2.2, neutral 1.35, sad 0.56 m/s). Directions of the posture cues: Pollick et al. 2001
+one clip per style (angry 4.1, happy 2.2, neutral 1.35, sad 0.56 m/s). Directions of posture cues: Pollick et al. 2001
 (arousal scales speed, acceleration, jerk), Wallbott 1998 and Roether et al. 2009 (sad: slow, head and trunk bowed, arms
 near the body; happy: wide, lifted, bouncy, open chest; angry: fast, leaning forward, stiff elbows; neutral: upright,
 medium speed).

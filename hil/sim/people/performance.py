@@ -33,7 +33,7 @@ def comfortable_palm(
     """Finger direction, elbow swivel and lean that put the palm at ``point`` facing ``normal`` inside the limits."""
     up = np.array([0.0, 0.0, 1.0]) - normal * normal[2]
     up = up / np.linalg.norm(up)
-    wanted = np.radians(style.elbow_out) + individual.elbow_out
+    desired = np.radians(style.elbow_out) + individual.elbow_out
 
     best: tuple[float, PalmTarget] | None = None
     for lean in np.radians([0.0, 5.0, 10.0, 15.0]):
@@ -53,7 +53,7 @@ def comfortable_palm(
             return float((over**2).sum() + stretched**2)
 
         def discomfort(choice: Array, beyond=beyond) -> float:
-            return 50.0 * beyond(choice) + 2e-3 * float(choice[1] ** 2 + (choice[0] - wanted) ** 2)
+            return 50.0 * beyond(choice) + 2e-3 * float(choice[1] ** 2 + (choice[0] - desired) ** 2)
 
         starts = [np.array([e, f]) for e in np.radians([-10, 10, 30, 60]) for f in np.radians([-60, -30, 0, 30])]
         options = {"maxfev": 50, "xatol": 1e-3, "fatol": 1e-9}
@@ -73,7 +73,7 @@ def reach_duration(
     """Duration, s, of a reach from rest to ``palm`` whose hand peaks at ``peak_speed`` m/s."""
     duration = 1.0
     for _ in range(3):
-        # Again and again, because the speed asked for at contact keeps the peak from scaling as 1 / duration.
+        # Again and again, because the speed requested at contact keeps the peak from scaling as 1 / duration.
         role = Role(skeleton, style, individual, palm, duration + 0.2, 2.0 * duration + 0.8, 0.2)
         times = np.linspace(role.onset_s, role.contact_s, 60)
         root, angles = _upper_body(role, times)
@@ -96,7 +96,7 @@ def perform(role: Role) -> ActorMotion:
     skeleton = role.skeleton
     times = np.arange(round(role.end_s * RATE_HZ) + 1) / RATE_HZ
     root, angles = _upper_body(role, times)
-    pelvis = (root, rotations.from_hinges(skeleton.hinge_orders[0], angles[:, 0]))
+    pelvis = (root, rotations.from_euler(skeleton.hinge_orders[0], angles[:, 0]))
     for side in ("right", "left"):
         leg = [skeleton.index(f"{side}_{n}") for n in ("hip", "knee", "ankle")]
         angles[:, leg] = solve_leg(skeleton, side, pelvis, _standing_ankle(skeleton, side))

@@ -1,4 +1,4 @@
-"""A computer that is too busy is told from every other reason to stop."""
+"""A computer that is too busy is distinguished from every other reason to stop."""
 
 from types import SimpleNamespace
 from typing import Any, cast

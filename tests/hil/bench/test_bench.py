@@ -13,7 +13,7 @@ def silent(label: str, total: int):
     return lambda note="", done=None: None
 
 
-def test_made_up_motion_has_the_points_asked_for_and_comes_from_the_seed():
+def test_made_up_motion_has_the_points_requested_and_comes_from_the_seed():
     trials, again = made_up_trials(1001, 12, 3), made_up_trials(1001, 12, 3)
     assert sum(len(trial.joints) for trial in trials) == 1001
     for first, second in zip(trials, again, strict=True):
@@ -30,7 +30,7 @@ def test_bench_gives_every_figure_as_a_positive_number():
     assert (result["peer"] is None) == (result["peer_objective_gradient_s"] is None) == ("peer_advice" in result)
 
 
-def test_an_interpreter_that_is_none_is_told():
+def test_an_interpreter_that_is_none_is_reported():
     options = BenchOptions(300, 12, 10, peer_python=sys.executable + "-none")
     with pytest.raises(HighFiveError, match="--peer-python"):
         bench_model(options, silent)

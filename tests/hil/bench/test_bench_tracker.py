@@ -35,7 +35,7 @@ def small() -> dict:
     return json.loads(json.dumps(bench_tracker.bench_tracker(options, silent), allow_nan=False))
 
 
-def test_the_figures_that_are_asked_for_are_there(small: dict, capsys: pytest.CaptureFixture[str]):
+def test_the_figures_that_are_requested_are_there(small: dict, capsys: pytest.CaptureFixture[str]):
     lost = small["lost_marker_rms_mm"]["simulated"]
     assert {"high_five", "high_five_calibrated", "constant_velocity", "constant_acceleration", "hold"} <= lost.keys()
     assert small["joint_rms_deg"].keys() == {"high_five", *small["peers"]}
@@ -126,7 +126,7 @@ def test_peers_find_the_arm_that_they_were_given():
         assert (took > 0.0).all()
 
 
-def test_an_interpreter_that_is_none_is_told():
+def test_an_interpreter_that_is_none_is_reported():
     with pytest.raises(HighFiveError, match="--peers-python"):
         installed(Path("/no/python"))
     with pytest.raises(HighFiveError, match="--peers-python"):
@@ -157,7 +157,7 @@ def test_the_real_recording_is_compared_where_it_was_left_out(recordings: Path):
     assert np.sqrt((at_start**2).sum(axis=1).mean()) < 0.03
 
 
-def test_a_recording_that_is_of_no_use_is_told_at_once(tmp_path: Path):
+def test_a_recording_that_is_of_no_use_is_reported_at_once(tmp_path: Path):
     simulated_reach(tmp_path / "short.c3d", frames=60)
     for path, said in ((tmp_path / "none.c3d", "no file"), (tmp_path / "short.c3d", "too short")):
         with pytest.raises(HighFiveError, match=said):
@@ -177,6 +177,6 @@ def test_every_protocol_brings_every_frame():
         assert 0.0 < row["slow_reader_age_ms"]["p50"] < 20.0
 
 
-def test_an_unknown_protocol_is_told():
+def test_an_unknown_protocol_is_reported():
     with pytest.raises(HighFiveError, match="vicon, qtm, natnet, lsl"):
         bench_protocols(ProtocolBenchOptions(protocols=("vrpn",)), silent)

@@ -14,7 +14,7 @@ import pytest
 
 from highfive.hil.arm.contact_outcome import notice, with_known_contact
 from highfive.hil.bench.contact import ContactOptions, bench_contact, twin_loop
-from highfive.hil.bench.retarget import asked_of_arm
+from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.session.session import RATE_HZ
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
@@ -90,7 +90,7 @@ def test_the_emulated_rig_meets_hands_as_near_as_recorded() -> None:
 
 def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
     """One high five, and the same with a hand that is out of reach, or known of too late."""
-    asked = asked_of_arm(load_model(DEFAULT_MODEL), ["sad"], ["B2"], 3, quiet)[0]
+    asked = reference_trajectories(load_model(DEFAULT_MODEL), ["sad"], ["B2"], 3, quiet)[0]
     retarget = twin_loop().retarget
     had = notice(asked, retarget)
     assert had.possible
@@ -116,7 +116,7 @@ def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
 
 
 def test_a_contact_that_is_foretold_exactly_is_so_from_when_it_was_first_spoken_of() -> None:
-    asked = asked_of_arm(load_model(DEFAULT_MODEL), ["happy"], ["B2"], 3, quiet)[0]
+    asked = reference_trajectories(load_model(DEFAULT_MODEL), ["happy"], ["B2"], 3, quiet)[0]
     began = next(i for i, goal in enumerate(asked.goals) if goal.contact is not None)
     exact = with_known_contact(asked)
     assert exact.goals[:began] == asked.goals[:began]
@@ -132,7 +132,7 @@ def test_a_contact_that_is_foretold_exactly_is_so_from_when_it_was_first_spoken_
 @pytest.mark.parametrize(
     ("player", "picture", "said"), [("avatar", "map.png", "let twin or rig"), ("twin", "none/map.png", "no folder")]
 )
-def test_a_map_that_cannot_be_drawn_is_told_before_anything_is_run(player, picture, said, tmp_path: Path) -> None:
+def test_a_map_that_cannot_be_drawn_is_reported_before_anything_is_run(player, picture, said, tmp_path: Path) -> None:
     with pytest.raises(HighFiveError, match=said):
         bench_contact(ContactOptions(players=(player,), picture=tmp_path / picture), load_model(DEFAULT_MODEL), quiet)
 

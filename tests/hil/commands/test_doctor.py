@@ -12,7 +12,7 @@ from highfive.hil.commands.doctor import BROKEN, GOOD, MISSING
 MACHINE_FIELDS = {"group", "name", "state", "found", "advice"}
 
 
-def test_everything_that_is_looked_at_is_told() -> None:
+def test_everything_that_is_looked_at_is_reported() -> None:
     result = CliRunner().invoke(app, ["doctor", "--json"])
     found = json.loads(result.stdout)
     assert result.exit_code == (0 if found["ready"] else 1)

@@ -94,7 +94,7 @@ def test_somebody_with_other_markers_is_told_what_was_wanted(tmp_path: Path) -> 
 
 def test_in_a_registered_room_the_world_is_where_the_file_says_and_nobody_is_watched(greeting: Path) -> None:
     """Every marker lies where rotation and translation take it, from the first frame on, wherever the person stands."""
-    turn, shift = rotations.about_axis("z", 0.7), np.array([2.0, -1.0, 0.1])
+    turn, shift = rotations.from_axis_angle("z", 0.7), np.array([2.0, -1.0, 0.1])
     registered = Placement(turn, shift, ("the room is registered",))
     server, address, _ = serving("vicon", greeting, "--loop", "--port", 0)
     try:

@@ -212,7 +212,7 @@ def test_ctrl_c_while_a_session_compiles_leaves_nothing_in_the_way(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_session_in_which_nothing_was_finished_is_told_without_figures(
+def test_a_session_in_which_nothing_was_finished_is_reported_without_figures(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     print_session(

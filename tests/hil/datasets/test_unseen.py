@@ -126,7 +126,7 @@ def rewritten(path: Path, **changes) -> None:
     write_c3d(path, replace(whole, **(none | {name: change(whole) for name, change in changes.items()})))
 
 
-def test_two_people_of_other_names_are_found_where_nobody_was_asked_for(tmp_path: Path) -> None:
+def test_two_people_of_other_names_are_found_where_nobody_was_requested(tmp_path: Path) -> None:
     write_set(tmp_path, CELLS, Export("mixamo"), test=0)
     files = [tmp_path / f"take{n}.c3d" for n in range(2)]
     for path in files:
@@ -178,7 +178,7 @@ def test_contact_is_when_palms_come_together_not_when_noise_is_least() -> None:
 
 def test_rotation_vectors_go_on_past_half_a_turn() -> None:
     angle = np.linspace(0.0, 6.0, 200)
-    wrapped = rotations.to_rotation_vector(rotations.about_axis("z", angle))
+    wrapped = rotations.to_rotation_vector(rotations.from_axis_angle("z", angle))
     np.testing.assert_allclose(unwrapped(wrapped)[:, 2], angle, atol=1e-9)
     still = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 6))
     np.testing.assert_array_equal(unwrapped(still), still)

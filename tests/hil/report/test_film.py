@@ -14,7 +14,7 @@ from highfive.hil.report.captions import Captions
 from highfive.hil.report.film import FPS, make_film, picture_strips, pixel_of
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.sim.scene import build_scene
-from highfive.hil.trials.key_frames import apart_at_contact, moments_of, showpieces
+from highfive.hil.trials.key_frames import apart_at_contact, key_frames_of, showpieces
 from highfive.model.errors import HighFiveError
 
 
@@ -30,7 +30,7 @@ def visible():
 
 def test_moments_come_in_order(results):
     for result in results:
-        at = moments_of(result)
+        at = key_frames_of(result)
         assert 0 <= at.start <= at.half_way <= at.contact <= at.release <= at.end == len(result.times) - 1
         gone = np.linalg.norm(result.person_palm - result.person_palm[at.contact], axis=-1)
         assert gone[at.half_way] <= 0.5 * gone[at.start] + 1e-9

@@ -139,7 +139,8 @@ def test_the_table_of_styles_fits_a_page(results):
 
 
 def test_an_arm_is_named_on_the_first_screen(results):
-    page = render_page(summarise(results, SETTINGS), replace(SETTINGS, arm="emulated"), [])
+    settings = replace(SETTINGS, arm="emulated")
+    page = render_page(summarise(results, settings), settings, [])
     assert page.index("emulated servo arm") < page.index("Findings")
 
 

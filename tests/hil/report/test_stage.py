@@ -6,7 +6,7 @@ from trial_results import simulated_result
 
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.bench.contact import played, twin_loop
-from highfive.hil.bench.retarget import asked_of_arm
+from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.report.film import Arms, picture_strips
 from highfive.hil.report.stage import arm_stage, avatar_stage
 from highfive.hil.sim.arm_body import arm_in_scene
@@ -22,7 +22,7 @@ def quiet(label, total):
 
 @pytest.mark.slow
 def test_the_drawn_arm_is_where_its_servos_said():
-    arm = played(asked_of_arm(load_model(DEFAULT_MODEL), ("neutral",), ("B2",), 0, quiet)[0], twin_loop())
+    arm = played(reference_trajectories(load_model(DEFAULT_MODEL), ("neutral",), ("B2",), 0, quiet)[0], twin_loop())
     result = simulated_result(build_scene(), 3, "neutral", "B2")
     twin = arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True)
     stage, avatar = arm_stage(twin, {3: arm}), avatar_stage(build_scene())

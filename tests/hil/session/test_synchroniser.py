@@ -18,7 +18,7 @@ def person(time_ns: int) -> HumanArm:
     """A person whose parts all move at 1 m/s along x."""
     x = np.array([1e-9 * time_ns, 0.0, 0.0])
     palm = PalmPose(x, np.array([-1.0, 0, 0]), np.array([0.0, 0, 1]), np.array([1.0, 0, 0]))
-    head = rotations.about_axis("z", 1e-9 * time_ns)
+    head = rotations.from_axis_angle("z", 1e-9 * time_ns)
     return HumanArm(x, head, x, x, x, x, palm, np.array([x, x]), True, 0, time_ns)
 
 
@@ -45,11 +45,11 @@ def test_a_sample_comes_back_as_it_was() -> None:
 
 
 @pytest.mark.parametrize("time", [int(3.25 * FRAME), int(5.9 * FRAME), 9 * FRAME + AHEAD_NS // 2])
-def test_both_are_of_the_time_asked_for(time: int) -> None:
+def test_both_are_of_the_time_requested(time: int) -> None:
     moment = filled(offset=FRAME // 3).at(time)
     np.testing.assert_allclose(moment.pose.hinges, 2e-9 * time, atol=1e-9)
     np.testing.assert_allclose(moment.person.palm.position[0], 1e-9 * time, atol=1e-9)
-    np.testing.assert_allclose(moment.person.head_orientation, rotations.about_axis("z", 1e-9 * time), atol=1e-9)
+    np.testing.assert_allclose(moment.person.head_orientation, rotations.from_axis_angle("z", 1e-9 * time), atol=1e-9)
     assert moment.person.time_ns == time
 
 

@@ -68,7 +68,7 @@ def test_a_contact_of_the_palms_counts_even_between_two_ticks():
 
 @pytest.mark.parametrize("degrees", [0.0, 5.0, 40.0, 180.0])
 def test_angle_between_the_palms(degrees):
-    turned = rotations.rotate(rotations.about_axis("z", np.radians(degrees)), [-1.0, 0.0, 0.0])
+    turned = rotations.rotate(rotations.from_axis_angle("z", np.radians(degrees)), [-1.0, 0.0, 0.0])
     report = contact_report([state(0, palm([0, 0, 1], [1, 0, 0]), palm([0.1, 0, 1], turned))])
     assert np.degrees(report.palm_angle) == pytest.approx(degrees, abs=1e-5)
 

@@ -67,7 +67,7 @@ def test_a_real_person_stands_before_the_avatar(recordings: Path, human: str, re
     assert partner.notes
 
 
-def test_several_people_in_a_file_and_none_asked_for_is_one_line(tmp_path: Path) -> None:
+def test_several_people_in_a_file_and_none_requested_is_one_line(tmp_path: Path) -> None:
     names = [f"{who}:{name}" for who in ("Ann", "Ben") for name in load_marker_set("paper").names]
     points = np.random.default_rng(0).uniform(0.5, 1.5, (1, len(names), 3)).repeat(30, axis=0)
     path = tmp_path / "two.c3d"

@@ -134,7 +134,7 @@ def test_turning_the_world_turns_the_pelvis_alone():
     root, angles = movement(24)
     points = markers_of(FULL, root, angles)
     seen = np.ones(points.shape[:2], dtype=bool)
-    turn, shift = rotations.about_axis("z", 0.9), np.array([2.0, -1.0, 0.2])
+    turn, shift = rotations.from_axis_angle("z", 0.9), np.array([2.0, -1.0, 0.2])
     here = solve_body(SKELETON, FULL, points, seen)
     there = solve_body(SKELETON, FULL, rotations.rotate(turn, points) + shift, seen)
     np.testing.assert_allclose(there.root, rotations.rotate(turn, here.root) + shift, atol=1e-4)

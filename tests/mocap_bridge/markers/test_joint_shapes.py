@@ -45,7 +45,7 @@ def recording(seed, frames=90, noise=0.002):
 @pytest.mark.parametrize("axis", ["z", "x"])
 def test_limbs_are_told_by_lengths_that_stay(axis):
     recordings, truths = zip(*(recording(seed) for seed in range(3)), strict=True)
-    turn = rotations.about_axis("x", np.pi / 2) if axis == "x" else rotations.IDENTITY
+    turn = rotations.from_axis_angle("x", np.pi / 2) if axis == "x" else rotations.IDENTITY
     turned = [make_recording(r.rate_hz, r.names, 1e3 * rotations.rotate(turn, r.points), r.valid) for r in recordings]
     known = recognise_shape(turned)
     assert {name: known[name] for name in LIMBS} == {name: truths[0][name] for name in LIMBS}

@@ -122,7 +122,7 @@ def test_frames_that_stop_are_seen(protocol, server):
         until(lambda: "nothing has come" in source.health(0).trouble, 3.0)
 
 
-def test_another_unit_is_told(protocol, server):
+def test_another_unit_is_reported(protocol, server):
     frames = (replace(frame(k), positions=POINTS * protocol.other_unit) for k in itertools.count())
     with protocol.following(server) as source, playing(server, frames):
         until(lambda: "unit" in source.health(0).trouble)

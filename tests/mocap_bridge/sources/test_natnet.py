@@ -224,7 +224,7 @@ def test_addresses_that_cannot_be(host, port):
         (lambda datagram: motive()(datagram) if datagram[0] == Kind.CONNECT else [], "does not answer"),
     ],
 )
-def test_what_is_no_natnet_is_told_in_one_line(answer, message):
+def test_what_is_no_natnet_is_reported_in_one_line(answer, message):
     with impostor(answer) as port:
         start = time.monotonic()
         with pytest.raises(LinkError, match=message) as error:
@@ -254,7 +254,7 @@ def test_a_datagram_that_cannot_be_read_ends_nothing():
             assert not link.receive(0.1)
 
 
-def test_descriptions_that_get_lost_are_asked_for_again():
+def test_descriptions_that_get_lost_are_requested_again():
     """The frame says that models changed; the first answer never comes."""
     points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
     data = Frame(1, (("Anna", points),), points[:0], labelled_markers([], points[:0], []), 1.0, True)
@@ -276,7 +276,7 @@ def test_descriptions_that_get_lost_are_asked_for_again():
 
 
 @pytest.mark.parametrize("damaged", [1e-40, 1e-3, 0.0, -120.0, 1e9, float("inf"), float("nan")])
-def test_a_frame_rate_that_no_camera_has_is_asked_for_again(damaged):
+def test_a_frame_rate_that_no_camera_has_is_requested_again(damaged):
     asked = []
 
     def answer(datagram):

@@ -184,7 +184,7 @@ def test_addresses_that_cannot_be(host, port):
         ((), (wire.encode_text(Kind.COMMAND, "Version set"), wire.encode_text(Kind.ERROR, "No data")), "No data"),
     ],
 )
-def test_what_is_no_qtm_is_told_in_one_line(says, answers, message):
+def test_what_is_no_qtm_is_reported_in_one_line(says, answers, message):
     with impostor(*says, answers=answers) as port:
         start = time.monotonic()
         with pytest.raises(LinkError, match=message) as error:

@@ -90,7 +90,7 @@ def test_the_example_package_is_listened_to(lab: str) -> None:
         np.testing.assert_allclose(frame.positions[1], [0.3, 0.0, 1.2])
 
 
-def test_a_line_that_is_not_of_the_protocol_is_told(lab: str) -> None:
+def test_a_line_that_is_not_of_the_protocol_is_reported(lab: str) -> None:
     with contextlib.closing(open_source(lab)) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         end = time.monotonic() + 10.0
         while time.monotonic() < end and "protocol" not in source.health(time.monotonic_ns()).trouble:

@@ -19,7 +19,7 @@ def test_stepping_gives_every_frame_once_in_order():
     assert set(steps.tolist()) <= {8333333, 8333334}
 
 
-def test_the_newest_frame_is_the_one_of_the_time_asked_for_whoever_asks_how_often():
+def test_the_newest_frame_is_the_one_of_the_time_requested_whoever_asks_how_often():
     replay = source(start_ns=5_000_000_000)
     assert replay.newest(4_999_999_999) is None
     assert replay.health(0).connection is Connection.CONNECTING

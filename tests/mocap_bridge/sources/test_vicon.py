@@ -178,13 +178,13 @@ def test_markers_without_a_person_are_of_one_called_subject(server):
     assert seen.names == ("Subject:A", "Subject:B", "Subject:C")
 
 
-def test_a_person_that_is_not_there_is_told(server):
+def test_a_person_that_is_not_there_is_reported(server):
     played, told = playing(server, recording()), pytest.raises(HighFiveError, match=r"Ben.*Anna")
     with following(server, person="Ben") as source, played, told:
         source.first(0.6)
 
 
-def test_metres_for_millimetres_are_told(server):
+def test_metres_for_millimetres_are_reported(server):
     played, told = playing(server, recording(), ["metres"]), pytest.raises(HighFiveError, match="another unit")
     with following(server) as source, played, told:
         source.first(0.6)
@@ -306,7 +306,7 @@ def test_a_client_is_served_what_it_asks_for_and_its_ping_comes_back(server):
         (first,) = read_messages(client, 1)
         assert (first.number, first.labelled, first.period) == (0, None, 1_125_000)
         assert first.subjects == (Subject(1, "Anna", ((1, "LFHD"), (2, "RFIN"), (3, "RWRA"), (4, "RSHO"))),)
-        server.send(next(frames))  # not asked for
+        server.send(next(frames))  # not requested
         client.sendall(encode(Packet(enums=basic | {Kind.LABELED_RECONS})) + encode(Packet(ping=2**40 + 1)))
         (echo,) = read_messages(client, 1)
         assert echo == Packet(ping=2**40 + 1)
@@ -373,42 +373,42 @@ def refusal(port, **options):
     return str(refused.value)
 
 
-def test_where_nothing_listens_that_is_told():
+def test_where_nothing_listens_that_is_reported():
     with socket.create_server((LOOPBACK, 0)) as listener:
         port = listener.getsockname()[1]
     assert "nothing listens" in refusal(port)
 
 
-def test_a_host_that_is_not_there_is_told():
+def test_a_host_that_is_not_there_is_reported():
     with pytest.raises(LinkError, match=r"no\.such\.host\.invalid:801"):
         connect_vicon("no.such.host.invalid", timeout_s=0.5)
 
 
-def test_a_server_that_says_nothing_is_told():
+def test_a_server_that_says_nothing_is_reported():
     with scripted() as port:
         assert "says nothing" in refusal(port)
         with following(port) as source, pytest.raises(HighFiveError, match="says nothing"):
             source.first(0.8)
 
 
-def test_another_protocol_is_told():
+def test_another_protocol_is_reported():
     with scripted(b"SSH-2.0-", b"OpenSSH_9.6\r\n") as port:
         assert "b'SSH-2.0-" in refusal(port)
     with scripted(b"220 mail ready\r\n", hold=False) as port:
         assert "b'220 mail" in refusal(port)
 
 
-def test_a_server_that_hangs_up_at_once_is_told():
+def test_a_server_that_hangs_up_at_once_is_reported():
     with scripted(hold=False) as port:
         assert "closed the connection" in refusal(port)
 
 
-def test_a_server_without_markers_is_told():
+def test_a_server_without_markers_is_reported():
     with scripted(encode(Packet(enums=frozenset({Kind.CONTENTS, Kind.FRAME_INFO})))) as port:
         assert "no labelled markers" in refusal(port)
 
 
-def test_a_server_that_goes_mad_is_told():
+def test_a_server_that_goes_mad_is_reported():
     greeting, too_long = encode(Packet(enums=OFFERED)), b"\x01\x00\x2b\x1a\xff\xff\xff\xff"
     told = pytest.raises(LinkError, match="4294967295")
     with scripted(greeting, too_long) as port, opened(port) as link, told:
@@ -500,6 +500,6 @@ def test_closing_is_quick_and_leaves_no_thread(server):
         connect_vicon(LOOPBACK, other.port, timeout_s=0.5)
 
 
-def test_a_port_that_is_taken_is_told(server):
+def test_a_port_that_is_taken_is_reported(server):
     with pytest.raises(HighFiveError, match=f"{server.port}.*another port"):
         ViconServer(port=server.port)

@@ -90,7 +90,7 @@ def test_the_palms_velocity_is_the_derivative_of_its_position(name):
 @pytest.mark.parametrize("name", marker_set_names())
 def test_turning_the_world_turns_the_arm(name):
     marker_set = load_marker_set(name)
-    turn, shift = rotations.about_axis("z", 0.7), np.array([0.3, -2.0, 0.1])
+    turn, shift = rotations.from_axis_angle("z", 0.7), np.array([0.3, -2.0, 0.1])
     partner = rotations.rotate(turn, [-1.0, 0.0, 0.0])
     here = tracked(marker_set)
     there = replace(

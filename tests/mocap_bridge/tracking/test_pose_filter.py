@@ -57,7 +57,9 @@ def test_velocities_and_covariances_are_those_of_the_finite_differences(chain):
     np.testing.assert_allclose(markers, markers_of(chain, state.pose, np.zeros(len(chain.kind))), atol=1e-12)
     np.testing.assert_allclose(velocities.reshape(-1), slopes @ state.speeds, atol=1e-6)
     whole = slopes @ state.covariance[0] @ slopes.T
-    own = [whole[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] + state.doubt[m] * np.eye(3) for m in range(len(markers))]
+    own = [
+        whole[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] + state.place_variance[m] * np.eye(3) for m in range(len(markers))
+    ]
     np.testing.assert_allclose(covariances, own, atol=1e-9)
 
 
@@ -75,7 +77,7 @@ def test_the_update_is_the_textbooks(chain):
     rows = np.repeat(seen, 3)
     h = np.hstack([slopes[rows], np.zeros((rows.sum(), n))])
     prior = np.block([[state.covariance[0], state.covariance[1].T], [state.covariance[1], state.covariance[2]]])
-    noise = np.repeat(FilterSettings().marker_sigma ** 2 + state.doubt + state.misfit + caution, 3)[rows]
+    noise = np.repeat(FilterSettings().marker_sigma ** 2 + state.place_variance + state.misfit + caution, 3)[rows]
     gain = prior @ h.T @ np.linalg.inv(h @ prior @ h.T + np.diag(noise))
     step = gain @ (points - markers).reshape(-1)[rows]
     posterior = prior - gain @ h @ prior

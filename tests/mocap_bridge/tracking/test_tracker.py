@@ -177,7 +177,7 @@ def test_labels_may_come_in_any_order_and_change_it():
 
 def test_moving_the_world_moves_the_output():
     """Any shift, and any turn about the vertical: what is upright is expected to stay so."""
-    turn, shift = rotations.about_axis("z", 2.3), np.array([3.0, -1.0, 0.4])
+    turn, shift = rotations.from_axis_angle("z", 2.3), np.array([3.0, -1.0, 0.4])
     valid = hidden_hand()[:130]
     here = follow(NOISY[:130], valid)
     there = follow(rotations.rotate(turn, NOISY[:130]) + shift, valid)

@@ -1,4 +1,4 @@
-"""Lost samples are told from late ones by stamps alone: exactly afterwards, soon while they come."""
+"""Lost samples are distinguished from late ones by stamps alone: exactly afterwards, soon while they come."""
 
 import numpy as np
 import pytest

@@ -271,7 +271,7 @@ def _sections_of_4_0(frame):
         (encode(Kind.MODEL, u32(1, 0, 6) + b"abcdef"), "without an end"),
     ],
 )
-def test_what_is_not_of_the_protocol_is_told(datagram, says):
+def test_what_is_not_of_the_protocol_is_reported(datagram, says):
     error = digest(datagram, (4, 1), Columns(Model(())))
     assert error is not None
     assert says in str(error)

@@ -148,7 +148,7 @@ def test_components_that_are_not_known_are_passed_over():
         (wire.encode(Kind.XML, b"<a><The_3D><AxisUpwards>up</AxisUpwards></The_3D></a>"), "axis"),
     ],
 )
-def test_what_is_not_of_the_protocol_is_told(stream, says):
+def test_what_is_not_of_the_protocol_is_reported(stream, says):
     error = digest(stream)
     assert error is not None
     assert says in str(error)

@@ -187,7 +187,7 @@ def test_the_talk_about_frames_is_written_as_by_hand():
 
 
 def test_a_subject_has_a_root_that_its_markers_hang_on():
-    message = encode(Packet(subjects=(Subject(1, "A", ((4, "X"),)),)), wanted={2})
+    message = encode(Packet(subjects=(Subject(1, "A", ((4, "X"),)),)), requested={2})
     root = words(0, 1) + struct.pack("<6f", *[0.0] * 6) + text(b"root")  # of no parent, number 1
     body = words(1) + text(b"A") + words(1) + root + words(1) + words(4) + text(b"X") + words(1) + words(4, 1)
     assert message == block(0x1A2B0001, block(2, body))
@@ -195,7 +195,7 @@ def test_a_subject_has_a_root_that_its_markers_hang_on():
 
 def test_only_what_is_wanted_is_sent():
     packet = decode(a_frame())
-    message = encode(packet, wanted={Kind.FRAME_INFO, Kind.LABELED_RECONS})
+    message = encode(packet, requested={Kind.FRAME_INFO, Kind.LABELED_RECONS})
     read = decode(message[8:])
     assert (read.number, read.subjects, read.unlabelled, read.latencies) == (1234, (), None, ())
     assert read.labelled is not None

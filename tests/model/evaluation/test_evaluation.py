@@ -23,14 +23,14 @@ def held(trials: list[Trial]) -> list[Trial]:
     return [trial for trial in trials if trial.test]
 
 
-def recorded(trial: Trial, doubt: float | None = None) -> Prediction:
+def recorded(trial: Trial, uncertainty: float | None = None) -> Prediction:
     """An answer that is what was recorded."""
     frames = scored_frames(trial)
     outputs = output_channels(trial, frames / trial.rate_hz)
-    if doubt is None:
+    if uncertainty is None:
         return Prediction(frames, outputs, trial.palm, None)
-    spread = np.tile(doubt**2 * np.eye(3), (len(frames), 1, 1))
-    return Prediction(frames, outputs, trial.palm, Uncertainty(np.full(outputs.shape, doubt), spread, spread))
+    spread = np.tile(uncertainty**2 * np.eye(3), (len(frames), 1, 1))
+    return Prediction(frames, outputs, trial.palm, Uncertainty(np.full(outputs.shape, uncertainty), spread, spread))
 
 
 def test_what_was_recorded_has_no_error(held: list[Trial], body: Body):
@@ -78,21 +78,23 @@ def test_the_doubt_is_that_of_the_responder(held: list[Trial], model: HGPDM, bod
     trial = held[0]
     answer, responder = online(model, body)(trial), Responder(model, trial.emotion, trial.rate_hz)
     responses = [responder.step(hand) for hand in trial.hand_points]
-    assert answer.doubt is not None
+    assert answer.uncertainty is not None
     for row, frame in enumerate(answer.frames):
-        assert np.allclose(np.diagonal(answer.doubt.palm[row]), responses[frame].palm_std ** 2)
+        assert np.allclose(np.diagonal(answer.uncertainty.palm[row]), responses[frame].palm_std ** 2)
         forecast = responses[frame].contact
         assert forecast is not None
-        assert np.allclose(answer.doubt.contact[row], forecast.covariance[:3, :3])
+        assert np.allclose(answer.uncertainty.contact[row], forecast.covariance[:3, :3])
         assert np.allclose(answer.outputs[row, model.channels.contact], forecast.point)
-        assert np.all(np.linalg.eigvalsh(answer.doubt.contact[row]) > 0.0)
+        assert np.all(np.linalg.eigvalsh(answer.uncertainty.contact[row]) > 0.0)
 
 
 def test_a_sparse_gp_doubts_more_where_it_has_seen_nothing(trials: list[Trial], model: HGPDM, body: Body):
     task = problem(training_set(trials, model.preset), model.preset)
     layer = baselines.sparse_gp(task, 20, np.random.default_rng(0))
     method = regressed(baselines.regression(layer), task, body, layer)
-    near, far = (method(replace(trials[0], hand_points=trials[0].hand_points + away)).doubt for away in (0.0, 0.5))
+    near, far = (
+        method(replace(trials[0], hand_points=trials[0].hand_points + away)).uncertainty for away in (0.0, 0.5)
+    )
     assert near is not None and far is not None
     assert far.deviations[:, Channels(9).palm].mean() > 1.2 * near.deviations[:, Channels(9).palm].mean()
 

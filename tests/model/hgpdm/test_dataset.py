@@ -102,7 +102,7 @@ def still(trial: Trial, name: str, value: float) -> Trial:
         (lambda t: broken(t, joints=np.where(t.joints == t.joints[3, 2], np.nan, t.joints)), "joints holds NaN"),
         (lambda t: broken(t, hand_points=t.hand_points[:5]), "expected \\(5, 9\\)"),
         (lambda t: broken(t, contact_frame=9999), "contact frame 9999"),
-        (lambda t: broken(t, rate_hz=5.0), "5 frames a second"),
+        (lambda t: broken(t, rate_hz=5.0), "5 frames per second"),
         (lambda t: broken(t, hand_points=np.ones_like(t.hand_points)), "hand never moves"),
         (lambda t: broken(t, joints=np.ones_like(t.joints)), "actor never moves"),
         (lambda t: [still(t, "hand_points", 0.0), still(t, "hand_points", 1.0)], "hand never moves"),

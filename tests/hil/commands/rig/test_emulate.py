@@ -19,7 +19,7 @@ COMMAND = [sys.executable, "-m", "highfive.hil.cli.main", "rig", "emulate"]
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_it_serves_until_it_is_told(tmp_path: Path, how: signal.Signals) -> None:
+def test_it_serves_until_it_is_ended(tmp_path: Path, how: signal.Signals) -> None:
     link = tmp_path / "arm"
     process = subprocess.Popen(
         [*COMMAND, "--port-link", str(link), "--json"], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True

@@ -238,7 +238,7 @@ def test_what_is_played_is_what_was_recorded(recorded: Path) -> None:
     np.testing.assert_allclose(first.point, recording.channels["/person"][asked.due].data["palm"], atol=1e-5)
 
 
-def test_servos_that_are_not_as_they_have_to_be_are_told_before_anything_is_switched_on() -> None:
+def test_servos_that_are_not_as_they_have_to_be_are_reported_before_anything_is_switched_on() -> None:
     with (
         pytest.raises(HighFiveError, match=r"servo 4 \(elbow\): no answer.*nothing moves"),
         ready_arm(ArmOptions(faults=("dead=4",))),
@@ -560,7 +560,7 @@ def test_ctrl_z_at_a_terminal_stops_the_arm_and_suspends_nobody(recorded_twice: 
 
 @pytest.mark.slow
 @clockwork
-def test_a_computer_that_is_too_busy_is_told_with_what_helps_and_where_to_go_on(
+def test_a_computer_that_is_too_busy_is_reported_with_what_helps_and_where_to_go_on(
     recorded_twice: Path, tmp_path: Path
 ) -> None:
     """The program gets no processor for a moment, as where others take it; the arm's process goes on."""

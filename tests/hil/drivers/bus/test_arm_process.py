@@ -87,7 +87,7 @@ def test_what_every_servo_is_set_to_is_read_back_when_it_is_engaged(emulator: Em
     arm.close()
 
 
-def test_a_servo_that_is_missing_is_told_and_nothing_is_switched_on(rig: Rig) -> None:
+def test_a_servo_that_is_missing_is_reported_and_nothing_is_switched_on(rig: Rig) -> None:
     with EmulatorProcess(EmulatorOptions()) as emulator:
         arm = ArmProcess(emulator.port, rig, allowance_ms=PATIENT_MS)
         arm.wait_ready(30.0)
@@ -152,7 +152,7 @@ def test_it_goes_before_programs_that_compute_where_that_is_allowed(arm: ArmProc
     assert os.sched_getscheduler(0) == os.SCHED_OTHER  # not the host
 
 
-def test_it_goes_where_it_is_told(arm: ArmProcess) -> None:
+def test_it_goes_where_it_is_commanded(arm: ArmProcess) -> None:
     drive_to(arm, 0.3)
     assert arm.mode is Mode.DRIVING
     cycles = arm.unread()
@@ -342,7 +342,7 @@ def test_an_interrupt_in_the_midst_of_a_command_blinds_nobody(arm: ArmProcess) -
     assert time.monotonic() - begun < 1.5  # it ended by itself: it was not killed
 
 
-def test_a_lost_port_is_told_and_found_again_but_not_driven(tmp_path: Path, rig: Rig) -> None:
+def test_a_lost_port_is_reported_and_found_again_but_not_driven(tmp_path: Path, rig: Rig) -> None:
     with EmulatorProcess(EmulatorOptions(link=str(tmp_path / "arm"))) as emulator:
         arm = ArmProcess(str(tmp_path / "arm"), rig, allowance_ms=PATIENT_MS)
         arm.wait_ready(30.0)

@@ -119,7 +119,7 @@ def test_a_state_that_comes_late_is_never_the_cycles_own(adapter: Adapter, rig: 
             asked = time.monotonic()
             state = joints.read()
             if state.answered.any():
-                # A servo's clock counts ms, against its quickest answer so far: half a cycle is told apart.
+                # A servo's clock counts ms, against its quickest answer so far: half a cycle is distinguished.
                 assert adapter.newest_s > asked - 0.5 / 120
             whole += bool(state.answered.all())
         return whole
@@ -278,7 +278,7 @@ def test_servos_that_confirm_nothing_are_set_as_well(bus: ServoBus, rig: Rig) ->
     assert differences(bus, rig) == []
 
 
-def test_missing_double_and_other_servos_are_told(bus: ServoBus, rig: Rig, emulator: EmulatorProcess) -> None:
+def test_missing_double_and_other_servos_are_reported(bus: ServoBus, rig: Rig, emulator: EmulatorProcess) -> None:
     assert missing_servos(bus, rig) == []
     emulator.set_faults("dead=7,twice=6")
 

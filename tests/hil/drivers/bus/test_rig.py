@@ -1,4 +1,4 @@
-"""A rig's description: what it says of the arm, and that nonsense is told in one line."""
+"""A rig's description: what it says of the arm, and that nonsense is reported in one line."""
 
 import math
 from pathlib import Path

@@ -151,7 +151,7 @@ def test_an_answer_of_another_length_is_passed_over(rig: Rig) -> None:
     os.close(theirs)
 
 
-def test_a_lost_port_is_told_and_opens_again(tmp_path: Path, rig: Rig) -> None:
+def test_a_lost_port_is_reported_and_opens_again(tmp_path: Path, rig: Rig) -> None:
     link = tmp_path / "arm"
     with EmulatorProcess(EmulatorOptions(link=str(link))) as emulator:
         bus = ServoBus(str(link), rig.baud_rate, rig.models, ALLOWANCE_MS)
@@ -180,7 +180,7 @@ def until(condition, seconds: float = 20.0) -> None:
         time.sleep(0.003)  # the emulated servos need the processor too
 
 
-def test_ports_that_cannot_be_used_are_told_in_a_line(tmp_path: Path, emulator: EmulatorProcess) -> None:
+def test_ports_that_cannot_be_used_are_reported_in_a_line(tmp_path: Path, emulator: EmulatorProcess) -> None:
     (tmp_path / "file").write_text("no port")
     first = ServoPort(emulator.port, 1_000_000)
     for path, baud, said in (

@@ -1,4 +1,4 @@
-"""The emulated line in time: bytes at their baud, replies in order, faults as they are asked for."""
+"""The emulated line in time: bytes at their baud, replies in order, faults as they are requested."""
 
 import contextlib
 

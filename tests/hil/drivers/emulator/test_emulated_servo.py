@@ -124,7 +124,7 @@ def test_velocity_mode() -> None:
     assert bench.put("goal_velocity", 129) == Error.DATA_LIMIT
 
 
-def test_current_mode_pushes_as_hard_as_it_is_told() -> None:
+def test_current_mode_pushes_as_hard_as_it_is_commanded() -> None:
     bench = on(0, load=0.0, inertia=1e6)
     bench.put("goal_current", 400)
     bench.run(0.1)

@@ -97,7 +97,7 @@ def test_arm_ik_is_exact_where_the_palm_is_within_reach(trials: dict[str, PairTr
         hinges = np.zeros((len(skeleton), 3))
         hinges[[skeleton.index(f"right_{n}") for n in ("shoulder", "elbow", "wrist")]] = angles
         quaternions = skeleton.from_hinges(hinges)
-        # hang the arm on the clavicle that was asked for
+        # hang the arm on the clavicle that was requested
         chain = skeleton.index("right_clavicle")
         quaternions[chain] = clavicle[1]
         positions, orientations = skeleton.forward_kinematics(np.zeros(3), quaternions)

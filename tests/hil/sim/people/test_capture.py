@@ -60,7 +60,7 @@ def test_another_seed_or_repetition_is_another_trial(trial: PairTrial) -> None:
         assert np.abs(other.avatar.root_in_world[:frames] - trial.avatar.root_in_world[:frames]).max() > 1e-4
 
 
-def test_defects_are_as_many_and_as_long_as_asked_for(captured: Path, trial: PairTrial) -> None:
+def test_defects_are_as_many_and_as_long_as_requested(captured: Path, trial: PairTrial) -> None:
     recordings = [read_c3d(path) for path in sorted(captured.glob("*.c3d"))]
     lengths = [n for r in recordings for gone in ~r.valid.T for n in runs(gone)]
     seconds = sum(r.valid.size for r in recordings) / RATE_HZ

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highfive.mocap_bridge.frames import HumanArm, PalmPose
-from highfive.mocap_bridge.tracking.reacquisition import HandReturn, ReacquisitionSettings
+from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSettings, ReacquisitionSmoother
 
 DT = 1.0 / 120.0
 HIDDEN = range(40, 76)  # frames
@@ -33,12 +33,12 @@ def hand(frame: int) -> HumanArm:
 @pytest.fixture(scope="module")
 def tracks() -> tuple[np.ndarray, np.ndarray]:
     """Wrist, knuckles and palm (T, 3, 3) as they come in and as they go out."""
-    carry = HandReturn()
+    carry = ReacquisitionSmoother()
     arms = [hand(frame) for frame in range(140)]
     return tuple(np.array([[*a.hand_points, a.palm.position] for a in out]) for out in (arms, map(_by(carry), arms)))
 
 
-def _by(carry: HandReturn):
+def _by(carry: ReacquisitionSmoother):
     return lambda arm: carry(arm, DT)
 
 
@@ -58,7 +58,7 @@ def test_it_is_soon_where_it_really_is_and_rigid(tracks: tuple[np.ndarray, np.nd
 
 
 def test_its_velocity_is_the_derivative_of_its_place() -> None:
-    carry = HandReturn()
+    carry = ReacquisitionSmoother()
     arms = [carry(hand(frame), DT) for frame in range(140)]
     places, velocities = (np.array([getattr(a.palm, name) for a in arms]) for name in ("position", "velocity"))
     middle = slice(HIDDEN.stop + 3, None)
@@ -67,7 +67,7 @@ def test_its_velocity_is_the_derivative_of_its_place() -> None:
 
 
 def test_a_hand_never_hidden_and_a_new_hand_pass_as_they_are() -> None:
-    carry = HandReturn()
+    carry = ReacquisitionSmoother()
     for frame in range(30):
         arm = hand(frame)
         assert carry(arm, DT) is arm
@@ -80,7 +80,7 @@ def test_a_hand_never_hidden_and_a_new_hand_pass_as_they_are() -> None:
 
 def test_settings_reach_it(tracks: tuple[np.ndarray, np.ndarray]) -> None:
     def after(settings: ReacquisitionSettings) -> np.ndarray:
-        carry = HandReturn(settings)
+        carry = ReacquisitionSmoother(settings)
         return np.array([carry(hand(frame), DT).palm.position for frame in range(HIDDEN.stop + 10)])[-1]
 
     came = tracks[0][HIDDEN.stop + 9, 2]

@@ -5,8 +5,15 @@ from hypothesis import strategies as st
 
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.errors import HighFiveError
-from highfive.model.evaluation import style_classifier as observer
-from highfive.model.evaluation.style_classifier import FEATURES, Motion, accuracy, confusion, features, fit_observer
+from highfive.model.evaluation import style_classifier
+from highfive.model.evaluation.style_classifier import (
+    FEATURES,
+    Motion,
+    accuracy,
+    confusion,
+    features,
+    fit_style_classifier,
+)
 
 RATE = 120.0
 
@@ -55,7 +62,7 @@ def test_motion_that_is_none_is_refused_in_one_line() -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_with_many_motions_it_is_the_best_observer_there_is(seed: int) -> None:
+def test_with_many_motions_it_is_the_best_classifier_there_is(seed: int) -> None:
     """Gaussian classes of one covariance: the rule of Bayes, known here, is what the fit comes to."""
     rng = np.random.default_rng(seed)
     means = rng.normal(size=(3, 2))
@@ -65,7 +72,7 @@ def test_with_many_motions_it_is_the_best_observer_there_is(seed: int) -> None:
     labels = [("a", "b", "c")[k] for k in index]
     distance = values[:, None] - means
     best = np.einsum("nki,ij,nkj->nk", distance, np.linalg.inv(mix @ mix.T), distance).argmin(axis=1)
-    learned = accuracy(labels, fit_observer(values, labels).recognise(values))
+    learned = accuracy(labels, fit_style_classifier(values, labels).recognise(values))
     assert learned > np.mean(best == index) - 0.03
 
 
@@ -76,8 +83,8 @@ def test_units_and_offsets_of_features_do_not_matter(seed: int) -> None:
     labels = ["calm", "wild"] * 20
     values = rng.normal(size=(40, 5)) + np.array([[0.0], [0.5]] * 20)
     scale, offset = np.exp(rng.normal(size=5)), rng.normal(size=5)
-    probabilities = fit_observer(values, labels).probabilities(values)
-    again = fit_observer(values * scale + offset, labels).probabilities(values * scale + offset)
+    probabilities = fit_style_classifier(values, labels).probabilities(values)
+    again = fit_style_classifier(values * scale + offset, labels).probabilities(values * scale + offset)
     np.testing.assert_allclose(again, probabilities, atol=1e-6)
     np.testing.assert_allclose(probabilities.sum(axis=1), 1.0)
 
@@ -86,7 +93,7 @@ def test_chance_is_chance() -> None:
     rng = np.random.default_rng(0)
     labels = ["a", "b", "c", "d"] * 250
     values = rng.normal(size=(1000, 4))
-    seen = fit_observer(values[:500], labels[:500]).recognise(values[500:])
+    seen = fit_style_classifier(values[:500], labels[:500]).recognise(values[500:])
     assert 0.15 < accuracy(labels[500:], seen) < 0.35
 
 
@@ -100,10 +107,10 @@ def test_confusion_counts_every_motion_once() -> None:
 @pytest.mark.parametrize("labels", [["sad"] * 4, ["sad", "sad", "sad", "angry"]])
 def test_too_little_to_learn_from_is_said_in_one_line(labels: list[str]) -> None:
     with pytest.raises(HighFiveError, match="of sad") as error:
-        fit_observer(np.zeros((4, 3)), labels)
+        fit_style_classifier(np.zeros((4, 3)), labels)
     assert "\n" not in str(error.value)
 
 
 def test_parts_are_joints_of_the_avatar() -> None:
-    names = {name for part in observer.PARTS.values() for name in part}
+    names = {name for part in style_classifier.PARTS.values() for name in part}
     assert names <= set(avatar_skeleton().names)

@@ -22,7 +22,7 @@ def trial() -> Trial:
 
 
 def answered(trial: Trial, rng: np.random.Generator, exaggeration: float = 1.0) -> Prediction:
-    """Contact points whose errors grow with the time before contact; their doubt is ``exaggeration`` times right."""
+    """Contact points whose errors grow with the time before contact; uncertainty is ``exaggeration`` times right."""
     frames, where = np.arange(len(trial.joints)), Channels(trial.joints.shape[1])
     deviation = 0.01 + 0.05 * np.abs(trial.contact_frame - frames)[:, None] / trial.rate_hz
     outputs = np.zeros((len(frames), where.size))
@@ -45,7 +45,7 @@ def test_medians_are_those_of_the_errors_that_were_made(trial: Trial):
 def test_regions_hold_the_share_that_the_doubt_is_worth(trial: Trial, exaggeration: float, share: float):
     rng = np.random.default_rng(2)
     answers = {"gp": [answered(trial, rng, exaggeration) for _ in range(1000)]}
-    answers["plain"] = [replace(answer, doubt=None) for answer in answers["gp"]]
+    answers["plain"] = [replace(answer, uncertainty=None) for answer in answers["gp"]]
     coverage = contact_point_coverage([trial] * 1000, answers)
     assert list(coverage) == ["gp"]
     known = BEFORE < 0.4 + 1e-9

@@ -1,4 +1,4 @@
-"""The observer's verdicts, on answers that are made up and, once, on the whole chain."""
+"""The style classifier's verdicts, on answers that are made up and, once, on the whole chain."""
 
 import json
 import re
@@ -77,7 +77,7 @@ def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
         sys.executable,
         "-m",
         "highfive.hil.cli.main",
-        "observe",
+        "classify-style",
         str(tmp_path),
         "--people",
         "5",
@@ -112,10 +112,28 @@ def test_bad_requests_are_answered_in_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     given = [word.format(model=DEFAULT_MODEL, folder=tmp_path) for word in words]
-    monkeypatch.setattr("sys.argv", ["highfive", "observe", *given])
+    monkeypatch.setattr("sys.argv", ["highfive", "classify-style", *given])
     with pytest.raises(SystemExit) as end:
         cli.main()
     said = capsys.readouterr().err
     assert end.value.code == 2
     assert said.startswith("error:") and len(said.strip().splitlines()) == 1
     assert re.search(message, said)
+
+
+def test_the_name_before_is_an_alias_that_help_does_not_show(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def said(*words: str) -> str:
+        monkeypatch.setattr("sys.argv", ["highfive", *words])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        assert end.value.code == 0
+        return capsys.readouterr().out
+
+    commands = said("--help")
+    assert "classify-style" in commands and "observe" not in commands
+    assert (
+        said("observe", "--help").replace("observe", "classify-style").split()
+        == said("classify-style", "--help").split()
+    )

@@ -47,7 +47,7 @@ FILES = {
 ENDINGS = {"train --out": ".safetensors", "calibrate subject --out": ".toml", "stream --record": ".c3d"}
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
 READ = {
-    *("simulate --model", "simulate --rig-file", "simulate --limits", "simulate --estop"),
+    *("simulate --data", "simulate --rig-file", "simulate --limits", "simulate --estop"),
     *("simulate --registration", "bench locked --model"),
     *("train data", "evaluate paths", "evaluate --windows", "observe paths"),
     *("serve file", "track file", "track --subject", "calibrate subject file"),

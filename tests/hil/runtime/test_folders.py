@@ -49,7 +49,7 @@ ENDINGS = {"train --out": ".safetensors", "calibrate subject --out": ".toml", "s
 READ = {
     *("simulate --data", "simulate --rig-file", "simulate --limits", "simulate --estop"),
     *("simulate --registration", "bench locked --model"),
-    *("train data", "evaluate paths", "evaluate --windows", "observe paths"),
+    *("train data", "evaluate paths", "evaluate --windows", "classify-style paths", "observe paths"),
     *("serve file", "track file", "track --subject", "calibrate subject file"),
     *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),
     *("bench protocols --file", "bench contact --baseline"),

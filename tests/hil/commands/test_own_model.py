@@ -20,7 +20,7 @@ played = []
 def second(n):
     played.append(n)
     if n == 1: second.trials += 1
-    return raises(n) if second.trials > 3 else standing(n)
+    return raises(n) if second.trials > 2 else standing(n)
 second.trials = 0
 later = Standing(second)
 """

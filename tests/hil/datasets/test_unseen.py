@@ -64,7 +64,7 @@ def test_any_export_gives_the_motion_that_was(tmp_path: Path, export: Export) ->
     check(pair, CELLS[0], 0)
     assert any("left hands are mirrored" in line for line in said) == export.left_handers
     assert any("left-handed" in line for line in said) == (export.axes == LEFT_HANDED_Y_UP)
-    assert any("told by how they move" in line for line in said) == (export.habit == "numbers")
+    assert any("by how they move" in line for line in said) == (export.habit == "numbers")
 
 
 def test_a_damaged_recording_costs_its_own_trial_only(tmp_path: Path) -> None:

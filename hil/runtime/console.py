@@ -81,7 +81,6 @@ def show_log() -> None:
     if not any(isinstance(handler, _OnStandardError) for handler in LOGGER.handlers):
         LOGGER.addHandler(_OnStandardError())
         LOGGER.setLevel(logging.INFO)
-        LOGGER.propagate = False
 
 
 def escape(text: str) -> str:

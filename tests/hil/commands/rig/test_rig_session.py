@@ -33,7 +33,7 @@ from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, Emul
 from highfive.hil.drivers.priority import may_go_first
 from highfive.hil.recording.recording import SessionRecorder, read_recording
 from highfive.hil.recording.replay_goals import FORESEEN, recorded_high_fives
-from highfive.hil.runtime.console import Advance
+from highfive.hil.runtime.console import Advance, show_log
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.summary import SessionSettings
@@ -509,6 +509,7 @@ def test_servos_that_come_apart_while_the_arm_is_driven_stop_it(
 def test_a_session_that_leaves_torque_on_says_how_to_let_go_and_the_next_one_takes_over(
     slipped: Callable[..., EmulatorProcess], capsys: pytest.CaptureFixture[str]
 ) -> None:
+    show_log()  # as the command line does
     """Whether it ends by itself, by an error or by a stop; servos that hold are switched on no second time."""
     emulator = slipped()
     told = f"torque is on; to let it go, hold the arm, then: highfive rig release {emulator.port}"

@@ -1,6 +1,6 @@
 """A model from a folder of recordings (docs/data.md), and its scores beside plain regressions.
 
-highfive capture --repetitions 1 --out out/captured
+highfive capture --repetitions 2 --out out/captured
 train_and_score.py out/captured
 """
 

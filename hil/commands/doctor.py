@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from highfive.hil.runtime.console import counted
+from highfive.model.plugins import PluginError, fault
 
 GOOD, MISSING, BROKEN = "good", "missing", "broken"
 _OPENGL_SECONDS = 60.0
@@ -69,8 +70,7 @@ def examine() -> list[Finding]:
         try:
             found = look()
         except Exception as error:  # what cannot be looked at is a finding
-            text = " ".join(str(error).split())
-            found = Finding(group, name, BROKEN, f"{type(error).__name__}: {text}", "")
+            found = Finding(group, name, BROKEN, fault(error))
         findings += found if isinstance(found, list) else [found]
     return findings
 
@@ -212,7 +212,6 @@ def _film() -> Finding:
 
 def _plugins() -> list[Finding]:
     from highfive.mocap_bridge.sources.registry import scheme_named, scheme_names  # noqa: PLC0415
-    from highfive.model.plugins import PluginError  # noqa: PLC0415
 
     findings = []
     for name in scheme_names():

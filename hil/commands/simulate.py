@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import cycle, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -131,20 +132,18 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
     """The model that answers; one of the user's own learns here."""
+    if options.data is None:
+        return open_model(options.model)
     if not is_plugin(options.model):
-        if options.data is not None:
-            raise HighFiveError(f"--data is what a model of your own learns from; {options.model} has learned")
-        return open_model(options.model)
-    data = options.data
-    if data is None:
-        return open_model(options.model)
+        raise HighFiveError(f"--data is what a model of your own learns from; {options.model} has learned")
+    return open_model(options.model, partial(_training_trials, options.data, bar))
+
+
+def _training_trials(data: Path, bar: Bar) -> list[Trial]:
     from highfive.hil.datasets.training_data import load_trials  # noqa: PLC0415
 
-    def trials() -> list[Trial]:
-        pairs = load_trials(data, progress=lambda total: bar("solving markers", total), learn_only=True)
-        return [pair.trial for pair in pairs]
-
-    return open_model(options.model, trials)
+    pairs = load_trials(data, progress=lambda total: bar("solving markers", total), learn_only=True)
+    return [pair.trial for pair in pairs]
 
 
 def _live_person(options: SimulateOptions, stack: ExitStack) -> LivePerson:
@@ -301,7 +300,10 @@ def _run(
                 style = options.style or {partner.emotion: 1.0}
                 session.set_style(style)
                 called = style_name(style)
-                result, trouble = _trial(number, partner, called, session, playout, person, watch)
+                try:
+                    result, trouble = _trial(number, partner, called, session, playout, person, watch)
+                except PluginError as error:  # a model of the user's own
+                    result, trouble = None, str(error)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     remedy = "" if watch is None else _remedy(watch, None)
                     if not results:
@@ -349,21 +351,6 @@ def _trial(
     watch: ArmWatch | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
-    try:
-        return _played_trial(number, partner, style, session, playout, person, watch)
-    except PluginError as error:
-        return None, str(error)
-
-
-def _played_trial(
-    number: int,
-    partner: Partner,
-    style: str,
-    session: Session,
-    playout: PlayOut,
-    person: LivePerson | None,
-    watch: ArmWatch | None,
-) -> tuple[TrialResult | None, str]:
     if person is None and watch is None:
         return run_trial(number, partner, session, playout), ""
     try:

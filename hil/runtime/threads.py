@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import connection, get_context, parent_process
+from types import ModuleType
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -37,7 +39,7 @@ def parallel_map(
     """Results in order of the jobs, which a process a core works off.
 
     Args:
-        function: a function of a module, not a closure.
+        function: a function of a module, not a closure, nor of the script that runs.
         jobs: arguments, one a call.
         progress: called with the number of jobs; what comes back is called after each.
     """
@@ -51,7 +53,7 @@ def parallel_map(
     # Spawned, not forked: JAX may run threads in this process.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker) as pool:
         try:
-            with interrupts_held():
+            with interrupts_held(), _script_hidden():
                 results = pool.map(function, jobs)
             for result in results:
                 yield result
@@ -59,6 +61,17 @@ def parallel_map(
         except BaseException:
             pool.shutdown(cancel_futures=True)  # leaving alone would wait for every job
             raise
+
+
+@contextmanager
+def _script_hidden() -> Iterator[None]:
+    """Processes started in here do not run the user's script again, which need not guard itself with ``__name__``."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 def _begin_worker() -> None:

@@ -8,7 +8,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.sources.live import Link, LiveSource
-from highfive.mocap_bridge.sources.registry import examples, scheme_named, scheme_names
+from highfive.mocap_bridge.sources.registry import examples, is_known, scheme_named
 from highfive.mocap_bridge.sources.scheme import FILE, Address, Scheme
 from highfive.mocap_bridge.sources.source import C3DSource, Source
 from highfive.mocap_bridge.sources.tap import Tap, tapped
@@ -36,7 +36,7 @@ def parse_address(text: str) -> Address:
             raise HighFiveError(f"an address is empty; expected {examples()} or the path of a C3D file")
         return Address(FILE, text.strip())
     scheme = scheme.lower()
-    if scheme not in scheme_names():
+    if not is_known(scheme):
         raise HighFiveError(f"unknown address {text!r}: there are {examples()} and the paths of C3D files")
     kind = scheme_named(scheme)
     if not kind.port:  # a stream's name may be anything, where a host may not

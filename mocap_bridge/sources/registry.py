@@ -29,6 +29,11 @@ def scheme_names() -> list[str]:
     return [*BUILT_IN, *(name for name in plugin_names(GROUP) if name not in BUILT_IN)]
 
 
+def is_known(name: str) -> bool:
+    """Whether there is a protocol of that name; installed packages are looked through for none of ours."""
+    return name in BUILT_IN or name in plugin_names(GROUP)
+
+
 @cache
 def scheme_named(name: str) -> Scheme:
     """A protocol.

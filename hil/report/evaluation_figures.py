@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,11 @@ def errors(result: dict[str, Any]) -> Drawing:
     return Drawing("errors", caption, figure)
 
 
+def _label(method: str) -> str:
+    """A method's name in a figure; a model of the user's own is called by its file and function."""
+    return _NAMES.get(method, Path(method).name)
+
+
 def _seeds(count: int) -> str:
     return "one seed" if count == 1 else f"{count} seeds"
 
@@ -66,7 +72,7 @@ def _error_panel(axes: Axes, result: dict[str, Any], name: str) -> None:
             shown, (high if inside else edge, place), (7 if inside else -7, 0), textcoords="offset points", fontsize=9,
             va="center" if inside else "bottom", ha="left" if inside else "right",
         )  # fmt: skip
-    axes.set_yticks(range(len(methods)), [_NAMES[method] for method in methods])
+    axes.set_yticks(range(len(methods)), [_label(method) for method in methods])
     axes.set_ylim(len(methods) - 0.5, -0.5)
     axes.set_xlim(0.0, edge)
     axes.tick_params(axis="y", length=0)
@@ -91,7 +97,7 @@ def calibration(run: Run) -> Drawing | None:
                 colour, mark = method_look(method)
                 axes.plot(
                     100.0 * probability, 100.0 * share, color=colour, marker=mark, ms=5, markevery=[25, 45], lw=1.6,
-                    label=_NAMES[method],
+                    label=_label(method),
                 )  # fmt: skip
         axes.set_title(title, fontsize=10, fontweight="normal")
         axes.set_aspect("equal")
@@ -127,8 +133,8 @@ def left_out(result: dict[str, Any]) -> Drawing | None:
         highest = max(highest, *values, *seen[np.isfinite(seen)])
         axes.plot(np.stack([x, x]), np.stack([seen, values]), color=colour, lw=1.0, alpha=0.6)
         if np.isfinite(seen).any():
-            axes.plot(x, seen, mark, mfc="none", mec=colour, ms=6, label=f"{_NAMES[method]}, {what} seen in training")
-        axes.plot(x, values, mark, color=colour, ms=7, label=f"{_NAMES[method]}, {what} left out")
+            axes.plot(x, seen, mark, mfc="none", mec=colour, ms=6, label=f"{_label(method)}, {what} seen in training")
+        axes.plot(x, values, mark, color=colour, ms=7, label=f"{_label(method)}, {what} left out")
     axes.set_xticks(range(len(folds)), folds)
     axes.set_xlabel(what)
     axes.set_ylim(0.0, 1.1 * highest)
@@ -176,7 +182,7 @@ def _lines(axes: Axes, x: Array, found: horizons.Errors) -> None:
     for name, values in shown.items():
         colour, mark = method_look(name)
         axes.plot(
-            x, CM * values, color=colour, marker=mark, ms=5, lw=1.8 if name == "hgpdm" else 1.1, label=_NAMES[name]
+            x, CM * values, color=colour, marker=mark, ms=5, lw=1.8 if name == "hgpdm" else 1.1, label=_label(name)
         )
     trusted = [np.nanmax(values) for name, values in shown.items() if name != "constant_velocity"]
     axes.set_ylim(0.0, 130.0 * max(trusted))

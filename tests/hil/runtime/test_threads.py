@@ -32,3 +32,14 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
         finally:
             parent.send_signal(signal.SIGKILL)
         assert parent.communicate(timeout=60)[0] == b""  # read until the workers, too, have closed it
+
+
+def test_a_script_needs_no_guard_of_its_own(tmp_path: Path) -> None:
+    """A user's five lines stand at the top level of a file, which a worker does not run again."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from highfive.hil.runtime.threads import parallel_map\n"
+        "print(sum(parallel_map(abs, [-1, -2, -3, -4, -5], lambda total: lambda: None)))\n"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert (ran.stdout, ran.stderr) == ("15\n", "")

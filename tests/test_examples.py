@@ -64,5 +64,6 @@ def test_read_session_and_train_and_score(run, tmp_path: Path) -> None:
     CliRunner().invoke(app, ["simulate", "--trials", "1", "--no-pictures", "--out", str(tmp_path / "session")])
     assert "1 high fives" in run("read_session.py", tmp_path / "session" / "session.mcap")
     data = tmp_path / "captured"
-    CliRunner().invoke(app, ["capture", "--repetitions", "2", "--test-repetitions", "1", "--out", str(data)])
+    words = ["--emotion", "happy", "--emotion", "sad", "--repetitions", "2", "--test-repetitions", "1"]
+    CliRunner().invoke(app, ["capture", *words, "--out", str(data)])
     assert "hgpdm       palm at contact" in run("train_and_score.py", data)

@@ -80,7 +80,8 @@ def test_data_without_a_model_that_learns_is_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_nearest_neighbours_learn_are_played_and_stand_in_the_table(tmp_path: Path) -> None:
     data = tmp_path / "captured"
-    captured = CliRunner().invoke(app, ["capture", "--repetitions", "2", "--test-repetitions", "1", "--out", str(data)])
+    words = ["--emotion", "happy", "--emotion", "sad", "--repetitions", "2", "--test-repetitions", "1"]
+    captured = CliRunner().invoke(app, ["capture", *words, "--out", str(data)])
     assert captured.exit_code == 0, captured.output
     result = simulate(tmp_path / "out", "--model", NEIGHBOURS, "--data", data, "--trials", 2, "--json")
     rows = json.loads(result.stdout)["rows"]

@@ -41,5 +41,5 @@ def test_a_script_needs_no_guard_of_its_own(tmp_path: Path) -> None:
         "from highfive.hil.runtime.threads import parallel_map\n"
         "print(sum(parallel_map(abs, [-1, -2, -3, -4, -5], lambda total: lambda: None)))\n"
     )
-    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=False)
     assert (ran.stdout, ran.stderr) == ("15\n", "")

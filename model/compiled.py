@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, cast
+from typing import Any, Literal, TypedDict, TypeVar, cast
 
 import numpy as np
 from numba import njit
 from numba.core import event as events
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
+from numpy.typing import NDArray
 
-Compiled = TypeVar("Compiled", bound=Callable)
+Compiled = TypeVar("Compiled", bound=Callable[..., Any])
+
+
+class _Options(TypedDict):
+    fastmath: set[str]
+    error_model: Literal["numpy"]
+
 
 # Sums may run in vector lanes; NaN and infinity keep their meaning, and a division by zero gives them.
-OPTIONS = {"fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
+OPTIONS: _Options = {"fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
 
 
 def compiled(function: Compiled) -> Compiled:
@@ -62,7 +69,7 @@ class _Cache(FunctionCache):
             self._stamped = True
 
 
-def reached(function: Callable) -> str:
+def reached(function: Callable[..., Any]) -> str:
     """A digest of all that the function's machine code is made from.
 
     That is the source of every file with a compiled function that it calls, directly or not, and the constants that
@@ -71,7 +78,7 @@ def reached(function: Callable) -> str:
     files: dict[str, None] = {}
     constants: set[str] = set()
     seen: set[int] = set()
-    waiting: list[Callable] = [function]
+    waiting: list[Callable[..., Any]] = [function]
     while waiting:
         one = waiting.pop()
         if id(one) in seen:
@@ -80,18 +87,19 @@ def reached(function: Callable) -> str:
         files.setdefault(one.__code__.co_filename)
         for name, value in _read(one):
             if isinstance(value, Dispatcher):
-                waiting.append(value.py_func)
+                waiting.append(cast("Dispatcher[Callable[..., Any]]", value).py_func)
             elif isinstance(value, np.ndarray):
-                constants.add(f"{name} {value.dtype} {value.shape} {value.tobytes().hex()}")
+                array = cast("NDArray[Any]", value)
+                constants.add(f"{name} {array.dtype} {array.shape} {array.tobytes().hex()}")
             elif isinstance(value, (bool, int, float, str, tuple)):
                 constants.add(f"{name} {value!r}")
-    digest = sha256()
-    for text in (*sorted(filter(None, map(_source, files))), *sorted(constants)):
+    digest, sources = sha256(), (_source(file) for file in files)
+    for text in (*sorted(filter(None, sources)), *sorted(constants)):
         digest.update(sha256(text.encode()).digest())
     return digest.hexdigest()
 
 
-def _read(function: Callable) -> Iterator[tuple[str, Any]]:
+def _read(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
     """Global names that a function reads, closed-over ones, and those that it reads through a module."""
     variables = inspect.getclosurevars(function)
     for name, value in (*variables.globals.items(), *variables.nonlocals.items()):
@@ -122,7 +130,7 @@ class _Listener(events.Listener):
 
 
 @contextmanager
-def when_compiling(tell: Callable[[], Any]) -> Iterator[None]:
+def when_compiling(tell: Callable[[], Any]) -> Generator[None]:
     """Calls ``tell`` once, as soon as a function really is compiled meanwhile; what is only loaded is quick."""
     with events.install_listener("numba:compile", _Listener(tell)):
         yield

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def leftovers(path: Path) -> list[Path]:
 
 
 @contextmanager
-def written_whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
+def written_whole(path: Path, *, replace: bool = True) -> Generator[Path]:
     """Gives a new, empty file beside ``path`` to write to, which gets its name in the end; after a failure it is gone.
 
     Args:

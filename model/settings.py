@@ -11,7 +11,7 @@ import math
 import sys
 from collections import namedtuple
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any
+from typing import Any, cast
 
 from highfive.model.errors import HighFiveError
 
@@ -48,11 +48,11 @@ class Settings:
     def __post_init__(self) -> None:
         """Checks every field."""
         for one in fields(self):
-            kind, found = type(one.default), getattr(self, one.name)
+            kind, found = cast("type[Any]", type(one.default)), getattr(self, one.name)
             if one.default is MISSING or "bounds" not in one.metadata:
                 raise TypeError(f"{type(self).__name__}.{one.name} is no setting()")
             right = isinstance(found, tuple) if kind is tuple else _is_number(found, kind)
-            members = found if isinstance(found, tuple) else (found,)
+            members = cast("tuple[Any, ...]", found) if isinstance(found, tuple) else (found,)
             if not right or not all(_is_number(member, float) or kind is bool for member in members):
                 raise HighFiveError(f"{self._named(one.name)}, expected {_described(kind)}")
             for words, bound in one.metadata["bounds"].items():
@@ -79,7 +79,8 @@ def named_tuple(settings: type[Settings]) -> Any:
     There it is found by its name: code that was compiled for it is kept from one process to the next.
     """
     names = [one.name for one in fields(settings)]
-    return namedtuple(f"{settings.__name__}Values", names, module=settings.__module__)
+    # Its fields are known at run time only.
+    return namedtuple(f"{settings.__name__}Values", names, module=settings.__module__)  # pyright: ignore[reportUntypedNamedTuple]
 
 
 def _is_number(value: object, kind: type) -> bool:

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from highfive.model.errors import HighFiveError
 
@@ -34,13 +34,23 @@ def read_toml(path: Path, what: str, error: type[HighFiveError] = HighFiveError)
         raise error(f"cannot read {what} {path}: it is no TOML file: {found}") from None
 
 
+def is_table(value: object) -> TypeGuard[Mapping[str, Any]]:
+    """Whether it is a table, or what JSON calls an object; what is in it is not looked at."""
+    return isinstance(value, Mapping)
+
+
+def is_list(value: object) -> TypeGuard[list[Any]]:
+    """Whether it is a list; what is in it is not looked at."""
+    return isinstance(value, list)
+
+
 def check_keys(entry: Any, where: str, required: set[str], optional: set[str] | None = None) -> None:
     """A table has the entries that are ``required``, and none that means nothing.
 
     Raises:
         HighFiveError: it has not, or is no table; the message begins with ``where``.
     """
-    if not isinstance(entry, Mapping):
+    if not is_table(entry):
         raise HighFiveError(f"{where}: got {entry!r}, expected a table with {', '.join(sorted(required))}")
     if missing := required - set(entry):
         raise HighFiveError(f"{where}: {', '.join(sorted(missing))} missing")
@@ -54,7 +64,7 @@ def table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     Raises:
         HighFiveError: there is none.
     """
-    if not isinstance(found := data.get(name), Mapping):
+    if not is_table(found := data.get(name)):
         raise HighFiveError(f"[{name}] is missing")
     return found
 

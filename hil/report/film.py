@@ -1,8 +1,5 @@
 """The film of a session, the median high five of each style, and the picture strips of its report."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 import time

@@ -1,8 +1,5 @@
 """Puts what was played in a trial into a scene, to be drawn: the avatar or the servo arm, and the person."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping

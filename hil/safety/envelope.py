@@ -183,7 +183,8 @@ def led(
     Returns:
         the velocities, where the joints are wanted within their limits, the way point, and the rules that acted.
     """
-    velocities, within, way_point, acted = motion.braked(limits, told, dt), None, now.way_point, set()
+    velocities, within, way_point = motion.braked(limits, told, dt), None, now.way_point
+    acted: set[Rule] = set()
     if now.state is State.TRACKING and wanted is not None:
         within, outside = motion.position_wanted(limits, wanted)
         velocities, slower = motion.towards(limits, told, within, dt)

@@ -8,12 +8,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate")
 """Joints in the order of every array."""
@@ -27,7 +30,7 @@ STALL_CURRENTS = np.array([4.4, 4.4, 4.4, 4.4, 4.4, 2.3])
 """(J,) A at 12 V, of the joint's servos: XM540-W270, the last one XM430-W350 (the maker's tables)."""
 
 
-Section = TypeVar("Section")
+Section = TypeVar("Section", bound="DataclassInstance")
 
 
 class LimitsError(HighFiveError):

@@ -27,7 +27,7 @@ from highfive.hil.safety.limits import (
     Stale,
     Timing,
 )
-from highfive.model.toml_file import read_toml
+from highfive.model.toml_file import is_list, is_table, read_toml
 
 FILE = Path(__file__).with_name("limits.toml")
 """The limits that come with the project."""
@@ -36,7 +36,7 @@ FILE = Path(__file__).with_name("limits.toml")
 PEER = 1e-9  # relative: two ways to write the same number
 
 
-SECTIONS = {
+SECTIONS: dict[str, type[Any]] = {
     "servo": Servo,
     "posture": Posture,
     "contact": Contact,
@@ -117,7 +117,7 @@ def parse_changes(texts: Sequence[str]) -> dict[str, float]:
     Raises:
         LimitsError: a word is not a name, an equals sign and a number.
     """
-    changes = {}
+    changes: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
         try:
@@ -138,7 +138,7 @@ def _lowered_entry(section: Section, name: str, entry: str, value: float) -> Sec
     if span.safer * (value - now) < 0.0:
         way = "lowered" if span.safer < 0 else "raised"
         raise LimitsError(f"{name} is {now:g} {span.unit} and can only be {way} at the command line, not {value:g}")
-    return replace(section, **{entry: float(value)})  # pyright: ignore[reportArgumentType]
+    return replace(section, **{entry: float(value)})
 
 
 def _parsed(data: dict[str, Any]) -> Limits:
@@ -147,7 +147,7 @@ def _parsed(data: dict[str, Any]) -> Limits:
     _same_names(joint, JOINTS, "[joint]")
     _same_names(retract, ("path",), "[retract]")
     path = retract["path"]
-    if not isinstance(path, list) or not path or any(not isinstance(p, list) or len(p) != len(JOINTS) for p in path):
+    if not is_list(path) or not path or any(not is_list(p) or len(p) != len(JOINTS) for p in path):
         raise LimitsError(f"retract.path has to be one or more poses of {len(JOINTS)} angles")
     anywhere = Span("rad", -math.pi, math.pi, 0)
     return Limits(
@@ -167,8 +167,8 @@ def _spans(kind: type) -> dict[str, Span]:
     return {f.name: f.metadata["span"] for f in fields(kind)}
 
 
-def _table(data: Any, where: str) -> dict[str, Any]:
-    if not isinstance(data, dict):
+def _table(data: Any, where: str) -> Mapping[str, Any]:
+    if not is_table(data):
         raise LimitsError(f"{where} has to be a table, got {data!r}")
     return data
 

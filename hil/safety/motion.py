@@ -76,7 +76,9 @@ def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Arr
     there.
     """
     before = told.wanted if told.wanted is not None else wanted
-    paces, behind, rate, furthest = [], [], 1.0 / max(dt, NO_TIME), 0.0
+    paces: list[float] = []
+    behind: list[float] = []
+    rate, furthest = 1.0 / max(dt, NO_TIME), 0.0
     for joint, goal, last, q in zip(
         limits.joints, wanted.tolist(), before.tolist(), told.positions.tolist(), strict=True
     ):
@@ -100,7 +102,8 @@ def braked(limits: Limits, told: Motion, dt: float) -> Array:
 
 def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:
     """The velocities (J,), rad/s, nearest to those asked for that acceleration, speed and position allow."""
-    results, acted = [], set()
+    results: list[float] = []
+    acted: set[Rule] = set()
     for joint, q, v, asked in zip(
         limits.joints, told.positions.tolist(), told.velocities.tolist(), velocities.tolist(), strict=True
     ):

@@ -250,7 +250,7 @@ def monitor_separation(
         fraction = unseen_fraction(limits, points.jacobians @ velocities)
         return fraction * velocities, None, {Rule.UNSEEN_PERSON} if fraction < 1.0 else set()
     limited, closing = limit_closing_speed(limits.contact, seen, human, points, velocities, dt)
-    acted = {Rule.CONTACT_SPEED} if limited is not velocities and (limited != velocities).any() else set()
+    acted: set[Rule] = {Rule.CONTACT_SPEED} if limited is not velocities and (limited != velocities).any() else set()
     fraction, closing, slowing = points_fraction(limits, seen, human, points, points.jacobians @ limited, closing, dt)
     return fraction * limited, closing, acted | slowing
 
@@ -270,7 +270,9 @@ def points_fraction(
     """
     face = face_zone_fraction(limits.face, seen, points, velocities, dt, human.head_seen.margin)
     anywhere = speed_fraction(limits.motion.point_speed, velocities)
-    acted = ({Rule.FACE_ZONE} if face < 1.0 else set()) | ({Rule.POINT_SPEED} if anywhere < face else set())
+    acted: set[Rule] = {Rule.FACE_ZONE} if face < 1.0 else set()
+    if anywhere < face:
+        acted.add(Rule.POINT_SPEED)
     fraction = min(face, anywhere)
     if fraction < 1.0 and closing is not None and seen.line is not None:
         closing -= (1.0 - fraction) * _dot(seen.line.tolist(), velocities[0].tolist())

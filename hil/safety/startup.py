@@ -65,7 +65,7 @@ def register_mismatches(wanted: Registers, found: Registers) -> list[str]:
 
     Calibration (homing offset, direction) is among them.
     """
-    lines = []
+    lines: list[str] = []
     for servo, registers in wanted.items():
         if servo not in found:
             lines.append(f"servo {servo} did not answer")
@@ -80,7 +80,8 @@ def register_mismatches(wanted: Registers, found: Registers) -> list[str]:
 
 def limit_mismatches(limits: Limits, servos: Iterable[ServoLimits]) -> list[str]:
     """A line for everything in which a servo would not hold itself to the limits, or could not follow them."""
-    lines, known = [], set()
+    lines: list[str] = []
+    known: set[str] = set()
     for servo in servos:
         if servo.joint not in JOINTS:
             lines.append(f"{servo.joint} is no joint of this arm")

@@ -57,6 +57,8 @@ def without_fault(limits: Limits, now: EnvelopeState, inputs: Inputs, age_s: flo
             event = Event.RETRACTED
         case State.STOPPING if told is None or not told.velocities.any():
             event = Event.STILL
+        case _:
+            pass
     return event
 
 
@@ -93,6 +95,8 @@ def entered(
             now = replace(now, way_point=retract.nearest(limits, told.positions))
         case Event.RETRACTED if told is not None:
             now = replace(now, motion=at_rest(told.positions))
+        case _:
+            pass
     return now
 
 

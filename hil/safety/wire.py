@@ -72,7 +72,7 @@ def within_rules(
             reference = limited - offset
     moving = goals.jacobians @ (reference + offset)
     fraction, closing, _ = people.points_fraction(limits, seen, human, goals, moving, closing, dt)
-    acted = {Rule.FEED_FORWARD} if too_fast or fraction < 1.0 else set()
+    acted: set[Rule] = {Rule.FEED_FORWARD} if too_fast or fraction < 1.0 else set()
     return Rates(fraction * reference, fraction * offset, closing), acted
 
 

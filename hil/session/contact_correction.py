@@ -12,9 +12,6 @@ programming", sec. III), damped as by Levenberg and Marquardt where a step makes
 the limits instead is no bound: it stalled 30 mm off where the box QP is within 1.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -15,9 +15,6 @@ within a few times SOFTNESS, at a distance that grows with the logarithm of how 
 palm's target lies in the body, or an elbow and the trunk where only the posture asks for it.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 import math
@@ -25,6 +22,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from highfive.hil.sim.scene import Indices, Scene, own_pairs
 from highfive.model.compiled import compiled, compiled_entry
@@ -39,6 +37,9 @@ ZONE = 0.07
 PALM_RODS = ((-0.024, 0.022), (0.0, 0.036), (0.024, 0.022))
 """The palm's capsules: where across the hand and half the length along it, m; as thick as the hand."""
 _CAPSULE, _ELLIPSOID = 0, 1
+
+_Growing = tuple[float, float, float, float]
+"""A signed distance, m, and the unit vector (x, y, z) in which it grows."""
 
 
 class _State(NamedTuple):
@@ -122,7 +123,7 @@ def _rods(model: mujoco.MjModel, name: str) -> list[Array]:
     return [np.array([across, 0.0, -half, across, 0.0, half, size[1]]) for across, half in PALM_RODS]
 
 
-def _moves(model: mujoco.MjModel, turning: Array, geoms: Array) -> Array:
+def _moves(model: mujoco.MjModel, turning: NDArray[np.int32], geoms: Indices) -> Array:
     """(G, 18): 1 where a hinge of a body in ``turning`` (18,) moves a geom."""
     result = np.zeros((len(geoms), len(turning)))
     for i, geom in enumerate(geoms):
@@ -134,7 +135,7 @@ def _moves(model: mujoco.MjModel, turning: Array, geoms: Array) -> Array:
 
 
 @compiled
-def _from_ellipsoid(x, y, z, a, b, c):
+def _from_ellipsoid(x: float, y: float, z: float, a: float, b: float, c: float) -> _Growing:
     """Signed distance of a point from an ellipsoid at the origin, and the unit normal at its nearest point."""
     u, v, w = a * max(abs(x), 1e-9), b * max(abs(y), 1e-9), c * max(abs(z), 1e-9)
     aa, bb, cc = a * a, b * b, c * c
@@ -155,7 +156,7 @@ def _from_ellipsoid(x, y, z, a, b, c):
 
 
 @compiled
-def _from_segment(x, y, z, half):
+def _from_segment(x: float, y: float, z: float, half: float) -> _Growing:
     """Distance of a point from the segment of z within ±half, and the unit vector from there."""
     z -= min(max(z, -half), half)
     length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
@@ -163,7 +164,7 @@ def _from_segment(x, y, z, half):
 
 
 @compiled
-def _from_shape(kind, size, x, y, z):
+def _from_shape(kind: int, size: Array, x: float, y: float, z: float) -> _Growing:
     """Signed distance of a point, in the shape's frame, from its surface, and the direction in which it grows."""
     if kind == _ELLIPSOID:
         return _from_ellipsoid(x, y, z, size[0], size[1], size[2])
@@ -172,7 +173,7 @@ def _from_shape(kind, size, x, y, z):
 
 
 @compiled
-def _local(frame, vector, x, y, z):
+def _local(frame: Array, vector: Array, x: float, y: float, z: float) -> None:
     """Writes a vector of the world into ``vector``, as seen in a frame (9,)."""
     vector[0] = frame[0] * x + frame[3] * y + frame[6] * z
     vector[1] = frame[1] * x + frame[4] * y + frame[7] * z
@@ -180,7 +181,7 @@ def _local(frame, vector, x, y, z):
 
 
 @compiled
-def _world(frame, vector, x, y, z):
+def _world(frame: Array, vector: Array, x: float, y: float, z: float) -> None:
     """Writes a vector in a frame (9,) into ``vector``, as the world sees it."""
     vector[0] = frame[0] * x + frame[1] * y + frame[2] * z
     vector[1] = frame[3] * x + frame[4] * y + frame[5] * z
@@ -188,7 +189,7 @@ def _world(frame, vector, x, y, z):
 
 
 @compiled
-def _place(rod, place, frame, work):
+def _place(rod: Array, place: Array, frame: Array, work: Array) -> None:
     """Writes a rod's start and the way along it, m in the world, into rows 0 and 1 of ``work`` (6, 3)."""
     _world(frame, work[0], rod[0], rod[1], rod[2])
     _world(frame, work[1], rod[3] - rod[0], rod[4] - rod[1], rod[5] - rod[2])
@@ -197,7 +198,7 @@ def _place(rod, place, frame, work):
 
 
 @compiled
-def _nearest(radius, kind, size, at, frame, enough, work):
+def _nearest(radius: float, kind: int, size: Array, at: Array, frame: Array, enough: float, work: Array) -> float:
     """Signed distance, m, of the rod in rows 0 and 1 of ``work`` from a shape, infinite where it is beyond ``enough``.
 
     Writes the nearest point of the rod's axis into row 2 and the direction in which the distance grows into row 3, both
@@ -246,7 +247,7 @@ def _nearest(radius, kind, size, at, frame, enough, work):
 
 
 @compiled
-def _growth(work, anchor, axis):
+def _growth(work: Array, anchor: Array, axis: Array) -> float:
     """How a distance grows as its rod turns about a hinge, m/rad."""
     x, y, z = work[2, 0] - anchor[0], work[2, 1] - anchor[1], work[2, 2] - anchor[2]
     return (
@@ -257,7 +258,7 @@ def _growth(work, anchor, axis):
 
 
 @compiled
-def _gradient(state, shapes, r, b, work, row):
+def _gradient(state: _State, shapes: _Shapes, r: int, b: int, work: Array, row: Array) -> None:
     """Writes how the distance of a rod from a shape grows with the joints, m/rad, into ``row``."""
     for k in range(len(row)):
         # What turns both changes nothing: the rod's nearest point is taken as fixed to the one and the other.
@@ -266,7 +267,7 @@ def _gradient(state, shapes, r, b, work, row):
 
 
 @compiled
-def _distance(state, shapes, r, b, enough, work):
+def _distance(state: _State, shapes: _Shapes, r: int, b: int, enough: float, work: Array) -> float:
     """See :func:`_nearest`."""
     rod, geom = shapes.rod_geoms[r], shapes.geoms[b]
     _place(shapes.rods[r], state.places[rod], state.frames[rod], work)
@@ -275,7 +276,7 @@ def _distance(state, shapes, r, b, enough, work):
 
 
 @compiled
-def _hand_radius(state, shapes, hand, work):
+def _hand_radius(state: _State, shapes: _Shapes, hand: int, work: Array) -> float:
     """Radius, m, of a sphere about the first rod's geom that holds the first ``hand`` rods."""
     radius, centre = 0.0, state.places[shapes.rod_geoms[0]]
     for r in range(hand):
@@ -290,7 +291,7 @@ def _hand_radius(state, shapes, hand, work):
 
 
 @compiled_entry
-def _distances(state, shapes, distances, gradients):
+def _distances(state: _State, shapes: _Shapes, distances: Array, gradients: Array) -> None:
     work = np.empty((4, 3))
     for r in range(len(shapes.rods)):
         for b in range(len(shapes.geoms)):
@@ -299,7 +300,7 @@ def _distances(state, shapes, distances, gradients):
 
 
 @compiled_entry
-def _keep_off(state, shapes, strength, gradient, hessian):
+def _keep_off(state: _State, shapes: _Shapes, strength: float, gradient: Array, hessian: Array) -> float:
     work, row = np.empty((4, 3)), np.empty(len(shapes.joints))
     hand = len(shapes.rods) - 1
     radius, centre = _hand_radius(state, shapes, hand, work), state.places[shapes.rod_geoms[0]]

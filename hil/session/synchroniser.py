@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from highfive.hil.sim.avatar import Pose
 from highfive.mocap_bridge.frames import HumanArm, PalmPose
@@ -20,6 +21,8 @@ KEPT = 64
 
 AHEAD_NS = 25_000_000
 """Beyond its newest sample a stream goes on as it was going for so long at the most, then stays."""
+
+Sample = TypeVar("Sample")
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Synchroniser:
         return Moment(time_ns, pose, person)
 
 
-def _around(samples: deque, time_ns: int) -> tuple:
+def _around(samples: deque[tuple[int, Sample]], time_ns: int) -> tuple[Sample, Sample, float]:
     """Two neighbouring samples and where ``time_ns`` lies from the first (0) to the second (1), or beyond it."""
     times = [time for time, _ in samples]
     index = bisect_right(times, time_ns) - 1

@@ -1,8 +1,5 @@
 """The servo arm in MuJoCo: alone on its column, or in the scene beside or instead of the avatar."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass

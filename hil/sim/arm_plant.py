@@ -1,8 +1,5 @@
 """The body that servos move: the arm's dynamics, with stops and whoever pushes against its palm."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 import mujoco

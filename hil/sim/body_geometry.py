@@ -1,8 +1,5 @@
 """The avatar's bodies, hinges, contact shapes and masses, added to a MuJoCo specification."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,8 +1,5 @@
 """Skins, faces and materials: what is seen of avatar and person. Nothing here collides."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -4,9 +4,6 @@ Head, arm and trunk are mocap bodies that follow the person. The palm is a free 
 contact does not see the velocity of a mocap body and would have the wrong force.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 import math

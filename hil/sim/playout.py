@@ -1,8 +1,5 @@
 """Plays the avatar's poses in the scene: as they are (kinematic), or through actuators against contacts (physics)."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 import copy

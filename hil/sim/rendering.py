@@ -1,8 +1,5 @@
 """Pictures of the scene without a window, where the machine has OpenGL."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,8 +1,5 @@
 """The MuJoCo scene: avatar, person and room in one model, and how poses get in and out of it."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass

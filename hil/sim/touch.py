@@ -1,8 +1,5 @@
 """What touches what in the scene, read from MuJoCo's contacts."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -51,7 +51,8 @@ def ridge(task: Problem) -> Predictor:
     """Ridge regression of each emotion on the features."""
 
     def fit(features: Array, outputs: Array) -> Callable[[Array], Array]:
-        centre, offset = features.mean(axis=0), outputs.mean(axis=0)
+        centre: Array = features.mean(axis=0)
+        offset: Array = outputs.mean(axis=0)
         centred = features - centre
         gram = centred.T @ centred + RIDGE_PENALTY * np.eye(features.shape[1])
         weights = np.linalg.solve(gram, centred.T @ (outputs - offset))

@@ -47,7 +47,7 @@ def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Pred
     """Share of contacts inside the 90 % region that each method with an uncertainty gives :data:`BEFORE` contact."""
     found: Errors = {}
     for name, given in answers.items():
-        inside = []
+        inside: list[Array] = []
         for trial, answer in zip(trials, given, strict=True):
             if answer.uncertainty is None:
                 break
@@ -110,14 +110,16 @@ def _forecast(responder: Responder) -> list[Array]:
     """The palm at each of :data:`AHEAD`, between the model's lags."""
     responses = responder.forecast(float(AHEAD[-1]))
     times, palms = [r.ahead for r in responses], np.array([r.palm for r in responses])
-    return list(np.stack([np.interp(AHEAD, times, column) for column in palms.T], axis=1))
+    columns: list[Array] = [np.interp(AHEAD, times, column) for column in palms.T]
+    return list(np.stack(columns, axis=1))
 
 
 def _ridge_ahead(task: Problem, trials: Sequence[Trial], ahead: float) -> Callable[[Trial, int], Array]:
     """Ridge regression, an emotion each, from the hand's features to the palm a time later."""
-    fitted = {}
+    fitted: dict[str, tuple[Array, Array, Array]] = {}
     for emotion in dict.fromkeys(trial.emotion for trial in trials):
-        inputs, outputs = [], []
+        inputs: list[Array] = []
+        outputs: list[Array] = []
         for trial in trials:
             last = len(trial.palm) / trial.rate_hz - ahead
             if trial.emotion == emotion and last > 0.0:

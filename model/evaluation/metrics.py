@@ -64,7 +64,7 @@ def spectral_arc_length(speed: Array, rate_hz: float) -> float:
     equations 3–4 (SPARC), with their cut-offs. It does not depend on amplitude or duration. A profile of
     zeros has none: NaN.
     """
-    size = 2 ** (int(np.ceil(np.log2(len(speed)))) + PADDING)
+    size: int = 2 ** (int(np.ceil(np.log2(len(speed)))) + PADDING)
     frequency = np.arange(size // 2 + 1) * rate_hz / size
     spectrum = np.abs(np.fft.rfft(speed, size))
     if spectrum.max() <= 0.0:
@@ -87,7 +87,8 @@ def rms_jerk(track: Array, rate_hz: float) -> float:
         return 0.0
     kernel = np.ones(width) / width
     smooth = np.stack([np.convolve(column, kernel, mode="valid") for column in track.T], axis=1)
-    return float(np.sqrt(np.mean(np.sum(np.square(np.diff(smooth, 3, axis=0) * rate_hz**3), axis=1))))
+    squares: Array = np.sum(np.square(np.diff(smooth, 3, axis=0) * rate_hz**3), axis=1)
+    return float(np.sqrt(np.mean(squares)))
 
 
 def lag(signal: Array, reference: Array, rate_hz: float) -> float:

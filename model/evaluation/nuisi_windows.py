@@ -65,7 +65,7 @@ def read_windows(path: Path | str) -> tuple[Windows, Windows]:
         with np.load(path, allow_pickle=False) as stored:
             if not isinstance(stored, np.lib.npyio.NpzFile):
                 raise HighFiveError(f"{path} holds one array; a windows file (.npz) holds train_input, train_target, …")
-            arrays = {name: stored[name] for name in stored.files}
+            arrays: dict[str, Array] = {name: stored[name] for name in stored.files}
     except OSError as error:
         raise HighFiveError(f"{path} is not a windows file (.npz): {error.strerror or error}") from None
     except _DAMAGED:
@@ -130,7 +130,8 @@ def is_person(windows: Windows) -> bool:
 
 def action_names(windows: Windows) -> dict[int, str]:
     """Names of the actions that occur."""
-    names = {20: ROBOT_ACTIONS, 90: HUMAN_ACTIONS}.get(windows.target.shape[1], ())
+    known: dict[int, tuple[str, ...]] = {20: ROBOT_ACTIONS, 90: HUMAN_ACTIONS}
+    names = known.get(windows.target.shape[1], ())
     return {int(k): names[k] if 0 <= k < len(names) else f"action_{k}" for k in np.unique(windows.action)}
 
 
@@ -141,18 +142,18 @@ def window_preset(preset: Preset) -> Preset:
 
 def window_set(windows: Windows) -> TrainingSet:
     """Windows as training points, all of one style: nobody tells the action."""
-    count, channels = windows.target.shape
+    channels: int = windows.target.shape[1]
     digest = hashlib.sha256(np.ascontiguousarray(windows.history).tobytes() + windows.target.tobytes()).hexdigest()[:16]
     return TrainingSet(
-        ("any",), 1.0 / RATE_HZ, windows.history, windows.target, np.ones(channels), np.ones((count, 1)),
-        windows.sequence, digest,
+        ("any",), 1.0 / RATE_HZ, windows.history, windows.target, np.ones(channels),
+        np.ones((len(windows.target), 1)), windows.sequence, digest,
     )  # fmt: skip
 
 
 def respond(model: HGPDM, windows: Windows) -> Array:
     """What the model answers (n, d), online, each sequence from its beginning."""
     moving, style, noise = Filter(model, RATE_HZ), np.ones(1), np.full(POINTS, ARM_VARIANCE)
-    answers = []
+    answers: list[Array] = []
     for number in range(windows.sequence[-1] + 1):
         histories = windows.history[windows.sequence == number]
         belief = moving.initial(style)

@@ -134,7 +134,8 @@ def online(model: HGPDM, body: Body) -> Method:
         responder.reset()
         responses = [responder.step(hand) for hand in trial.hand_points]
         outputs, frames = np.array([to_channels(r) for r in responses]), scored_frames(trial)
-        counted, said = [responses[frame] for frame in frames], outputs[frames]
+        counted = [responses[int(frame)] for frame in frames]
+        said = outputs[frames]
         uncertainty = Uncertainty(
             np.array([response.generated.avatar_deviations for response in counted]),
             np.array([response.generated.covariance(where.palm) for response in counted]),

@@ -155,7 +155,7 @@ def fit_style_classifier(values: Array, labels: Sequence[str]) -> StyleClassifie
     means = np.stack([values[index == k].mean(axis=0) for k in range(len(emotions))])
     within = values - means[index]
     degrees = max(len(values) - len(emotions), 1)
-    scale = np.sqrt((within**2).sum(axis=0) / degrees) + 1e-9
+    scale: Array = np.sqrt((within**2).sum(axis=0) / degrees) + 1e-9
     within, means = within / scale, means / scale
     covariance = (1.0 - SHRINKAGE) * within.T @ within / degrees + SHRINKAGE * np.eye(values.shape[1])
     weights = np.linalg.solve(covariance, means.T)

@@ -20,7 +20,7 @@ _AXIS = {"x": 0, "y": 1, "z": 2}
 
 def normalize(quaternion: ArrayLike) -> Array:
     """Unit quaternion (..., 4) with a non-negative scalar part."""
-    q = np.asarray(quaternion, dtype=float)
+    q: Array = np.asarray(quaternion, dtype=float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(q[..., :1] < 0.0, -q, q)
 

@@ -73,10 +73,10 @@ class Skeleton:
         depth = [0] * len(self)
         for joint, parent in enumerate(self.parents):
             depth[joint] = 0 if parent < 0 else depth[parent] + 1
-        levels = []
+        levels: list[tuple[Indices, Indices]] = []
         for level in range(1, max(depth) + 1):
-            joints = np.array([j for j, d in enumerate(depth) if d == level])
-            levels.append((joints, np.array([self.parents[j] for j in joints])))
+            joints = [j for j, d in enumerate(depth) if d == level]
+            levels.append((np.array(joints), np.array([self.parents[j] for j in joints])))
         return tuple(levels)
 
     @cached_property
@@ -141,7 +141,8 @@ class Skeleton:
         """The joints from the root to one of a name: their indices, and the skeleton that they make by themselves."""
         if name in self._chains:
             return self._chains[name]
-        joint, chain = self.index(name), []
+        joint = self.index(name)
+        chain: list[int] = []
         while joint >= 0:
             chain.insert(0, joint)
             joint = self.parents[joint]

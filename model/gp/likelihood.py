@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -80,7 +80,8 @@ def in_blocks(array: jax.Array, shards: int, size: int = BLOCK) -> jax.Array:
     blocks = -(-each // size)
     length = -(-each // blocks)
     array = array.reshape(shards, each, *array.shape[1:])
-    array = jnp.pad(array, [(0, 0), (0, blocks * length - each)] + [(0, 0)] * (array.ndim - 2))
+    filled = [(0, 0), (0, blocks * length - each)] + [(0, 0)] * (array.ndim - 2)
+    array = jnp.pad(array, filled)  # pyright: ignore[reportUnknownMemberType]  (its keywords are untyped)
     return array.reshape(shards, blocks, length, *array.shape[2:])
 
 
@@ -168,7 +169,7 @@ negative_log_likelihood.defvjp(_forward, _backward)
 
 def _inverse_factor(matrix: jax.Array) -> jax.Array:
     """L⁻¹ of L Lᵀ = matrix."""
-    return solve_triangular(jnp.linalg.cholesky(matrix), jnp.eye(matrix.shape[0]), lower=True)
+    return solve_triangular(cast(jax.Array, jnp.linalg.cholesky(matrix)), jnp.eye(matrix.shape[0]), lower=True)
 
 
 def _lower_product(lower: jax.Array, other: jax.Array) -> jax.Array:
@@ -207,7 +208,7 @@ def _solve(
     """The value from the sums, and its derivatives."""
     second, first, k_ff, squares, points = moments
     identity, precision = jnp.eye(second.shape[0]), 1.0 / noise
-    inner = jnp.linalg.cholesky(identity + precision * second)
+    inner = cast(jax.Array, jnp.linalg.cholesky(identity + precision * second))
     inner_inverse = solve_triangular(inner, identity, lower=True)
     solved = inner_inverse.T @ inner_inverse
     weights = solved @ first

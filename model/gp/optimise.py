@@ -204,7 +204,11 @@ def minimise(
         Diverged: the start is unusable, or the steps lead where a covariance is not positive definite.
     """
     vector, unravel = ravel_pytree(start)
-    evaluate = jax.jit(jax.value_and_grad(lambda flat, *given: function(unravel(flat), *given)))
+
+    def of_vector(flat: Any, *given: Any) -> jax.Array:
+        return function(unravel(flat), *given)
+
+    evaluate = jax.jit(jax.value_and_grad(of_vector))
     run = _Run(lambda flat: evaluate(flat, *arguments), stage, iterations, progress, keep)
     first = np.asarray(vector)
     state = resume or State(first, np.zeros_like(first), np.zeros_like(first), 1.0, ())

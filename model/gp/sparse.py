@@ -5,10 +5,11 @@ Sources: Seeger et al. 2003 and Lawrence 2007 (DTC for GP-LVMs); Titsias 2009 (t
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
+from jax.nn import sigmoid
 from jax.scipy.linalg import solve_triangular
 
 from highfive.model.gp import likelihood
@@ -51,7 +52,7 @@ class Targets(NamedTuple):
 def noise_variance(raw: jax.Array, bounds: tuple[float, float]) -> jax.Array:
     """Variance of a noise whose standard deviation stays within ``bounds``, for any real ``raw``."""
     low, high = jnp.log(bounds[0]), jnp.log(bounds[1])
-    return jnp.exp(2.0 * (low + (high - low) * jax.nn.sigmoid(raw)))
+    return jnp.exp(2.0 * (low + (high - low) * sigmoid(raw)))
 
 
 def raw_noise(deviation: float, bounds: tuple[float, float]) -> jax.Array:
@@ -124,12 +125,12 @@ def fit(
     """
     k_uu, (k_uf, _) = inducing_covariance(layer), cross_covariance(layer, inputs, styles)
     size, channels = k_uu.shape[0], values.shape[1]
-    lower = jnp.linalg.cholesky(k_uu)
+    lower = cast(jax.Array, jnp.linalg.cholesky(k_uu))
     inverse = solve_triangular(lower, jnp.eye(size), lower=True)
     if weights is not None:
         k_uf, values = k_uf * jnp.sqrt(weights), values * jnp.sqrt(weights)[:, None]
     projected = inverse @ k_uf
-    inner = jnp.linalg.cholesky(jnp.eye(size) + projected @ projected.T / noise)
+    inner = cast(jax.Array, jnp.linalg.cholesky(jnp.eye(size) + projected @ projected.T / noise))
     inner_inverse = solve_triangular(inner, inverse, lower=True)
     scale = jnp.ones(channels) if scale is None else scale
     offset = jnp.zeros(channels) if offset is None else offset

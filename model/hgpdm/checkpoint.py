@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class Checkpoint:
     path: Path
     owner: Mapping[str, str | int]
 
-    def save(self, arrays: Mapping[str, NDArray]) -> None:
+    def save(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Writes the arrays in one piece: a kill leaves the old file or the new one.
 
         Raises:
@@ -53,7 +54,7 @@ class Checkpoint:
         except OSError as error:
             raise HighFiveError(f"cannot write the checkpoint {self.path}: {error.strerror or error}") from None
 
-    def load(self) -> dict[str, NDArray] | None:
+    def load(self) -> dict[str, NDArray[Any]] | None:
         """The arrays last saved, or None if there is no file.
 
         Raises:

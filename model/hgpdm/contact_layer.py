@@ -36,6 +36,6 @@ class ContactLayer:
 
     def calibrated(self, time: float, covariance: Array) -> Array:
         """Covariance (4, 4) of a forecast of that time, as cross-validation says it must be."""
-        way, clock = (np.sqrt(np.interp(time, KNOTS, scales)) for scales in self.scales.T)
+        way, clock = (np.sqrt(np.interp(time, KNOTS, self.scales[:, column])) for column in (0, 1))
         factors = np.array([way, way, way, clock])
         return covariance * factors * factors[:, None]

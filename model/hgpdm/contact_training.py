@@ -31,7 +31,9 @@ MINIMUM = 30  # frames around a knot, at least
 
 def approaches(trials: Sequence[Trial], history: Sequence[float]) -> tuple[Array, Array, NDArray[np.int64]]:
     """Hand histories (n, H + 1, 6), m, way and time left (n, 4), and the trial (n,), of frames around the approach."""
-    histories, left, number = [], [], []
+    histories: list[Array] = []
+    left: list[Array] = []
+    number: list[NDArray[np.int64]] = []
     for index, trial in enumerate(trials):
         contact = trial.contact_frame / trial.rate_hz
         times = contact - np.arange(END, BEGIN, 1.0 / RATE_HZ)
@@ -73,7 +75,7 @@ def fit_contact_layer(
     """
     hands, left, number = approaches(trials, history)
     features = np.asarray(feature_map(hands))
-    offset = left.mean(axis=0)
+    offset: Array = left.mean(axis=0)
     scale = np.array([*[left[:, :3].std()] * 3, left[:, 3].std()])
     values = (left - offset) / scale
     count, dims = features.shape
@@ -95,7 +97,8 @@ def fit_contact_layer(
 
     def posterior(rows: NDArray[np.bool_]) -> Posterior:
         units = {"offset": jnp.asarray(offset), "scale": jnp.asarray(scale)}
-        return sparse.fit(layer, features[rows], values[rows], noise, **units, weights=counts[rows])
+        inputs, outputs = jnp.asarray(features[rows]), jnp.asarray(values[rows])
+        return sparse.fit(layer, inputs, outputs, noise, **units, weights=jnp.asarray(counts[rows]))
 
     error, variance = np.zeros_like(left), np.ones_like(left)
     folds = min(FOLDS, len(trials))
@@ -107,7 +110,7 @@ def fit_contact_layer(
     scales = np.ones((len(KNOTS), 2))
     if folds > 1:
         scales = _scales(left[:, 3] + error[:, 3], error**2 / variance, len(trials))
-    return ContactLayer(posterior(np.ones(count, bool)), scales)
+    return ContactLayer(posterior(np.ones(len(features), bool)), scales)
 
 
 def _scales(time: Array, squares: Array, trials: int) -> Array:

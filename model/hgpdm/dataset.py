@@ -102,7 +102,8 @@ def output_channels(trial: Trial, times: Array) -> Array:
     frames = np.arange(len(trial.joints)) / trial.rate_hz
     contact = trial.contact_frame / trial.rate_hz
     recorded = np.concatenate([trial.joints, trial.root, trial.palm], axis=1)
-    sampled = np.stack([np.interp(times, frames, column) for column in recorded.T], axis=1)
+    columns: list[Array] = [np.interp(times, frames, column) for column in recorded.T]
+    sampled = np.stack(columns, axis=1)
     clock = np.tanh((contact - np.asarray(times)) / CLOCK_SCALE)[:, None]
     joints = trial.joints.shape[1]
     point = np.broadcast_to(trial.palm[trial.contact_frame], (len(times), 3))

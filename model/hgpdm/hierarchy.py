@@ -10,7 +10,7 @@ Source: Taubert et al. 2013. The preset decides what is free and what is a funct
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -152,7 +152,8 @@ class Problem:
 def problem(data: TrainingSet, preset: Preset) -> Problem:
     """Scales the channels, compresses Y¹ to a thin factor and builds the features."""
     scaled = (data.outputs - data.outputs.mean(axis=0)) * data.weights
-    total = np.sqrt(np.mean(np.sum(scaled**2, axis=1)) / 10.0)  # about ten channels' worth of motion, of unit variance
+    squares: Array = np.sum(scaled**2, axis=1)
+    total = np.sqrt(np.mean(squares) / 10.0)  # about ten channels' worth of motion, of unit variance
     scaled = scaled / total
     variances, basis = np.linalg.eigh(scaled.T @ scaled)
     keep = np.cumsum(variances) > preset.channel_tolerance * np.sum(variances)
@@ -160,7 +161,7 @@ def problem(data: TrainingSet, preset: Preset) -> Problem:
     discarded = float(np.sum(scaled**2) - np.sum(thin**2))
 
     hand = data.history[:, 0]
-    hand_offset = hand.mean(axis=0)
+    hand_offset: Array = hand.mean(axis=0)
     hand_scale = np.full(hand.shape[1], np.sqrt(np.mean((hand - hand_offset) ** 2)))
     feature_map = fit_feature_map(data.history)
     starts = np.flatnonzero(np.diff(data.trial, prepend=-1))
@@ -202,7 +203,7 @@ def standardised(latent: jax.Array, counts: jax.Array | None = None) -> jax.Arra
 
 def back_weights(back: BackConstraint) -> jax.Array:
     """Weights (M, q_I + q_2 + q_1) of the kernel functions, from the whitened ones: K_uu^{-T/2} V."""
-    lower = jnp.linalg.cholesky(add_jitter(back.kernel.cross(back.inducing, back.inducing)))
+    lower = cast(jax.Array, jnp.linalg.cholesky(add_jitter(back.kernel.cross(back.inducing, back.inducing))))
     whitened = jnp.concatenate([back.interaction, back.human, back.avatar], axis=1)
     return solve_triangular(lower.T, whitened, lower=False)
 
@@ -224,7 +225,8 @@ def latents(parameters: Parameters, task: Problem, points: PointArrays | None = 
     points = task.points if points is None else points
 
     def filled(latent: jax.Array) -> jax.Array:
-        return jnp.pad(latent, ((0, points.counts.shape[0] - latent.shape[0]), (0, 0)))
+        rows = points.counts.shape[0] - latent.shape[0]
+        return jnp.pad(latent, ((0, rows), (0, 0)))  # pyright: ignore[reportUnknownMemberType]  (its keywords are untyped)
 
     if parameters.back is None:
         raw = (parameters.interaction_latent, parameters.human_latent, parameters.avatar_latent)

@@ -40,7 +40,9 @@ def _whitened_regression(kernel: Kernel, inducing: Array, features: Array, targe
     return weights.astype(float), (basis @ weights).astype(float)
 
 
-_cross = jax.jit(lambda kernel, a, b: kernel.cross(a, b))
+@jax.jit
+def _cross(kernel: Kernel, a: jax.Array, b: jax.Array) -> jax.Array:
+    return kernel.cross(a, b)
 
 
 def _layer(dims: int, inducing: Array, deviation: float, bounds: tuple[float, float]) -> Layer:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -64,7 +64,7 @@ class _Memory:
     def __init__(self, checkpoint: Checkpoint | None, say: Say) -> None:
         self.checkpoint, self.say = checkpoint, say
         self.starts: list[Start] = []
-        self.best: tuple[int, NDArray, list[float]] | None = None  # seed, parameters, trace
+        self.best: tuple[int, NDArray[Any], list[float]] | None = None  # seed, parameters, trace
         self.state: State | None = None
         self._writes = True
         if checkpoint is None:
@@ -88,7 +88,7 @@ class _Memory:
         """Seeds that did not fail."""
         return sum(not start.failure for start in self.starts)
 
-    def finish(self, start: Start, point: NDArray, trace: list[float]) -> None:
+    def finish(self, start: Start, point: NDArray[Any], trace: list[float]) -> None:
         """One more seed is done; ``point`` counts if it is the best."""
         found = [s.objective for s in self.starts if s.objective is not None]
         if start.objective is not None and start.objective < min(found, default=np.inf):
@@ -101,7 +101,7 @@ class _Memory:
         self.state = state
         if self.checkpoint is None:
             return
-        arrays: dict[str, NDArray] = {"starts": np.array(json.dumps([asdict(start) for start in self.starts]))}
+        arrays: dict[str, NDArray[Any]] = {"starts": np.array(json.dumps([asdict(start) for start in self.starts]))}
         if self.best is not None:
             seed, point, trace = self.best
             arrays |= {"best_seed": np.array(seed), "best_point": point, "best_trace": np.array(trace)}

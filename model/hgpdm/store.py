@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS
 from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.presets import Preset
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.toml_file import is_table
 
 VERSION = 4
 KIND = "high-five hgpdm"
@@ -81,10 +83,10 @@ def load_model(path: Path | str = DEFAULT_MODEL, skeleton_hash: str | None = Non
     except (SafetensorError, OSError) as error:
         raise HighFiveError(f"{path} is not a model file, or it is cut short ({error})") from None
     try:
-        description = json.loads(metadata.get("model", "{}"))
+        description: Any = json.loads(metadata.get("model", "{}"))
     except json.JSONDecodeError:
         description = {}
-    if not isinstance(description, dict) or description.get("kind") != KIND:
+    if not is_table(description) or description.get("kind") != KIND:
         raise HighFiveError(f"{path} is a safetensors file but not a High Five model")
     if description.get("version") != VERSION:
         raise HighFiveError(
@@ -155,11 +157,11 @@ def _kernel(name: str, arrays: dict[str, Array]) -> Any:
     return kernel_of(name, arrays)
 
 
-def _build(description: dict, arrays: dict[str, Array]) -> HGPDM:
+def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
     for name, values in arrays.items():
         if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
             raise ValueError(f"{name} holds NaN or infinity")
-    preset = dict(description["preset"])
+    preset: dict[str, Any] = dict(description["preset"])
     for field in fields(Preset):
         if isinstance(preset[field.name], list):
             preset[field.name] = tuple(preset[field.name])

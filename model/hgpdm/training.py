@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +25,7 @@ from highfive.model.hgpdm.dataset import TrainingSet, training_set
 from highfive.model.hgpdm.hierarchy import (
     Latents,
     Parameters,
+    PointArrays,
     Problem,
     back_weights,
     dynamics_input,
@@ -109,8 +110,11 @@ def train_on(
     def optimise(
         start: Parameters, stage: str, resume: State | None, keep: Callable[[State], None]
     ) -> tuple[Parameters, list[float]]:
+        def value(parameters: Parameters, points: PointArrays) -> jax.Array:
+            return objective(parameters, spread_task, points)
+
         return minimise(
-            lambda p, points: objective(p, spread_task, points),
+            value,
             start,
             chosen.iterations,
             chosen.adam_steps,
@@ -246,7 +250,7 @@ def _back_projections(
     k_uu = add_jitter(back.kernel.cross(back.inducing, back.inducing))
     # The variance that inducing inputs leave unexplained is small near the training data and large far from it. A share
     # of it is enough to notice strangers; all of it would hold the filter back where the functions are right.
-    reduction, scale = jnp.linalg.inv(k_uu), UNEXPLAINED / deviation
+    reduction, scale = cast(jax.Array, jnp.linalg.inv(k_uu)), UNEXPLAINED / deviation
     noise = (BACK_NOISE / scale) ** 2
     return (
         Posterior(

@@ -188,7 +188,8 @@ class Responder:
         """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
         if not 0.0 < horizon_s <= MAXIMUM_FORECAST:
             raise HighFiveError(f"a forecast of {horizon_s} s; expected more than 0 and at most {MAXIMUM_FORECAST:g} s")
-        lag, latent, covariance, responses = self._model.lag, self._belief.latent, self._belief.covariance, []
+        lag, latent, covariance = self._model.lag, self._belief.latent, self._belief.covariance
+        responses: list[Response] = []
         for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
             latent, covariance = self._filter.predict(latent, covariance, lag)
             style, residual = self._belief.style[1], self._belief.residual

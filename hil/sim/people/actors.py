@@ -4,9 +4,6 @@ Simulated, and to be called so wherever figures of it appear. Both actors are fu
 does is in :mod:`highfive.hil.sim.people.performance`.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

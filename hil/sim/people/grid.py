@@ -1,8 +1,5 @@
 """The imaginary grid of places at which palms meet."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 GRID_Y = (-0.25, 0.0, 0.25)

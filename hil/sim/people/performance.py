@@ -4,9 +4,6 @@ Joints move along minimum-jerk splines between key poses (Flash & Hogan 1985); t
 palm, so that palms meet.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,8 +1,5 @@
 """All of an actor but the right arm as functions of time."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 import numpy as np

@@ -1,8 +1,5 @@
 """One actor's part in a trial, and the motion that comes of it."""
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled bindings ship no type stubs.)
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar, dataclass_transform
 
 import jax
@@ -42,19 +43,28 @@ class Kernel:
 
     def cross(self, a: jax.Array, b: jax.Array) -> jax.Array:
         """Covariance (A, B) of inputs (A, q) and (B, q)."""
-        return jax.vmap(lambda x: jax.vmap(lambda z: self.pair(x, z))(b))(a)
+
+        def row(x: jax.Array) -> jax.Array:
+            return jax.vmap(partial(self.pair, x))(b)
+
+        return jax.vmap(row)(a)
 
     def diagonal(self, a: jax.Array) -> jax.Array:
         """Variances (A,) of inputs (A, q)."""
-        return jax.vmap(lambda x: self.pair(x, x))(a)
+
+        def variance(x: jax.Array) -> jax.Array:
+            return self.pair(x, x)
+
+        return jax.vmap(variance)(a)
 
     def __add__(self, other: Kernel) -> Sum:
         """k(x, z) + k'(x, z): the covariance of the sum of two independent functions."""
-        return Sum(self, other) if isinstance(other, Kernel) else NotImplemented
+        # NotImplemented lets Python ask the other operand, or raise its own TypeError.
+        return Sum(self, other) if isinstance(other, Kernel) else NotImplemented  # pyright: ignore[reportUnnecessaryIsInstance]
 
     def __mul__(self, other: Kernel) -> Product:
         """k(x, z) · k'(x, z): positive semi-definite by Schur's product theorem."""
-        return Product(self, other) if isinstance(other, Kernel) else NotImplemented
+        return Product(self, other) if isinstance(other, Kernel) else NotImplemented  # pyright: ignore[reportUnnecessaryIsInstance]
 
 
 @dataclass_transform(frozen_default=True, eq_default=False)

@@ -58,12 +58,16 @@ def motion_kernel(lengthscale: jax.Array, rbf: float = 1.0, linear: float = 0.1,
     )
 
 
+_Kept = tuple[MotionKernel, jax.Array, jax.Array, jax.Array]
+"""What the derivative needs of the covariance: its kernel, both inputs and the RBF part (A, B)."""
+
+
 @jax.custom_vjp
 def _cross(kernel: MotionKernel, a: jax.Array, b: jax.Array) -> jax.Array:
     return _cross_forward(kernel, a, b)[0]
 
 
-def _cross_forward(kernel: MotionKernel, a: jax.Array, b: jax.Array) -> tuple[jax.Array, tuple]:
+def _cross_forward(kernel: MotionKernel, a: jax.Array, b: jax.Array) -> tuple[jax.Array, _Kept]:
     inverse = jnp.exp(-kernel.log_lengthscale)
     a_scaled, b_scaled = a * inverse, b * inverse
     # ½ squared distance, expanded so that the large part is a matrix product; rounding may make it slightly negative.
@@ -73,7 +77,7 @@ def _cross_forward(kernel: MotionKernel, a: jax.Array, b: jax.Array) -> tuple[ja
     return rbf + linear + jnp.exp(kernel.log_bias), (kernel, a, b, rbf)
 
 
-def _cross_backward(kept: tuple, cotangent: jax.Array) -> tuple[MotionKernel, jax.Array, jax.Array]:
+def _cross_backward(kept: _Kept, cotangent: jax.Array) -> tuple[MotionKernel, jax.Array, jax.Array]:
     """Two elementwise passes and thin products: the differences a − b are never formed."""
     kernel, a, b, rbf = kept
     weighted = cotangent * rbf

@@ -1,0 +1,13 @@
+# SciPy ships no types: what the project uses of this module.
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_Floats = NDArray[np.float64]
+
+def butter(
+    N: int, Wn: ArrayLike, btype: str = "low", *, output: Literal["sos"], fs: float | None = None
+) -> _Floats: ...
+def sosfiltfilt(sos: _Floats, x: ArrayLike, axis: int = -1) -> _Floats: ...

@@ -1,7 +1,10 @@
 """Shared fixtures."""
 
+import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
@@ -29,6 +32,7 @@ CHECKED = [
 install_import_hook(CHECKED, "beartype.beartype")
 
 from highfive.hil.runtime.threads import use_one_blas_thread  # noqa: E402
+from highfive.mocap_bridge.files.trial_table import read_table, write_table  # noqa: E402
 
 use_one_blas_thread()  # as every session does
 
@@ -60,6 +64,32 @@ def recordings() -> Path:
     if not RECORDINGS.is_dir():
         pytest.skip("the recordings are not beside this checkout (../shared/data)")
     return RECORDINGS
+
+
+@pytest.fixture(scope="session")
+def captured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with angry high fives at all nine cells, one each, of seed 5; not to be written to."""
+    folder = tmp_path_factory.mktemp("lab") / "captured"
+    words = ["capture", "--emotion", "angry", "--repetitions", "1", "--seed", "5", "--out", str(folder), "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "highfive.hil.cli.main", *words], check=True, stdout=subprocess.PIPE, text=True
+    )
+    said = json.loads(done.stdout)
+    assert said == {"trials": 9, "emotions": ["angry"], "seed": 5, "folder": str(folder), "simulated": True}
+    return folder
+
+
+@pytest.fixture
+def to_learn(captured: Path, tmp_path: Path) -> Path:
+    """A folder with those of seven cells to learn from and those of two held out."""
+    folder = tmp_path / "to_learn"
+    folder.mkdir()
+    rows = []
+    for row in read_table(captured):
+        (folder / row.file).symlink_to(captured / row.file)
+        rows.append((row.file, row.emotion, row.cell, "1", "test" if row.cell in {"B1", "B3"} else "train"))
+    write_table(folder, rows)
+    return folder
 
 
 @pytest.hookimpl(wrapper=True)

@@ -56,14 +56,11 @@ def test_track_file(run, file: Path) -> None:
 
 
 @pytest.mark.slow
-def test_read_session_and_train_and_score(run, tmp_path: Path) -> None:
+def test_read_session_and_train_and_score(run, tmp_path: Path, to_learn: Path) -> None:
     from typer.testing import CliRunner  # noqa: PLC0415
 
     from highfive.hil.cli.main import app  # noqa: PLC0415
 
     CliRunner().invoke(app, ["simulate", "--trials", "1", "--no-pictures", "--out", str(tmp_path / "session")])
     assert "1 high fives" in run("read_session.py", tmp_path / "session" / "session.mcap")
-    data = tmp_path / "captured"
-    words = ["--emotion", "happy", "--emotion", "sad", "--repetitions", "2", "--test-repetitions", "1"]
-    CliRunner().invoke(app, ["capture", *words, "--out", str(data)])
-    assert "hgpdm       palm at contact" in run("train_and_score.py", data)
+    assert "hgpdm       palm at contact" in run("train_and_score.py", to_learn)

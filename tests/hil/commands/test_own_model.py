@@ -78,17 +78,13 @@ def test_data_without_a_model_that_learns_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_nearest_neighbours_learn_are_played_and_stand_in_the_table(tmp_path: Path) -> None:
-    data = tmp_path / "captured"
-    words = ["--emotion", "happy", "--emotion", "sad", "--repetitions", "2", "--test-repetitions", "1"]
-    captured = CliRunner().invoke(app, ["capture", *words, "--out", str(data)])
-    assert captured.exit_code == 0, captured.output
-    result = simulate(tmp_path / "out", "--model", NEIGHBOURS, "--data", data, "--trials", 2, "--json")
+def test_nearest_neighbours_learn_are_played_and_stand_in_the_table(tmp_path: Path, to_learn: Path) -> None:
+    result = simulate(tmp_path / "out", "--model", NEIGHBOURS, "--data", to_learn, "--trials", 2, "--json")
     rows = json.loads(result.stdout)["rows"]
     assert [row["met"] for row in rows] == [True, True]
     words = [
         "evaluate",
-        data,
+        to_learn,
         "--also",
         NEIGHBOURS,
         "--seeds",

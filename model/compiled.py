@@ -44,7 +44,7 @@ def compiled_entry(function: Compiled) -> Compiled:
     """
     dispatcher = njit(**OPTIONS)(function)
     with suppress(RuntimeError):  # no place can be written to: each process compiles for itself
-        dispatcher._cache = _Cache(function)  # pyright: ignore[reportAttributeAccessIssue]
+        dispatcher._cache = _Cache(function)  # pyright: ignore[reportAttributeAccessIssue]  (Numba's own place for it)
     return cast(Compiled, dispatcher)
 
 

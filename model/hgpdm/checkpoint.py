@@ -50,6 +50,7 @@ class Checkpoint:
         """
         try:
             with written_whole(self.path) as partial, partial.open("wb") as file:
+                # NumPy's types take any name of an array for its flag allow_pickle, too.
                 np.savez(file, owner=np.array(json.dumps(dict(self.owner))), **arrays)  # pyright: ignore[reportArgumentType]
         except OSError as error:
             raise HighFiveError(f"cannot write the checkpoint {self.path}: {error.strerror or error}") from None

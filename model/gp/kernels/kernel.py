@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeVar, dataclass_transform
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar, cast, dataclass_transform
 
 import jax
 import jax.numpy as jnp
@@ -33,8 +33,8 @@ class Kernel:
 
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
-        """Names of the fields."""
-        return tuple(cls.__annotations__)
+        """Names of the fields, those of its bases first."""
+        return tuple(one.name for one in fields(cast(Any, cls)))
 
     def pair(self, x: jax.Array, z: jax.Array) -> jax.Array:
         """k(x, z), a scalar, of one pair of inputs (q,)."""
@@ -76,7 +76,8 @@ def register_kernel(cls: type[AnyKernel]) -> type[AnyKernel]:
 @dataclass_transform(frozen_default=True, eq_default=False)
 def _value(cls: type[AnyKernel]) -> type[AnyKernel]:
     """The class as a frozen dataclass whose fields JAX differentiates by."""
-    return jax.tree_util.register_dataclass(dataclass(frozen=True, eq=False)(cls), list(cls.parameters()), [])
+    value = dataclass(frozen=True, eq=False)(cls)
+    return jax.tree_util.register_dataclass(value, list(value.parameters()), [])
 
 
 @_value

@@ -28,7 +28,7 @@ STEP, LATEST = 1.0 / RATE_HZ, 1.0
 
 @dataclass(frozen=True)
 class ContactGoalSettings(Settings):
-    """How the hand and the model's forecast are weighed. Chosen on 72 simulated high fives of seed 0."""
+    """How the hand and the model's forecast are weighed. Set by hand, unless a field says on what it was chosen."""
 
     sure: float = setting(0.25, "s", least=0.0)
     """A forecast whose time is no surer than this does not set the arm off before the session's own approach."""
@@ -41,11 +41,11 @@ class ContactGoalSettings(Settings):
     long: float = setting(0.6, "s", above=0.0)
     """Forecasts of less are too long: by nothing here, by ..."""
     too_long: float = setting(0.2, least=0.0, most=1.0)
-    """... this share at the end."""
+    """... this share at the end: 72 simulated high fives, of which seeds was not noted."""
     braking: float = setting(0.8, "m/s²", least=0.0)
-    """By so much a hand brakes otherwise than it seems to, in each direction."""
+    """By so much a hand brakes otherwise than it seems to, in each direction: simulated high fives of seeds 1 to 3."""
     unsteady: float = setting(0.2, least=0.0)
-    """Share of the distance covered at the present speed that is not to be relied on."""
+    """Share of the distance covered at the present speed that is not to be relied on: the same high fives."""
     palm_deviation: float = setting(0.002, "m", above=0.0)
     """Of a tracked palm."""
 

@@ -29,7 +29,7 @@ TICK = 1.0 / RATE_HZ
 
 @dataclass(frozen=True)
 class OutcomeSettings(Settings):
-    """What counts as met, as known and as reached."""
+    """What counts as met, as known and as reached: conventions of the judging, set by hand."""
 
     skin: float = setting(0.002, "m", above=0.0)
     """Palm and plate this near, along the plate's normal, touch."""

@@ -29,7 +29,7 @@ def rolled_out(
     new_accelerations: Array,
 ) -> float:  # fmt: skip
     """Rolls the plan out with ``fraction`` of the improvement; path (N + 1, 2, J). Returns its cost."""
-    cost, seconds = 0.0, aim.seconds
+    cost, seconds = 0.0, aim.task.seconds
     no, nothing = np.zeros(6), np.zeros((6, 6))
     for j in range(6):
         new_path[0, 0, j], new_path[0, 1, j] = path[0, 0, j], path[0, 1, j]
@@ -46,7 +46,7 @@ def rolled_out(
             new_path[k + 1, 0, i] = new_path[k, 0, i] + seconds * speed + 0.5 * seconds**2 * acceleration
             new_path[k + 1, 1, i] = speed + seconds * acceleration
         cost += acceleration_cost(
-            arm, aim.effort, centres, frames, new_path[k, 1], new_accelerations[k], False,
+            arm, aim.task.effort, centres, frames, new_path[k, 1], new_accelerations[k], False,
             no, no, nothing, nothing, nothing,
         )  # fmt: skip
         joints, speeds = new_path[k + 1, 0], new_path[k + 1, 1]
@@ -80,7 +80,18 @@ def linearised(arm: Arm, aim: Aim, path: Array, accelerations: Array) -> Derivat
     for k in range(count):
         one, two = found.accelerations[k], found.accelerations_twice[k]
         acceleration_cost(
-            arm, aim.effort, centres, frames, path[k, 1], accelerations[k], True, one[0], one[1], two[0], two[1], two[2]
+            arm,
+            aim.task.effort,
+            centres,
+            frames,
+            path[k, 1],
+            accelerations[k],
+            True,
+            one[0],
+            one[1],
+            two[0],
+            two[1],
+            two[2],
         )
         joints, speeds, one, two = path[k + 1, 0], path[k + 1, 1], found.states[k], found.states_twice[k]
         centres, frames = link_frames(arm, joints)
@@ -255,7 +266,7 @@ def _better(arm: Arm, aim: Aim, cost: float, path: Array, plan: Array, other: Ar
     feed, gains = np.zeros((len(plan), 6)), np.zeros((len(plan), 6, 12))
     damping = 0.0
     for _ in range(DAMPINGS):
-        if improvement(arm, derivatives, aim.seconds, damping, plan, feed, gains):
+        if improvement(arm, derivatives, aim.task.seconds, damping, plan, feed, gains):
             fraction = 1.0
             for _ in range(SHARES):
                 now = rolled_out(arm, aim, path, plan, fraction, feed, gains, other, trial)
@@ -304,7 +315,7 @@ def planned(
         cost, path, other, plan, trial = now, other, path, trial, plan
         if gained < 1e-4 * cost:
             break
-    place, speed, torques, active = next_state(arm, joints, speeds, plan[0], tick, aim.head)
+    place, speed, torques, active = next_state(arm, joints, speeds, plan[0], tick, aim.task.head)
     centres, frames = link_frames(arm, place)
     plate, _ = plate_of(arm, centres, frames)
     miss = 0.0

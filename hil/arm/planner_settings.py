@@ -9,23 +9,30 @@ from highfive.model.settings import Settings, setting
 
 @dataclass(frozen=True)
 class RetargetSettings(Settings):
-    """How the arm's plan meets a hand."""
+    """How the arm's plan meets a hand.
+
+    Chosen on simulated high fives of seeds 1 to 3, what concerns hurry, waiting and facing later on the 36 of seed 0
+    (docs/arm.md), unless a field names another source. In a session lag, sag and the speeds come from the arm that is
+    there and its limits.
+    """
 
     tick: float = setting(1.0 / 120.0, "s", above=0.0)
+    """Of the session."""
     lag: float = setting(0.03, "s", least=0.0)
-    """The arm is where it was commanded to be so long ago."""
+    """The arm is where it was commanded to be so long ago: about what servos of this class lag."""
     sag: tuple[float, ...] = setting((), "rad/(N·m)", least=0.0)
-    """rad per N·m, by how much each joint gives way to a torque; the command goes beyond by that. Empty: 0."""
+    """How much each joint gives way to a torque; the command goes beyond by that. Empty: 0."""
     contact_speed: float = setting(0.78, "m/s", above=0.0)
-    """Largest speed of the plate relative to the hand that it meets (ISO/TS 15066 by a two-body model)."""
+    """Largest speed of the plate relative to the hand that it meets (ISO/TS 15066 by a two-body model:
+    docs/safety.md)."""
     face_speed: float = setting(0.22, "m/s", above=0.0)
-    """Largest speed of the plate near the head, ..."""
+    """Largest speed of the plate near the head (likewise), ..."""
     face_radius: float = setting(0.30, "m", least=0.0)
-    """... which is so near its centre, ..."""
+    """... which is so near its centre (head, plate, and what the tracker may err by), ..."""
     face_braking: float = setting(4.0, "m/s²", above=0.0)
-    """... and what it can lose of more on the way there, m/s²."""
+    """... and what it can lose of more on the way there: by hand."""
     head_radius: float = setting(0.14, "m", least=0.0)
-    """No part of the arm plans to come nearer the head's centre than this and a margin."""
+    """No part of the arm plans to come nearer the head's centre than this and a margin: by hand."""
     care: float = setting(0.8, above=0.0, most=1.0)
     """Share of those speeds that is planned for at contact: what is measured is late and noisy."""
     sharpness: float = setting(0.002, "m", above=0.0)
@@ -33,31 +40,32 @@ class RetargetSettings(Settings):
     loose: float = setting(0.08, "m", above=0.0)
     """Deviation from the scaled path that costs as much as one standard deviation of the place of contact."""
     leisurely: float = setting(0.3, "m/s", above=0.0)
-    """m/s: where the plate has to be faster than this on average it hurries, and the path counts less."""
+    """Where the plate has to be faster than this on average it hurries, and the path counts less."""
     turned: float = setting(0.15, "rad", above=0.0)
-    """rad, the same for the direction in which the plate faces at contact, ..."""
+    """The same for the direction in which the plate faces at contact, ..."""
     turning: float = setting(1.5, "rad/s", least=0.0)
-    """... which is surer by this many rad for each s nearer: a hand on its way faces elsewhere."""
+    """... which is surer by this for each second nearer: a hand on its way faces elsewhere."""
     facing: float = setting(0.3, "s", above=0.0)
-    """s before contact within which the plate turns from where it faces when it waits to the person's palm."""
+    """Time before contact within which the plate turns from where it faces when it waits to the person's palm."""
     rounds: int = setting(1, least=1)
-    """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005)."""
+    """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005).
+    They bound the cost of a tick."""
     effort: float = setting(3e-5, least=0.0)
     """Cost of a joint acceleration of 1 rad/s² at a knot."""
     memory: float = setting(0.25, "s", least=0.0)
     """A contact that nobody speaks of any more is expected for this long, ..."""
     forgetting: float = setting(0.3, "m/s", least=0.0)
-    """... less surely by this, m/s."""
+    """... less surely by this."""
     longest_delay: float = setting(0.3, "s", least=0.0)
     """A hand that could not be met in time is followed at most so long."""
     touch: float = setting(0.06, "s", least=0.0)
     """The plate stays with a hand that it has met so long."""
     near: float = setting(0.10, "m", least=0.0)
     waiting: float = setting(0.15, "m/s", least=0.0)
-    """A hand that could not be met in time is followed only if it is this near and no faster than this, m/s."""
+    """A hand that could not be met in time is followed only if it is this near and no faster than this."""
     press: float = setting(0.025, "s", least=0.0)
     most_press: float = setting(0.02, "m", least=0.0)
-    """The plate aims so far through the hand as the two close in this time, s, but no further than this, m, and so far
+    """The plate aims so far through the hand as the two close in this time, but no further than this, and so far
     once it is late: a hand that is not met goes back, and the contact is then missed altogether."""
     slowest: float = setting(0.35, "m/s", least=0.0)
     """The plate comes at least this fast: slower ones are early by what the hand's place is not known, and are not
@@ -77,6 +85,6 @@ class RetargetSettings(Settings):
     yielding: float = setting(0.93, above=0.0, most=1.0)
     """Share of the largest speed relative to the hand that is planned for on the way."""
     shortest_knot: float = setting(0.015, "s", above=0.0)
-    """The plan's knots are no nearer each other than this, s, and ..."""
+    """The plan's knots are no nearer each other than this and ..."""
     longest_knot: float = setting(0.07, "s", above=0.0)
     """... no further apart than this."""

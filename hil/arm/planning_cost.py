@@ -99,10 +99,10 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
                 faster = np.empty(6)
                 along(line, of_point, faster)
                 _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
-    if aim.head[3] > 0.0:
+    if aim.task.head[3] > 0.0:
         for r in range(3):
-            line[r] = aim.head[r] - point[r]
-        over, fast = _over_near_face(aim.face, line, plate)
+            line[r] = aim.task.head[r] - point[r]
+        over, fast = _over_near_face(aim.task.face, line, plate)
         if over > 0.0:
             cost += 0.5 * CAP_WEIGHT * over**2
             if derivatives:
@@ -112,19 +112,19 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
                 along(plate, of_point, faster)
                 _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
     for j in range(6):
-        away = aim.rest_weight * (joints[j] - aim.rest[j])
-        cost += 0.5 * away * (joints[j] - aim.rest[j])
+        away = aim.task.rest_weight * (joints[j] - aim.task.rest[j])
+        cost += 0.5 * away * (joints[j] - aim.task.rest[j])
         beyond = max(0.0, joints[j] - arm.high[j] + STOP_MARGIN) - max(0.0, arm.low[j] + STOP_MARGIN - joints[j])
         top = SPEED_SHARE * arm.speeds[j]
         fast = max(0.0, speeds[j] - top) - max(0.0, -top - speeds[j])
-        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2 + aim.calm * speeds[j] ** 2)
+        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2 + aim.task.calm * speeds[j] ** 2)
         if derivatives:
             by_joints[j] += away + STOP_WEIGHT * beyond
-            by_speeds[j] += SPEED_WEIGHT * fast + aim.calm * speeds[j]
-            joints_twice[j, j] += aim.rest_weight + (STOP_WEIGHT if beyond != 0.0 else 0.0)
-            speeds_twice[j, j] += aim.calm + (SPEED_WEIGHT if fast != 0.0 else 0.0)
+            by_speeds[j] += SPEED_WEIGHT * fast + aim.task.calm * speeds[j]
+            joints_twice[j, j] += aim.task.rest_weight + (STOP_WEIGHT if beyond != 0.0 else 0.0)
+            speeds_twice[j, j] += aim.task.calm + (SPEED_WEIGHT if fast != 0.0 else 0.0)
     gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if derivatives else 0, 4, 6))
-    arm_gaps(arm, centres, frames, aim.head, GAP_MARGIN, gaps, wider, derivatives)
+    arm_gaps(arm, centres, frames, aim.task.head, GAP_MARGIN, gaps, wider, derivatives)
     for b in range(len(gaps)):
         for kind in range(4):
             if gaps[b, kind] < GAP_MARGIN:

@@ -63,24 +63,20 @@ class Task(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """What a plan of N knots, ``seconds`` apart, the first that far from now, is after.
+    """What a plan of N knots, the first ``task.seconds`` from now, is after.
 
     Costs are squares in units of what is tolerated: a metre counts ``point_weights``, and so on.
 
     Attributes:
-        seconds: s between knots.
+        task: what it is for; head, face, rest and the weights of effort are the same at every knot.
         points, point_weights: (N, 3) m and (N, 3, 3) 1/m², where the plate shall be and how much that counts.
         normals, normal_weights: (N, 3) and (N,), where it shall face.
         velocities, velocity_weights: (N, 3) m/s and (N,) s²/m², of the plate.
         hands, hand_velocities: (N, 3) m and m/s, the person's palm.
         caps: (N,) m/s, largest speed at which plate and palm may close in where they are near; infinite: no palm.
-        rest, rest_weight: (J,) rad, the ready posture, and how much it counts.
-        head: (4,) centre and radius, m, of a head to keep away from; radius 0: none.
-        face: (3,) m/s that the plate may have near that head, m from its centre where it may, m/s² to get there.
-        effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
     """
 
-    seconds: float
+    task: Task
     points: Array
     point_weights: Array
     normals: Array
@@ -90,12 +86,6 @@ class Aim(NamedTuple):
     hands: Array
     hand_velocities: Array
     caps: Array
-    rest: Array
-    rest_weight: float
-    head: Array
-    face: Array
-    effort: float
-    calm: float
 
 
 FADING = 0.1
@@ -126,9 +116,8 @@ STYLE_KNOT = 0.05
 def aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
     """The task, knot by knot."""
     aim = Aim(
-        task.seconds, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.empty((count, 3)), np.zeros(count),
-        np.zeros((count, 3)), np.zeros(count), np.empty((count, 3)), np.empty((count, 3)),
-        np.full(count, task.cap), task.rest, task.rest_weight, task.head, task.face, task.effort, task.calm,
+        task, np.zeros((count, 3)), np.zeros((count, 3, 3)), np.empty((count, 3)), np.zeros(count),
+        np.zeros((count, 3)), np.zeros(count), np.empty((count, 3)), np.empty((count, 3)), np.full(count, task.cap),
     )  # fmt: skip
     sure, lower, column = np.zeros((3, 3)), np.zeros((3, 3)), np.empty(3)
     for r in range(3):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -9,12 +10,19 @@ import typer
 
 from highfive.hil.cli.options import Cells, Json, OverwriteFile, Person, Seed
 from highfive.hil.commands import bench
-from highfive.hil.runtime.console import print_result, progress_bars
+from highfive.hil.runtime.console import Bar, print_result, progress_bars
 
 app = typer.Typer(
     help="Measure how fast High Five is on this machine, and what each part of the model is worth.",
     no_args_is_help=True,
 )
+
+
+def _run(json: bool, measure: Callable[[Bar], bench.Measured]) -> None:
+    """Measures, and prints what was found."""
+    with progress_bars() as bar:
+        found = measure(bar)
+    print_result(found.figures, json, found.show)
 
 
 @app.command("model")
@@ -31,9 +39,7 @@ def bench_model(
     json: Json = False,
 ) -> None:
     """Time objective and gradient, whole training and the online step on made-up motion, beside GPflow or GPy."""
-    with progress_bars() as bar:
-        found = bench.model(points, channels, inducing, preset, seed, peer_python, quick, bar)
-    print_result(found.figures, json, found.show)
+    _run(json, lambda bar: bench.model(points, channels, inducing, preset, seed, peer_python, quick, bar))
 
 
 @app.command("ablation")
@@ -44,9 +50,7 @@ def bench_ablation(
     json: Json = False,
 ) -> None:
     """Take each departure of the default preset from the paper back alone, and score on held-out trials."""
-    with progress_bars() as bar:
-        found = bench.ablation(data, inducing, seed, bar)
-    print_result(found.figures, json, found.show)
+    _run(json, lambda bar: bench.ablation(data, inducing, seed, bar))
 
 
 @app.command("tracker")
@@ -64,9 +68,7 @@ def bench_tracker(
     json: Json = False,
 ) -> None:
     """Hide markers of simulated arms and of a recorded one, and find them, beside OpenSim, biorbd and plain filters."""
-    with progress_bars() as bar:
-        found = bench.tracker(real, person, peers_python, quick, bar)
-    print_result(found.figures, json, found.show)
+    _run(json, lambda bar: bench.tracker(real, person, peers_python, quick, bar))
 
 
 @app.command("protocols")
@@ -80,9 +82,7 @@ def bench_protocols(
     json: Json = False,
 ) -> None:
     """Time frames from a server's wire to the tracked palm, and a slow reader, for each live protocol on loopback."""
-    with progress_bars() as bar:
-        found = bench.protocols(file, protocol, seconds, person, bar)
-    print_result(found.figures, json, found.show)
+    _run(json, lambda bar: bench.protocols(file, protocol, seconds, person, bar))
 
 
 @app.command("bus")
@@ -91,9 +91,7 @@ def bench_bus(
     json: Json = False,
 ) -> None:
     """Time write and read cycles with seven emulated servos whose bytes take their time on the line."""
-    with progress_bars() as bar:
-        found = bench.bus(seconds, bar)
-    print_result(found.figures, json, found.show)
+    _run(json, lambda bar: bench.bus(seconds, bar))
 
 
 @app.command("contact")
@@ -115,9 +113,7 @@ def bench_contact(
     json: Json = False,
 ) -> None:
     """Let avatar, twin and emulated rig meet the same hands, and tell how far off each palm is. Nothing real moves."""
-    with progress_bars() as bar:
-        found = bench.contact(emotion, cell, player, baseline, picture, foretold, overwrite, seed, bar)
-    print_result(found.figures, json, found.show)
+    _run(json, lambda bar: bench.contact(emotion, cell, player, baseline, picture, foretold, overwrite, seed, bar))
 
 
 @app.command("locked")
@@ -126,6 +122,4 @@ def bench_locked(
     json: Json = False,
 ) -> None:
     """Play high fives of people on whom nothing was ever chosen: how far is the played palm from the true one?"""
-    with progress_bars() as bar:
-        found = bench.locked(model, bar)
-    print_result(found.figures, json, found.show)
+    _run(json, lambda bar: bench.locked(model, bar))

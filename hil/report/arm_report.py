@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
 from highfive.hil.arm.arm_trial import MS, ArmTrial
@@ -41,8 +42,7 @@ def joints(trial: ArmTrial, lag: float) -> Drawing:
         axes.plot(trial.cycle_times - contact, np.degrees(trial.sent[:, joint]), color=SENT, lw=1.0)
         axes.plot(trial.cycle_times - contact, np.degrees(trial.actual[:, joint]), color=ACTUAL, lw=1.2)
         axes.set_title(JOINTS[joint].replace("_", " "))
-        axes.axvline(0.0, color=FAINT, lw=0.8)
-        axes.set_xlim(-_HALF_S, _HALF_S)
+        _about_contact(axes)
     for axes in grid[-1]:
         axes.set_xlabel("s from contact")
     for axes in grid[:, 0]:
@@ -56,6 +56,12 @@ def joints(trial: ArmTrial, lag: float) -> Drawing:
         "contact."
     )
     return Drawing("arm_joints", caption, figure, "Servo arm")
+
+
+def _about_contact(axes: Axes) -> None:
+    """The time about contact, and a line at it."""
+    axes.axvline(0.0, color=FAINT, lw=0.8)
+    axes.set_xlim(-_HALF_S, _HALF_S)
 
 
 def meeting(trials: Sequence[ArmTrial]) -> Drawing:
@@ -78,8 +84,7 @@ def meeting(trials: Sequence[ArmTrial]) -> Drawing:
     left.set_ylabel("plate to palm, mm")
     right.set_ylabel("speed, m/s")
     for axes in (left, right):
-        axes.axvline(0.0, color=FAINT, lw=0.8)
-        axes.set_xlim(-_HALF_S, _HALF_S)
+        _about_contact(axes)
         axes.set_xlabel("s from contact")
     caption = (
         "Left: distance from the middle of the plate to the person's palm. Right: speed of the plate, in the emotion's "

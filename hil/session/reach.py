@@ -38,7 +38,10 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class ReachSettings(Settings):
-    """When and how the avatar's palm is led to the person's."""
+    """When and how the avatar's palm is led to the person's.
+
+    Chosen on simulated high fives of seed 0 and one real one (CMU 20/21, 11), ``braking`` aside.
+    """
 
     fade_in: float = setting(0.6, "s", above=0.0)
     """The correction starts this long before contact, later if contact is seen later."""
@@ -51,13 +54,13 @@ class ReachSettings(Settings):
     landing: float = setting(0.06, "s", above=0.0)
     """Over this last stretch the closing speed runs out, as flesh would take it up."""
     sure: float = setting(0.35, "s", least=0.0)
-    """A clock with a larger standard deviation than this, s, is not read."""
+    """A clock with a larger standard deviation than this is not read."""
     near: float = setting(0.08, "m", least=0.0)
     """Palms this close meet, where the clock cannot be read."""
     horizon: float = setting(0.35, "s", least=0.0)
     """Closer than this, where the clock cannot be read, the time to the nearest approach at constant speed counts."""
     soon: float = setting(3.0, "s", least=0.0)
-    """A palm that would take longer than this to be here at its present speed, s, is not on its way."""
+    """A palm that would take longer than this to be here at its present speed is not on its way."""
     slowest: float = setting(0.1, least=0.0)
     fastest: float = setting(2.0, least=0.0)
     """Bounds of the rate at which the remaining time runs out, against the clock."""
@@ -66,7 +69,7 @@ class ReachSettings(Settings):
     smoothing: float = setting(0.03, "s", above=0.0)
     """Time constant of the relative velocity and of the rate."""
     steady: float = setting(26.0, "rad/s", above=0.0)
-    """Bandwidth of the miss, rad/s, ..."""
+    """Bandwidth of the miss, ..."""
     homing: float = setting(0.2, "s", above=0.0)
     """... which opens over this last stretch, so that the palms meet."""
     easing: float = setting(0.05, "s", above=0.0)
@@ -74,13 +77,13 @@ class ReachSettings(Settings):
     bend: float = setting(0.12, "m", above=0.0)
     """A larger miss than this is not believed in full before the palms are about to meet."""
     raised: float = setting(1.05, "m", least=0.0)
-    """An unfamiliar hand above this height, m, is held out to be met; no hand below is, ..."""
+    """An unfamiliar hand above this height is held out to be met; no hand below is, ..."""
     rising: float = setting(0.1, "m/s", least=0.0)
-    """... unless it comes up at this speed, m/s, ..."""
+    """... unless it comes up at this speed, ..."""
     arm: float = setting(1.15, "m", least=0.0)
-    """... and an unfamiliar one only if it comes this near the avatar's shoulder, m."""
+    """... and an unfamiliar one only if it comes this near the avatar's shoulder."""
     braking: float = setting(3.0, "m/s²", least=0.0)
-    """A hand brakes otherwise than assumed by about this much, m/s² in each direction: 36 held-out simulated trials."""
+    """A hand brakes otherwise than assumed by about this much in each direction: 36 held-out simulated trials."""
     late: float = setting(0.3, "s", least=0.0)
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
 

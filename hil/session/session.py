@@ -32,10 +32,10 @@ RATE_HZ = 120.0
 
 @dataclass(frozen=True)
 class PoseSettings(Settings):
-    """What keeps the generated pose calm. Chosen on simulated high fives of seed 0."""
+    """What keeps the generated pose calm. Set by hand."""
 
     quickest: float = setting(30.0, "rad/s", above=0.0)
-    """No hinge of the generated pose turns faster than this; an angry elbow reaches some 20."""
+    """No hinge of the generated pose turns faster than this; a simulated angry elbow reaches some 20."""
     calming: float = setting(0.12, "s", above=0.0)
     """Time constant with which the avatar goes from the model's pose to a calm one and back."""
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -55,6 +56,19 @@ class Recording:
         columns = columns_of_person(self.names, prefix, self.source)
         names = tuple(self.names[m].rpartition(":")[2] for m in columns)
         return replace(self, names=names, points=self.points[:, columns], valid=self.valid[:, columns])
+
+    def frame(self, index: int, number: int, rate_hz: float, start_ns: int = 0) -> MarkerFrame:
+        """Frame ``index`` as number ``number`` of a source with ``rate_hz`` that began at ``start_ns``."""
+        time_ns = round(number * 1e9 / rate_hz)
+        return MarkerFrame(
+            names=self.names,
+            positions=self.points[index],
+            valid=self.valid[index],
+            number=number,
+            source_time_ns=time_ns,
+            arrival_time_ns=start_ns + time_ns,
+            unlabelled=self.unlabelled[index, self.unlabelled_valid[index]],
+        )
 
 
 class SeveralPersons(HighFiveError):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
+from highfive.model.geometry.names import index_of, listed
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
 
@@ -125,10 +126,7 @@ class MarkerSet:
 
     def index(self, name: str) -> int:
         """Index of a marker by its own name."""
-        try:
-            return self.names.index(name)
-        except ValueError:
-            raise HighFiveError(f"marker set {self.name} has no marker {name!r}; it has {listed(self.names)}") from None
+        return index_of(name, self.names, f"marker set {self.name}", "marker")
 
     def indices(self, names: Sequence[str]) -> NDArray[np.intp]:
         """Indices of several markers."""
@@ -228,9 +226,3 @@ def segment_lengths(skeleton: Skeleton) -> Array:
     parents = np.array(skeleton.parents)
     children = [distance[parents == joint] for joint in range(len(skeleton))]
     return np.array([c.mean() if len(c) else distance[joint] for joint, c in enumerate(children)])
-
-
-def listed(names: Sequence[str], most: int = 12) -> str:
-    """The names, or the first of them and how many more there are, for a message."""
-    shown = ", ".join(str(name) for name in names[:most])
-    return shown + (f" and {len(names) - most} more" if len(names) > most else "")

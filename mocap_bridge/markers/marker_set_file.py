@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from highfive.mocap_bridge.markers.marker_set import PLACE_SIGMA, ArmRecipe, MarkerSet, Segment, listed
+from highfive.mocap_bridge.markers.marker_set import PLACE_SIGMA, ArmRecipe, MarkerSet, Segment
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
+from highfive.model.geometry.names import listed
 from highfive.model.geometry.rotations import Array
 from highfive.model.toml_file import read_toml
 

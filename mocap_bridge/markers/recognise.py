@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from highfive.mocap_bridge.markers.marker_set import MarkerSet, listed
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set, marker_set_names
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.names import listed
 
 _CENTRES = "joint_centres"  # the set whose markers go by any name
 

@@ -103,17 +103,7 @@ class C3DSource:
 
     def frame(self, number: int) -> MarkerFrame:
         """Frame ``number``, counted from 0."""
-        recording = self._recording
-        time_ns = round(number * 1e9 / self._rate_hz)
-        return MarkerFrame(
-            names=recording.names,
-            positions=recording.points[number],
-            valid=recording.valid[number],
-            number=number,
-            source_time_ns=time_ns,
-            arrival_time_ns=self._start_ns + time_ns,
-            unlabelled=recording.unlabelled[number, recording.unlabelled_valid[number]],
-        )
+        return self._recording.frame(number, number, self._rate_hz, self._start_ns)
 
     def newest(self, now_ns: int) -> MarkerFrame | None:
         """The frame that a live system would have sent last; after the end the last one."""

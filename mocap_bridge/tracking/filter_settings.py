@@ -14,7 +14,7 @@ NEVER = np.iinfo(np.int64).max
 
 @dataclass(frozen=True)
 class FilterSettings(Settings):
-    """Chosen on simulated motion and a part of a real recording (CMU 85, 12)."""
+    """Chosen on simulated motion and a part of a real recording (CMU 85, 12), gates and iterations aside."""
 
     marker_sigma: float = setting(0.0012, "m", above=0.0)
     """Standard deviation of a measured marker."""
@@ -39,9 +39,10 @@ class FilterSettings(Settings):
     largest_misfit: float = setting(0.02, "m", above=0.0)
     """Most that a marker's misfit may count."""
     gate: float = setting(25.0, above=0.0)
-    """Squared Mahalanobis distance, three degrees of freedom, beyond which no point is believed (15 in a million)."""
+    """Squared Mahalanobis distance, three degrees of freedom, beyond which no point is believed: χ², 15 in a
+    million of the right ones."""
     take_up_gate: float = setting(11.3, above=0.0)
-    """The same within which a point without a label may be taken for a marker (1 in 100 missed)."""
+    """The same within which a point without a label may be taken for a marker: χ², 1 in 100 missed."""
     ghosts: float = setting(20.0, "1/m³", above=0.0)
     """Points without a label that belong to nothing, about the body."""
     taken: float = setting(0.02, above=0.0)
@@ -64,9 +65,9 @@ class FilterSettings(Settings):
     lost_share: float = setting(0.6, above=0.0, most=1.0)
     """More than this share of the visible markers not believed, and the frame counts as astray."""
     rounds: int = setting(3, least=1)
-    """Linearisations of one update at most."""
+    """Linearisations of one update at most: they bound the cost of a frame."""
     small: float = setting(2e-3, "rad or m", above=0.0)
-    """After a step below it, the next one would be a thousandth of that."""
+    """After a step below it no more is linearised: the next one would be a thousandth of that."""
 
 
 FilterSettingsValues = named_tuple(FilterSettings)

@@ -14,7 +14,15 @@ from highfive.mocap_bridge.tracking.chain_kinematics import (
 )
 from highfive.mocap_bridge.tracking.filter_settings import NEVER
 from highfive.mocap_bridge.tracking.label_gating import believed, precision_of, taken_up
-from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, marker_covariance, predicted, settled
+from highfive.mocap_bridge.tracking.pose_filter import (
+    State,
+    corrected,
+    expected,
+    marker_covariance,
+    predicted,
+    settled,
+    with_pose,
+)
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 
@@ -117,11 +125,7 @@ def without_speeds(chain: Chain, state: State, seen: NDArray[np.bool_]) -> State
             for i in range(len(state.speeds)):
                 covariance[1, d, i] = covariance[2, d, i] = covariance[2, i, d] = 0.0
             covariance[2, d, d] = chain.settings.return_speed**2
-    return State(
-        state.pose, state.speeds, covariance, state.offsets, state.places, state.homes, state.place_variance,
-        state.misfit,
-        state.left,        state.ages, state.disbelieved, state.last, state.pace, state.astray,
-    )  # fmt: skip
+    return with_pose(state, state.pose, state.speeds, covariance)
 
 
 @compiled

@@ -22,12 +22,12 @@ from highfive.model.settings import Settings, setting
 
 @dataclass(frozen=True)
 class PalmFilterSettings(Settings):
-    """Chosen on simulated high fives of seed 0."""
+    """How much is smoothed. All set by hand."""
 
     slow: float = setting(18.0, "rad/s", above=0.0)
     """Bandwidth of the position where the hand rests."""
     faster: float = setting(30.0, "rad/m", above=0.0)
-    """How much wider it gets with the speed of the hand."""
+    """How much wider it gets with each m/s of the hand's speed."""
     fastest: float = setting(60.0, "rad/s", above=0.0)
     """Bound of the bandwidth."""
     turning: float = setting(14.0, "rad/s", above=0.0)

@@ -73,6 +73,24 @@ class State(NamedTuple):
     astray: int
 
 
+@compiled
+def with_pose(state: State, pose: Pose, speeds: Array, covariance: Array) -> State:
+    """The state with the chain elsewhere; the markers sit where they did."""
+    return State(
+        pose, speeds, covariance, state.offsets, state.places, state.homes, state.place_variance, state.misfit,
+        state.left, state.ages, state.disbelieved, state.last, state.pace, state.astray,
+    )  # fmt: skip
+
+
+@compiled
+def with_places(state: State, places: Array, place_variance: Array, misfit: Array, left: Array) -> State:
+    """The state with the markers elsewhere on the chain."""
+    return State(
+        state.pose, state.speeds, state.covariance, state.offsets, places, state.homes, place_variance, misfit,
+        left, state.ages, state.disbelieved, state.last, state.pace, state.astray,
+    )  # fmt: skip
+
+
 @compiled_entry
 def predicted(chain: Chain, state: State, seconds: float) -> State:
     """The state a time later: speeds carry the pose on and die away, white accelerations drive both."""
@@ -101,22 +119,8 @@ def predicted(chain: Chain, state: State, seconds: float) -> State:
         place_variance[m] = min(state.place_variance[m] + wander, chain.spreads[m] ** 2)
         for i in range(3):
             left[m, i] = state.left[m, i] * fading
-    return State(
-        pose,
-        keep * state.speeds,
-        covariance,
-        state.offsets,
-        state.places,
-        state.homes,
-        place_variance,
-        state.misfit,
-        left,
-        state.ages,
-        state.disbelieved,
-        state.last,
-        state.pace,
-        state.astray,
-    )
+    placed = with_places(state, state.places, place_variance, state.misfit, left)
+    return with_pose(placed, pose, keep * state.speeds, covariance)
 
 
 @compiled
@@ -231,10 +235,7 @@ def consider_covariance(chain: Chain, state: State) -> Array:
     n = len(state.speeds)
     pose, axes = kinematics(chain, state.offsets, state.pose)
     system, right = np.zeros((n, n)), np.zeros(n)
-    doubtful = State(
-        state.pose, state.speeds, state.covariance, state.offsets, state.places, state.homes, chain.strangeness,
-        np.zeros_like(state.misfit), state.left, state.ages, state.disbelieved, state.last, state.pace, state.astray,
-    )  # fmt: skip
+    doubtful = with_places(state, state.places, chain.strangeness, np.zeros_like(state.misfit), state.left)
     _expect_rest(chain, pose, chain.settings.pull_s, system, right)
     markers = on_segments(chain, pose, state.places)
     _look(chain, doubtful, pose, axes, markers, state.ages != NEVER, np.zeros(len(markers)), system, right)
@@ -294,25 +295,7 @@ def corrected(
         for k in range(n):
             speeds[i] += gain[i, k] * moved[k]
             covariance[2, i, k] = speed[i, k] - taken[i, k] + kept[i, k]
-    return (
-        State(
-            pose,
-            speeds,
-            covariance,
-            state.offsets,
-            state.places,
-            state.homes,
-            state.place_variance,
-            state.misfit,
-            state.left,
-            state.ages,
-            state.disbelieved,
-            state.last,
-            state.pace,
-            state.astray,
-        ),
-        True,
-    )
+    return with_pose(state, pose, speeds, covariance), True
 
 
 @compiled_entry
@@ -346,19 +329,4 @@ def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], 
         place_variance[m] *= 1.0 - gain
         misfit[m] += share * (max(square - chain.settings.marker_sigma**2, 0.0) - misfit[m])
         misfit[m] = min(misfit[m], chain.settings.largest_misfit**2)
-    return State(
-        state.pose,
-        state.speeds,
-        state.covariance,
-        state.offsets,
-        places,
-        state.homes,
-        place_variance,
-        misfit,
-        left,
-        state.ages,
-        state.disbelieved,
-        state.last,
-        state.pace,
-        state.astray,
-    )
+    return with_places(state, places, place_variance, misfit, left)

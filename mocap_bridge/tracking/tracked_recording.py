@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.files.recording import Recording
-from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.one_person import read_person
 from highfive.mocap_bridge.tracking.chain import segment_order
@@ -191,7 +190,7 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
         arm=np.full((count, 5, 3), np.nan),
     )
     for step, number in enumerate(order):
-        tracked = tracker.update(_frame(recording, number, step))
+        tracked = tracker.update(recording.frame(number, step, recording.rate_hz))
         found.positions[number], found.seen[number], found.valid[number] = (
             tracked.positions,
             tracked.seen,
@@ -221,20 +220,6 @@ def _unwrapped(angles: Array) -> Array:
             run = np.unwrap(column[known])
             column[known] = run - 2.0 * np.pi * np.round(np.median(run) / (2.0 * np.pi))
     return result
-
-
-def _frame(recording: Recording, number: int, step: int) -> MarkerFrame:
-    """Frame ``number`` of the recording as the ``step``-th that the tracker gets."""
-    time_ns = round(step * 1e9 / recording.rate_hz)
-    return MarkerFrame(
-        names=recording.names,
-        positions=recording.points[number],
-        valid=recording.valid[number],
-        number=step,
-        source_time_ns=time_ns,
-        arrival_time_ns=time_ns,
-        unlabelled=recording.unlabelled[number, recording.unlabelled_valid[number]],
-    )
 
 
 def _tree(marker_set: MarkerSet) -> tuple[tuple[str, ...], NDArray[np.intp]]:

@@ -30,10 +30,13 @@ from highfive.model.settings import Settings, setting
 
 @dataclass(frozen=True)
 class RestartSettings(Settings):
-    """When the tracker begins anew. Chosen on simulated motion and a part of a real recording (CMU 85, 12)."""
+    """When the tracker begins anew. Chosen on simulated motion and a part of a real recording (CMU 85, 12).
+
+    What swapped labels do with them: docs/decisions/2026-11-21-skeleton-tracker.md.
+    """
 
     longest_ns: int = setting(1_000_000_000, "ns", above=0)
-    """After a longer pause the tracker begins anew."""
+    """After a longer pause the tracker begins anew: a convention."""
     patience: float = setting(4.0, above=0.0)
     """Labels that the tracker does not believe must stay where they are for so many times as long as it agreed with all
     before it asks whether it is wrong itself."""
@@ -44,7 +47,7 @@ class RestartSettings(Settings):
     """A label this far from its marker is not believed."""
     explained: float = setting(16.0, above=0.0)
     """Squared distance, over the variance of a coordinate, up to which a point is where the marker may sit on
-    somebody."""
+    somebody: four standard deviations."""
     better: float = setting(0.5, above=0.0, most=1.0)
     """A new beginning must explain a frame so much better than the pose that has been followed."""
     lost_frames: int = setting(4, least=1)

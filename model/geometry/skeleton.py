@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
+from highfive.model.geometry.names import index_of
 from highfive.model.geometry.rotations import Array
 
 Indices = NDArray[np.int64]
@@ -46,10 +46,7 @@ class Skeleton:
 
     def index(self, name: str) -> int:
         """Index of the joint called ``name``."""
-        try:
-            return self.names.index(name)
-        except ValueError:
-            raise HighFiveError(f"no joint called {name!r}; the skeleton has {', '.join(self.names)}") from None
+        return index_of(name, self.names, "the skeleton", "joint")
 
     @cached_property
     def hash(self) -> str:

@@ -37,6 +37,22 @@ class Covariance(NamedTuple):
     cross: Callable[[Any, jax.Array, jax.Array | None], tuple[jax.Array, jax.Array]]
 
 
+class Form(NamedTuple):
+    """What the likelihood is of, apart from numbers that it has derivatives by.
+
+    Attributes:
+        covariance: the covariance functions.
+        channels: number D of channels of Y.
+        variational: whether to add (tr K_ff − tr Q) D / (2 noise).
+        shards: equal parts of the points that are summed up separately, one per device.
+    """
+
+    covariance: Covariance
+    channels: int
+    variational: bool
+    shards: int
+
+
 class Points(NamedTuple):
     """What the likelihood sees of the points.
 
@@ -99,58 +115,43 @@ def over_shards(function: Callable[[Any], Any], blocks: Any, shards: int) -> Any
     return jax.vmap(function)(blocks)
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2, 3))
-def negative_log_likelihood(
-    covariance: Covariance,
-    channels: int,
-    variational: bool,
-    shards: int,
-    parameters: Any,
-    points: Points,
-    noise: jax.Array,
-) -> jax.Array:
+@partial(jax.custom_vjp, nondiff_argnums=(0,))
+def negative_log_likelihood(form: Form, parameters: Any, points: Points, noise: jax.Array) -> jax.Array:
     """−log N(Y; 0, Q + noise I) summed over channels, Q = K_fu K_uu⁻¹ K_uf, plus the trace term if ``variational``.
 
     Args:
-        covariance: the covariance functions.
-        channels: number D of channels of Y.
-        variational: whether to add (tr K_ff − tr Q) D / (2 noise).
-        shards: equal parts of the points that are summed up separately, one per device.
+        form: covariance functions, channels and parts.
         parameters: tree of what the covariances depend on.
         points: the points; there is no derivative by styles and weights.
         noise: () variance of the noise.
     """
-    inverse = _inverse_factor(covariance.inducing(parameters))
-    moments = _sum_up(covariance, shards, parameters, points, inverse)
-    return _solve(channels, variational, moments, inverse, noise)[0]
+    inverse = _inverse_factor(form.covariance.inducing(parameters))
+    moments = _sum_up(form, parameters, points, inverse)
+    return _solve(form, moments, inverse, noise)[0]
 
 
 def _forward(
-    covariance: Covariance,
-    channels: int,
-    variational: bool,
-    shards: int,
-    parameters: Any,
-    points: Points,
-    noise: jax.Array,
+    form: Form, parameters: Any, points: Points, noise: jax.Array
 ) -> tuple[jax.Array, tuple[Any, Points, jax.Array]]:
     """The value, and its derivatives by parameters, points and noise."""
-    k_uu, pull = jax.vjp(covariance.inducing, parameters)
+    k_uu, pull = jax.vjp(form.covariance.inducing, parameters)
     inverse = _inverse_factor(k_uu)
-    moments = _sum_up(covariance, shards, parameters, points, inverse)
-    value, slopes = _solve(channels, variational, moments, inverse, noise)
+    moments = _sum_up(form, parameters, points, inverse)
+    value, slopes = _solve(form, moments, inverse, noise)
     onto_whitened, onto_thin = 2.0 * inverse.T @ slopes.second, inverse.T @ slopes.first
 
     def block(total: Any, part: Points) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-        (k_uf, _), pull_cross = jax.vjp(lambda p, x: covariance.cross(p, x, part.styles), parameters, part.inputs)
+        (k_uf, _), pull_cross = jax.vjp(lambda p, x: form.covariance.cross(p, x, part.styles), parameters, part.inputs)
         to_k_uf = (onto_whitened @ _lower_product(inverse, k_uf) + onto_thin @ part.thin.T) * part.weights
         to_parameters, to_inputs = pull_cross((to_k_uf, slopes.k_ff * part.weights))
         to_thin = 2.0 * slopes.squares * part.thin + k_uf.T @ onto_thin
         return jax.tree.map(jnp.add, total, to_parameters), (to_inputs, to_thin * part.weights[:, None])
 
     start = jax.tree.map(jnp.zeros_like, parameters)
-    blocks = jax.tree.map(lambda array: in_blocks(array, shards), points)
-    to_parameters, (to_inputs, to_thin) = over_shards(lambda part: jax.lax.scan(block, start, part), blocks, shards)
+    blocks = jax.tree.map(lambda array: in_blocks(array, form.shards), points)
+    to_parameters, (to_inputs, to_thin) = over_shards(
+        lambda part: jax.lax.scan(block, start, part), blocks, form.shards
+    )
     to_parameters = jax.tree.map(lambda own, many: own + jnp.sum(many, axis=0), pull(slopes.k_uu)[0], to_parameters)
     size = points.inputs.shape[0]
     to_points = jax.tree.map(jnp.zeros_like, points)
@@ -158,9 +159,7 @@ def _forward(
     return value, (to_parameters, to_points, slopes.noise)
 
 
-def _backward(
-    covariance: Covariance, channels: int, variational: bool, shards: int, found: Any, cotangent: jax.Array
-) -> tuple[Any, Points, jax.Array]:
+def _backward(form: Form, found: Any, cotangent: jax.Array) -> tuple[Any, Points, jax.Array]:
     return jax.tree.map(lambda part: cotangent * part, found)
 
 
@@ -186,10 +185,10 @@ def _gram(factor: jax.Array) -> jax.Array:
     return jnp.block([[first @ first.T, between.T], [between, second @ second.T]])
 
 
-def _sum_up(covariance: Covariance, shards: int, parameters: Any, points: Points, inverse: jax.Array) -> _Moments:
+def _sum_up(form: Form, parameters: Any, points: Points, inverse: jax.Array) -> _Moments:
 
     def block(total: _Moments, part: Points) -> tuple[_Moments, None]:
-        k_uf, k_ff = covariance.cross(parameters, part.inputs, part.styles)
+        k_uf, k_ff = form.covariance.cross(parameters, part.inputs, part.styles)
         root, count = jnp.sqrt(part.weights), jnp.sum(part.weights > 0.0)
         b, thin = _lower_product(inverse, k_uf * root), part.thin * root[:, None]
         here = _Moments(_gram(b), b @ thin, jnp.sum(k_ff * part.weights), jnp.sum(thin**2), count * 1.0)
@@ -197,14 +196,12 @@ def _sum_up(covariance: Covariance, shards: int, parameters: Any, points: Points
 
     size, scalar = inverse.shape[0], jnp.zeros(())
     start = _Moments(jnp.zeros((size, size)), jnp.zeros((size, points.thin.shape[1])), scalar, scalar, scalar)
-    blocks = jax.tree.map(lambda array: in_blocks(array, shards), points)
-    moments, _ = over_shards(lambda part: jax.lax.scan(block, start, part), blocks, shards)
+    blocks = jax.tree.map(lambda array: in_blocks(array, form.shards), points)
+    moments, _ = over_shards(lambda part: jax.lax.scan(block, start, part), blocks, form.shards)
     return jax.tree.map(lambda many: jnp.sum(many, axis=0), moments)
 
 
-def _solve(
-    channels: int, variational: bool, moments: _Moments, inverse: jax.Array, noise: jax.Array
-) -> tuple[jax.Array, _Slopes]:
+def _solve(form: Form, moments: _Moments, inverse: jax.Array, noise: jax.Array) -> tuple[jax.Array, _Slopes]:
     """The value from the sums, and its derivatives."""
     second, first, k_ff, squares, points = moments
     identity, precision = jnp.eye(second.shape[0]), 1.0 / noise
@@ -214,11 +211,12 @@ def _solve(
     weights = solved @ first
     log_determinant = points * jnp.log(2.0 * jnp.pi * noise) + 2.0 * jnp.sum(jnp.log(jnp.diag(inner)))
     explained = jnp.sum((inner_inverse @ first) ** 2)
+    channels = form.channels
     value = 0.5 * (channels * log_determinant + precision * squares - precision**2 * explained)
     to_precision = channels * (jnp.sum(solved * second) - points * noise) + squares
     to_precision += precision**2 * jnp.sum(weights * (second @ weights)) - 2.0 * precision * explained
     to_second = channels * solved + precision**2 * weights @ weights.T
-    if variational:
+    if form.variational:
         value += 0.5 * channels * precision * (k_ff - jnp.trace(second))
         to_precision += channels * (k_ff - jnp.trace(second))
         to_second -= channels * identity
@@ -226,5 +224,5 @@ def _solve(
     # The value depends on L only through K_uu, so a step of K_uu = L Lᵀ may be taken as L (I + E / 2).
     moved = second @ to_second + 0.5 * first @ to_first.T
     to_k_uu = -0.5 * inverse.T @ (moved + moved.T) @ inverse
-    to_k_ff = jnp.asarray(0.5 * channels) * precision if variational else jnp.zeros(())
+    to_k_ff = jnp.asarray(0.5 * channels) * precision if form.variational else jnp.zeros(())
     return value, _Slopes(to_k_uu, to_second, to_first, to_k_ff, 0.5 * precision, -0.5 * precision**2 * to_precision)

@@ -15,7 +15,7 @@ from jax.scipy.linalg import solve_triangular
 from highfive.model.gp import likelihood
 from highfive.model.gp.coregionalisation import StyleFactor, style_covariance
 from highfive.model.gp.kernels import Kernel, MotionKernel, add_jitter
-from highfive.model.gp.likelihood import Covariance, Points
+from highfive.model.gp.likelihood import Covariance, Form, Points
 from highfive.model.gp.posterior import MotionParameters, Numbers, Posterior
 
 
@@ -99,9 +99,8 @@ def negative_log_likelihood(
     """
     weights = jnp.ones(inputs.shape[0]) if weights is None else weights
     points = Points(inputs, targets.thin, None if layer.style is None else styles, weights)
-    value: Any = likelihood.negative_log_likelihood(
-        COVARIANCE, targets.channels, variational, shards, layer, points, noise
-    )
+    form = Form(COVARIANCE, targets.channels, variational, shards)
+    value: Any = likelihood.negative_log_likelihood(form, layer, points, noise)
     return value + 0.5 * targets.discarded / noise
 
 

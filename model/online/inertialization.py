@@ -15,7 +15,7 @@ PEAK = 10.0 / math.sqrt(3.0)  # largest acceleration of the quintic that takes a
 
 @dataclass(frozen=True)
 class InertializationSettings(Settings):
-    """How a difference runs out."""
+    """How a difference runs out. All set by hand."""
 
     gentle: float = setting(80.0, "rad/s² or m/s²", above=0.0)
     """What the difference may add to the acceleration."""
@@ -23,7 +23,7 @@ class InertializationSettings(Settings):
     """Ticks for which values that jumped are not yet to be trusted."""
     shortest: float = setting(0.08, "s", above=0.0)
     longest: float = setting(0.25, "s", above=0.0)
-    """Time in which a difference runs out."""
+    """Bounds of the time in which a difference runs out."""
 
 
 class Inertializer:

@@ -26,13 +26,13 @@ from highfive.model.settings import Settings, setting
 
 @dataclass(frozen=True)
 class StyleTimingSettings(Settings):
-    """How the reach of a quick style is sharpened. Chosen on the simulated training trials."""
+    """How the reach of a quick style is sharpened. Set by hand; ``highfive classify-style`` shows what comes of it."""
 
     sharpening: float = setting(2.0, least=0.0)
     """a is this times the logarithm of a style's peak speed over the median style's: twice as much as makes up for it
     in a reach of minimum jerk, because on the way between styles the mixing of poses takes some away."""
     nearest: float = setting(0.2, "m", above=0.0)
-    """A meeting point nearer to the resting palm than this is no reach."""
+    """A meeting point nearer to the resting palm than this is no reach: by hand."""
 
 
 class StyleTiming:

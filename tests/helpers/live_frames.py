@@ -25,23 +25,49 @@ def frame(number, names=NAMES, loose=2, hidden=()):
 
 
 @contextlib.contextmanager
-def playing(server, frames=None, rate=RATE):
-    """Sends frames at their rate in a thread until the end of the block."""
-    stop, frames = threading.Event(), frames or (frame(k) for k in itertools.count())
-
-    def send():
-        for one in frames:
-            server.send(one)
-            if stop.wait(1.0 / rate):
-                return
-
-    thread = threading.Thread(target=send)
+def running(run):
+    """Runs ``run(ended)`` in a thread until the end of the block, which sets ``ended``."""
+    ended = threading.Event()
+    thread = threading.Thread(target=run, args=(ended,))
     thread.start()
     try:
-        yield
+        yield thread
     finally:
-        stop.set()
+        ended.set()
         thread.join()
+
+
+@contextlib.contextmanager
+def playing(server, frames=None, rate=RATE):
+    """Sends frames at their rate in a thread until the end of the block."""
+    frames = frames or (frame(k) for k in itertools.count())
+
+    def send(ended):
+        for one in frames:
+            server.send(one)
+            if ended.wait(1.0 / rate):
+                return
+
+    with running(send):
+        yield
+
+
+def arrived(source):
+    """The newest frame after some, and what was sent as it: names, points and state are right, whatever its time."""
+    first = source.first()
+    until(lambda: source.newest(0).number > first.number + 5)
+    got = source.newest(0)
+    sent = frame(got.number)
+    assert got.names == OWN
+    np.testing.assert_allclose(got.positions, sent.positions, atol=2e-7)
+    np.testing.assert_allclose(got.unlabelled, sent.unlabelled, atol=2e-7)
+    assert got.valid.all()
+    return got, sent
+
+
+def in_order(source):
+    health = source.health(time.monotonic_ns())
+    return (health.connection, health.lost, health.trouble) == (Connection.LIVE, 0, "")
 
 
 def until(condition, timeout_s=5.0):

@@ -13,6 +13,7 @@ from highfive.mocap_bridge.tracking.joint_angles import ANGLES, BASES, angles_be
 from highfive.model.geometry import rotations
 
 RATE_HZ = 120.0
+RIGHT_ARM = ("right_shoulder", "right_elbow", "right_wrist")
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,16 @@ class Reach:
     angles: np.ndarray
 
 
+def arm_angles(skeleton, lift, forward=-1.4, outward=-0.3):
+    """Hinges (T, J, 3), rad, of a right arm that is lifted by ``lift`` (T,), 0 to 1."""
+    angles = np.zeros((len(lift), len(skeleton), 3))
+    shoulder, elbow, wrist = (skeleton.index(joint) for joint in RIGHT_ARM)
+    angles[:, shoulder] = np.stack([-0.2 + forward * lift, outward - 0.3 * lift, 0.4 * lift], axis=-1)
+    angles[:, elbow] = np.stack([-0.4 - 1.0 * lift, 0 * lift, -lift], axis=-1)
+    angles[:, wrist, 0] = 0.4 * lift
+    return angles
+
+
 def simulated_reach(
     path: Path, hidden=(), name="paper", frames=360, prefix="human:", noise=0.0, scale=1.0, alias=None
 ) -> Reach:
@@ -32,11 +43,7 @@ def simulated_reach(
     marker_set, skeleton = load_marker_set(name), avatar_skeleton().scaled(scale)
     time = np.arange(frames) / RATE_HZ
     lift = 0.5 - 0.5 * np.cos(2 * np.pi * time / 2.0)
-    angles = np.zeros((frames, len(skeleton), 3))
-    shoulder, elbow, wrist = (skeleton.index(f"right_{joint}") for joint in ("shoulder", "elbow", "wrist"))
-    angles[:, shoulder] = np.stack([-0.2 - 1.4 * lift, -0.3 - 0.3 * lift, 0.4 * lift], axis=-1)
-    angles[:, elbow] = np.stack([-0.4 - 1.0 * lift, 0 * lift, -lift], axis=-1)
-    angles[:, wrist, 0] = 0.4 * lift
+    angles = arm_angles(skeleton, lift)
     root = np.stack([1.0 + 0.03 * np.sin(1.3 * time), 0.02 * np.sin(time), np.full(frames, 0.93 * scale)], axis=-1)
     centres, orientations = skeleton.forward_kinematics(root, skeleton.from_hinges(angles))
     markers = marker_set.simulate(skeleton, centres, orientations)
@@ -44,7 +51,7 @@ def simulated_reach(
     for start in range(60, frames - 40, 84):
         there[start : start + 36, marker_set.indices(list(hidden))] = False
     base = next(name for name in BASES if name in marker_set.segments)
-    turns = rotations.to_matrix(orientations[:, [skeleton.index(base), shoulder, elbow, wrist]])
+    turns = rotations.to_matrix(orientations[:, [skeleton.index(joint) for joint in (base, *RIGHT_ARM)]])
     truth = np.degrees([angles_between(*(np.ascontiguousarray(turn) for turn in four)) for four in turns])
     assert truth.shape[1] == len(ANGLES)
     noisy = markers + np.random.default_rng(3).normal(scale=noise, size=markers.shape) if noise else markers

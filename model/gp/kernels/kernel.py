@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
-from typing import TypeVar, dataclass_transform
+from typing import Any, TypeVar, cast, dataclass_transform
 
 import jax
 import jax.numpy as jnp
@@ -34,8 +34,8 @@ class Kernel:
 
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
-        """Names of the fields."""
-        return tuple(cls.__annotations__)
+        """Names of the fields, those of its bases first."""
+        return tuple(one.name for one in fields(cast(Any, cls)))
 
     def pair(self, x: jax.Array, z: jax.Array) -> jax.Array:
         """k(x, z), a scalar, of one pair of inputs (q,)."""
@@ -86,7 +86,8 @@ def register_kernel(cls: type[AnyKernel]) -> type[AnyKernel]:
 @dataclass_transform(frozen_default=True, eq_default=False)
 def _value(cls: type[AnyKernel]) -> type[AnyKernel]:
     """The class as a frozen dataclass whose fields JAX differentiates by."""
-    return jax.tree_util.register_dataclass(dataclass(frozen=True, eq=False)(cls), list(cls.parameters()), [])
+    value = dataclass(frozen=True, eq=False)(cls)
+    return jax.tree_util.register_dataclass(value, list(value.parameters()), [])
 
 
 @_value

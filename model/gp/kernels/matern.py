@@ -5,30 +5,18 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from highfive.model.gp.kernels.distance import half_square_distance
-from highfive.model.gp.kernels.kernel import Kernel, register_kernel
+from highfive.model.gp.kernels.kernel import register_kernel
+from highfive.model.gp.kernels.stationary import Stationary, half_square_distance
 
 SMALLEST = 1e-30  # squared distance below which the root, whose slope is infinite at 0, is not taken
 
 
 @register_kernel
-class Matern52(Kernel):
+class Matern52(Stationary):
     """k(x, z) = variance · (1 + √5 r + 5/3 r²) exp(−√5 r), r² = Σ (x−z)² / lengthscale².
 
     Functions that can be differentiated twice: rougher than those of an RBF (Rasmussen & Williams 2006, eq. 4.17).
-
-    Attributes:
-        log_lengthscale: (q,) in units of the inputs.
-        log_variance: ().
     """
-
-    log_lengthscale: jax.Array
-    log_variance: jax.Array
-
-    @classmethod
-    def initial(cls, dims: int) -> Matern52:
-        """Lengthscales √q, the distance of two points of unit variance per dimension; unit variance."""
-        return Matern52(jnp.full(dims, 0.5 * jnp.log(dims)), jnp.zeros(()))
 
     def pair(self, x: jax.Array, z: jax.Array) -> jax.Array:
         """k(x, z)."""

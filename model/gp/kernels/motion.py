@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from highfive.model.gp.kernels.distance import half_square_distance
 from highfive.model.gp.kernels.kernel import Kernel, register_kernel
+from highfive.model.gp.kernels.stationary import half_square_distance
 
 
 @register_kernel

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from highfive.hil.arm.contact_outcome import notice, with_known_contact
+from highfive.hil.arm.contact_outcome import OutcomeSettings, notice, with_known_contact
 from highfive.hil.bench.contact import ContactOptions, bench_contact, twin_loop
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.session.session import RATE_HZ
@@ -95,6 +95,8 @@ def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
     had = notice(asked, retarget)
     assert had.possible
     assert had.known < had.given
+    assert notice(asked, retarget, OutcomeSettings(known=1.0)).known > had.known  # who needs no more than a metre
+    assert not notice(asked, retarget, OutcomeSettings(reached=1e-15)).reached
     away = [
         None if goal.contact is None else replace(goal.contact, point=goal.contact.point + 1.0) for goal in asked.goals
     ]

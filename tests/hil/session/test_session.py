@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from highfive.hil.session.reach import Phase
-from highfive.hil.session.session import RATE_HZ, Session, Tick
+from highfive.hil.session.session import RATE_HZ, PoseSettings, Session, Tick
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner, simulated_partners
@@ -142,6 +142,28 @@ def test_a_hand_hidden_for_a_while_makes_no_jump(
     again = slice(hidden.stop + 60, None)  # half a second later it is as if nothing had been
     for ours, theirs in zip(ticks[again], usual[again], strict=True):
         assert np.linalg.norm(ours.person.palm.position - theirs.person.palm.position) < 2e-3
+
+
+def test_settings_bound_the_pose_s_speed_and_delay_it(
+    model: HGPDM,
+    scene: Scene,
+    partners: dict[str, Partner],
+    frames: dict[str, list[MarkerFrame]],
+    undisturbed: dict[str, list[Tick]],
+) -> None:
+    def generated(settings: PoseSettings) -> np.ndarray:
+        session = Session(model, {"angry": 1.0}, partners["angry"].marker_set, scene, correct=False, settings=settings)
+        return np.array([tick.generated.hinges for tick in run(session, frames["angry"])])
+
+    usual = np.array([tick.generated.hinges for tick in undisturbed["angry"]])
+    np.testing.assert_array_equal(generated(PoseSettings()), usual)
+    fastest = np.abs(np.diff(usual, axis=0)).max() * RATE_HZ
+    assert fastest > 4.0  # rad/s
+    bounded = generated(PoseSettings(quickest=2.0))
+    assert np.abs(np.diff(bounded, axis=0)).max() * RATE_HZ < 0.75 * fastest
+    calmer = generated(PoseSettings(calming=2.0))
+    half = slice(round(0.5 * RATE_HZ))  # s, within which the usual avatar leaves the pose in which it waits
+    assert np.abs(calmer - usual[0])[half].max() < np.abs(usual - usual[0])[half].max()
 
 
 def test_a_stranger_far_away_is_met_with_calm(

@@ -4,13 +4,12 @@ import contextlib
 import itertools
 import socket
 import struct
-import threading
 import time
 
 import natnet
 import numpy as np
 import pytest
-from live_frames import NAMES, OWN, RATE, frame, live, playing, until
+from live_frames import NAMES, OWN, RATE, arrived, frame, in_order, live, playing, running, until
 
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.natnet import NatNetServer
@@ -18,7 +17,6 @@ from highfive.mocap_bridge.servers.serving import LOOPBACK
 from highfive.mocap_bridge.sources.address import connector, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.natnet import connect_natnet
-from highfive.mocap_bridge.sources.source import Connection
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, encode, encode_request, encode_server_info
 from highfive.mocap_bridge.wire.natnet_frame import Frame, encode_frame, labelled_markers
@@ -52,22 +50,16 @@ def impostor(answer):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind((LOOPBACK, 0))
         sock.settimeout(0.05)
-        ended = threading.Event()
 
-        def run():
+        def run(ended):
             while not ended.is_set():
                 with contextlib.suppress(TimeoutError):
                     datagram, sender = sock.recvfrom(65536)
                     for back in answer(datagram):
                         sock.sendto(back, sender)
 
-        thread = threading.Thread(target=run)
-        thread.start()
-        try:
+        with running(run):
             yield sock.getsockname()[1]
-        finally:
-            ended.set()
-            thread.join()
 
 
 def motive(version=(3, 0), after=()):
@@ -90,18 +82,10 @@ def motive(version=(3, 0), after=()):
 def test_points_names_times_and_state_arrive(version, y_up):
     server = NatNetServer(port=0, rate_hz=100.0, version=version, y_up=y_up)
     with contextlib.closing(server), following(server, y_up=y_up) as source, playing(server):
-        first = source.first()
-        until(lambda: source.newest(0).number > first.number + 5)
-        got = source.newest(0)
-        sent = frame(got.number)
-        assert got.names == OWN
-        np.testing.assert_allclose(got.positions, sent.positions, atol=2e-7)
-        np.testing.assert_allclose(got.unlabelled, sent.unlabelled, atol=2e-7)
-        assert got.valid.all()
+        got, sent = arrived(source)
         assert abs(got.source_time_ns - sent.source_time_ns) <= 1
         until(lambda: source.rate_hz == 100.0)
-        health = source.health(time.monotonic_ns())
-        assert (health.connection, health.lost, health.trouble) == (Connection.LIVE, 0, "")
+        assert in_order(source)
 
 
 def test_y_up_on_the_wire_is_what_motive_means(server):

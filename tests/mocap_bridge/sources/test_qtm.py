@@ -4,20 +4,18 @@ import asyncio
 import contextlib
 import itertools
 import socket
-import threading
 import time
 
 import numpy as np
 import pytest
 import qtm_rt
-from live_frames import NAMES, OWN, RATE, frame, live, playing, until
+from live_frames import NAMES, OWN, RATE, arrived, frame, in_order, live, playing, running, until
 
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.qtm import QtmServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.qtm import QtmLink, connect_qtm
-from highfive.mocap_bridge.sources.source import Connection
 from highfive.mocap_bridge.wire import qtm as wire
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.qtm import Kind
@@ -40,9 +38,8 @@ def following(server, person=None):
 def impostor(*says, answers=()):
     """A TCP server that is no QTM: it says something, and something more after each message that comes."""
     with socket.create_server((LOOPBACK, 0)) as listener:
-        ended = threading.Event()
 
-        def run():
+        def run(ended):
             with contextlib.suppress(OSError), listener.accept()[0] as client:
                 client.settimeout(3.0)
                 for message in says:
@@ -53,31 +50,20 @@ def impostor(*says, answers=()):
                 while not ended.is_set() and client.recv(4096):
                     pass
 
-        thread = threading.Thread(target=run)
-        thread.start()
-        try:
-            yield listener.getsockname()[1]
-        finally:
-            ended.set()
-            with contextlib.suppress(OSError), socket.create_connection((LOOPBACK, listener.getsockname()[1]), 0.1):
-                pass
-            thread.join(5.0)
+        with running(run):
+            try:
+                yield listener.getsockname()[1]
+            finally:
+                with contextlib.suppress(OSError), socket.create_connection((LOOPBACK, listener.getsockname()[1]), 0.1):
+                    pass
 
 
 def test_points_names_times_and_state_arrive(server):
     with following(server) as source, playing(server):
-        first = source.first()
-        until(lambda: source.newest(0).number > first.number + 5)
-        got = source.newest(0)
-        sent = frame(got.number)
-        assert got.names == OWN
-        np.testing.assert_allclose(got.positions, sent.positions, atol=2e-7)
-        np.testing.assert_allclose(got.unlabelled, sent.unlabelled, atol=2e-7)
-        assert got.valid.all()
+        got, sent = arrived(source)
         assert abs(got.source_time_ns - sent.source_time_ns) < 1000  # QTM counts microseconds
         assert source.rate_hz == RATE
-        health = source.health(time.monotonic_ns())
-        assert (health.connection, health.lost, health.trouble) == (Connection.LIVE, 0, "")
+        assert in_order(source)
 
 
 def test_names_are_the_same_object_from_frame_to_frame(server):

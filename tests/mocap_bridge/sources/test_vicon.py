@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from live_frames import running, until
 
 from highfive.mocap_bridge.files.recording import make_recording
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -53,22 +54,9 @@ def following(server, person=None, **options):
 
 @contextlib.contextmanager
 def playing(server, played, faults=(), loop=True):
-    stop = threading.Event()
     spoilt = Faults([parse_fault(fault) for fault in faults])
-    thread = threading.Thread(target=serve, args=(played, server, spoilt, loop, stop))
-    thread.start()
-    try:
+    with running(lambda ended: serve(played, server, spoilt, loop, ended)) as thread:
         yield thread
-    finally:
-        stop.set()
-        thread.join()
-
-
-def until(true, timeout_s=3.0):
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline, "it did not come about"
-        time.sleep(0.002)
 
 
 def send_until_seen(server, source, frame):
@@ -334,12 +322,11 @@ def test_a_client_that_talks_nonsense_is_hung_up_on_and_others_are_not(server):
 @contextlib.contextmanager
 def scripted(*said, hold=True):
     """A server that says something to whoever connects, and no more; its port."""
-    stop = threading.Event()
 
-    def run():
+    def run(ended):
         held = []
         with listener:
-            while not stop.is_set():
+            while not ended.is_set():
                 with contextlib.suppress(TimeoutError):
                     connection, _ = listener.accept()
                     for piece in said:
@@ -354,13 +341,8 @@ def scripted(*said, hold=True):
 
     listener = socket.create_server((LOOPBACK, 0))
     listener.settimeout(0.05)
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
+    with running(run):
         yield listener.getsockname()[1]
-    finally:
-        stop.set()
-        thread.join()
 
 
 def refusal(port, **options):

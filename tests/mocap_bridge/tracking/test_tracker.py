@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from simulated_reach import arm_angles
 
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -24,11 +25,7 @@ def reaching(frames=480):
     """Markers (T, 16, 3) of a person who raises and lowers the right arm four times in 8 s."""
     time = np.arange(frames) / 120.0
     lift = 0.5 - 0.5 * np.cos(2 * np.pi * time / 2.0)
-    angles = np.zeros((frames, len(SKELETON), 3))
-    shoulder, elbow, wrist = (SKELETON.index(f"right_{joint}") for joint in ("shoulder", "elbow", "wrist"))
-    angles[:, shoulder] = np.stack([-0.2 - 1.6 * lift, -0.2 - 0.3 * lift, 0.4 * lift], axis=-1)
-    angles[:, elbow] = np.stack([-0.4 - 1.0 * lift, 0 * lift, -lift], axis=-1)
-    angles[:, wrist, 0] = 0.4 * lift
+    angles = arm_angles(SKELETON, lift, forward=-1.6, outward=-0.2)
     angles[:, SKELETON.index("head"), 1] = 0.2 * np.sin(time)
     root = np.stack([1.0 + 0.03 * np.sin(1.3 * time), 0.02 * np.sin(time), np.full(frames, 0.93)], axis=-1)
     return PAPER.simulate(SKELETON, *SKELETON.forward_kinematics(root, SKELETON.from_hinges(angles)))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ALLOWANCE_MS, Adapter
-from test_servo_bus import until
+from test_servo_bus import until, works
 
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, Rig, count
@@ -109,7 +109,7 @@ def test_a_single_hiccup_kills_nobody(joints: JointBus, emulator: EmulatorProces
 def test_a_state_that_comes_late_is_never_the_cycles_own(adapter: Adapter, rig: Rig, late_ms: int) -> None:
     bus = ServoBus(adapter.port, rig.baud_rate, rig.models)
     joints = JointBus(bus, rig)
-    until(lambda: prepared(joints))
+    until(lambda: works(joints.prepare, NoAnswer))
 
     def cycles(count: int) -> int:
         whole, due = 0, time.monotonic()
@@ -129,17 +129,9 @@ def test_a_state_that_comes_late_is_never_the_cycles_own(adapter: Adapter, rig: 
     cycles(20)
     adapter.hold_s = 0.0
     time.sleep(0.1)
-    until(lambda: prepared(joints))
+    until(lambda: works(joints.prepare, NoAnswer))
     assert cycles(40) > 5
     bus.close()
-
-
-def prepared(joints: JointBus) -> bool:
-    try:
-        joints.prepare()
-    except NoAnswer:
-        return False
-    return True
 
 
 def test_hardware_errors_come_with_the_cycle(joints: JointBus, emulator: EmulatorProcess) -> None:

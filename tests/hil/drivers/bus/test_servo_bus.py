@@ -5,6 +5,7 @@ import os
 import threading
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -160,15 +161,15 @@ def test_a_lost_port_is_reported_and_opens_again(tmp_path: Path, rig: Rig) -> No
         with pytest.raises(PortError, match="gone"):
             for _ in range(1000):
                 bus.sync_read(*POSITION, [1])
-        until(lambda: link.exists() and reopens(bus))
+        until(lambda: link.exists() and works(bus.reopen, PortError))
         assert bus.read(1, "id") == 1
         bus.close()
 
 
-def reopens(bus: ServoBus) -> bool:
+def works(call: Callable[[], object], error: type[Exception]) -> bool:
     try:
-        bus.reopen()
-    except PortError:
+        call()
+    except error:
         return False
     return True
 

@@ -1,6 +1,6 @@
 """Puts a recording of real people into the project's world: z up, origin under the avatar's pelvis, +x to the person.
 
-Nothing needs to be told: the head shows which way is up, the feet where the floor is, and the partner, if the file has
+Nothing needs to be given: the head shows which way is up, the feet where the floor is, and the partner, if the file has
 one, where the avatar is to stand.
 """
 

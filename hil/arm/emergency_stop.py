@@ -214,7 +214,7 @@ def _handled(latch: Latch, signals: tuple[signal.Signals, ...]) -> Iterator[None
     """Signals pull, and then call what handled them before.
 
     Where nothing did, SIGUSR1, SIGHUP and SIGTSTP do nothing any more afterwards: who stops an arm that stands already
-    must not end the program that writes its report. A program that was told to outlive its terminal (``nohup``) does.
+    must not end the program that writes its report. A program that is to outlive its terminal (``nohup``) does.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -32,11 +32,18 @@ def to_segment(point: Array, start: Array, end: Array, away: Array) -> tuple[flo
 
 @compiled
 def arm_gaps(  # noqa: PLR0912 (a kernel)
-    arm: Arm, centres: Array, frames: Array, head: Array, near: float, gaps: Array, slopes: Array, with_slopes: bool
+    arm: Arm,
+    centres: Array,
+    frames: Array,
+    head: Array,
+    near: float,
+    gaps: Array,
+    jacobians: Array,
+    with_jacobians: bool,
 ) -> None:
     """Distances (B, 4), m, of the spheres from floor, mount, upper arm and head (4,): centre and radius.
 
-    ``slopes`` (B, 4, J) are derivatives (``with_slopes``) where a gap is below ``near``. Column and turret are one
+    ``jacobians`` (B, 4, J) are given (``with_jacobians``) where a gap is below ``near``. Column and turret are one
     mount; a pair that cannot meet is 1 m apart.
     """
     ball, away, of_point, of_other = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 6))
@@ -71,7 +78,7 @@ def arm_gaps(  # noqa: PLR0912 (a kernel)
                     gap, _ = to_segment(ball, head[:3], head[:3], away)
                     gap -= radius + head[3]
             gaps[b, kind] = gap
-            if not with_slopes or gap >= near:
+            if not with_jacobians or gap >= near:
                 continue
             point_jacobian(arm, centres, frames, link, ball, of_point)
             if kind == 2:  # the upper arm moves, too
@@ -81,7 +88,7 @@ def arm_gaps(  # noqa: PLR0912 (a kernel)
                 for r in range(3):
                     for j in range(6):
                         of_point[r, j] -= of_other[r, j]
-            along(away, of_point, slopes[b, kind])
+            along(away, of_point, jacobians[b, kind])
 
 
 @compiled
@@ -95,8 +102,8 @@ def along(direction: Array, of_point: Array, out: Array) -> None:
 def smallest_gap(arm: Arm, joints: Array, head: Array) -> float:
     """Smallest gap of a posture, m."""
     centres, frames = link_frames(arm, joints)
-    gaps, slopes = np.empty((len(arm.balls), 4)), np.empty((0, 4, 6))
-    arm_gaps(arm, centres, frames, head, 0.0, gaps, slopes, False)
+    gaps, jacobians = np.empty((len(arm.balls), 4)), np.empty((0, 4, 6))
+    arm_gaps(arm, centres, frames, head, 0.0, gaps, jacobians, False)
     least = 1.0
     for b in range(len(gaps)):
         for kind in range(4):

@@ -145,8 +145,8 @@ def available_torque(arm: Arm, joint: int, speed: float, sign: float) -> float:
 
 
 @compiled
-def _runs(arm: Arm, start: Array, way: Array, seconds: float) -> bool:
-    """Whether a minimum-jerk movement along ``way`` stays inside speed and torque–speed line."""
+def _runs(arm: Arm, start: Array, displacement: Array, seconds: float) -> bool:
+    """Whether a minimum-jerk movement along ``displacement`` stays inside speed and torque–speed line."""
     joints, speeds, pulls = np.empty(6), np.empty(6), np.empty(6)
     for sample in range(17):
         s = sample / 16.0
@@ -154,8 +154,8 @@ def _runs(arm: Arm, start: Array, way: Array, seconds: float) -> bool:
         rate = 30.0 * s**2 * (1.0 - s) ** 2 / seconds
         change = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / seconds**2
         for j in range(6):
-            joints[j] = start[j] + share * way[j]
-            speeds[j], pulls[j] = rate * way[j], change * way[j]
+            joints[j] = start[j] + share * displacement[j]
+            speeds[j], pulls[j] = rate * displacement[j], change * displacement[j]
             if abs(speeds[j]) > arm.speeds[j]:
                 return False
         centres, frames = link_frames(arm, joints)
@@ -173,10 +173,10 @@ def _runs(arm: Arm, start: Array, way: Array, seconds: float) -> bool:
 @compiled_entry
 def quickest(arm: Arm, start: Array, end: Array) -> float:
     """Duration, s, of the quickest minimum-jerk movement of all joints together that the servos can follow."""
-    way, low, high = end - start, 0.02, 4.0
+    displacement, low, high = end - start, 0.02, 4.0
     for _ in range(14):
         middle = 0.5 * (low + high)
-        if _runs(arm, start, way, middle):
+        if _runs(arm, start, displacement, middle):
             high = middle
         else:
             low = middle

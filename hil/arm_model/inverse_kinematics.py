@@ -17,7 +17,7 @@ ROUND = 0.2
 
 
 @compiled
-def pose_error(arm: Arm, joints: Array, position: Array, normal: Array, residual: Array, slope: Array) -> float:
+def pose_error(arm: Arm, joints: Array, position: Array, normal: Array, residual: Array, jacobian: Array) -> float:
     """Squared miss of the plate; writes residual (6,) and Jacobian (6, J)."""
     centres, frames = link_frames(arm, joints)
     point, out = plate_of(arm, centres, frames)
@@ -27,7 +27,7 @@ def pose_error(arm: Arm, joints: Array, position: Array, normal: Array, residual
         residual[r], residual[3 + r] = point[r] - position[r], ROUND * (out[r] - normal[r])
         total += residual[r] ** 2 + residual[3 + r] ** 2
         for j in range(6):
-            slope[r, j], slope[3 + r, j] = of_point[r, j], ROUND * of_normal[r, j]
+            jacobian[r, j], jacobian[3 + r, j] = of_point[r, j], ROUND * of_normal[r, j]
     return total
 
 
@@ -44,18 +44,18 @@ def posture(arm: Arm, position: Array, normal: Array, start: Array, steps: int) 
 def posture_from(arm: Arm, position: Array, normal: Array, start: Array, steps: int) -> tuple[Array, float]:
     """As :func:`posture`, for compiled callers."""
     joints, tried, damping = start.copy(), start.copy(), 1e-4
-    residual, slope, left, ahead = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty((6, 6))
+    residual, jacobian, left, ahead = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty((6, 6))
     matrix, lower, step = np.empty((6, 6)), np.zeros((6, 6)), np.empty(6)
-    cost = pose_error(arm, joints, position, normal, residual, slope)
+    cost = pose_error(arm, joints, position, normal, residual, jacobian)
     for _ in range(steps):
         for i in range(6):
             step[i] = 0.0
             for r in range(6):
-                step[i] -= slope[r, i] * residual[r]
+                step[i] -= jacobian[r, i] * residual[r]
             for j in range(6):
                 matrix[i, j] = damping if i == j else 0.0
                 for r in range(6):
-                    matrix[i, j] += slope[r, i] * slope[r, j]
+                    matrix[i, j] += jacobian[r, i] * jacobian[r, j]
         if not cholesky(matrix, lower):
             break
         cholesky_solve(lower, step)
@@ -68,7 +68,7 @@ def posture_from(arm: Arm, position: Array, normal: Array, start: Array, steps: 
         now = pose_error(arm, tried, position, normal, left, ahead)
         if now < cost:
             cost, damping = now, max(0.2 * damping, 1e-9)
-            joints, tried, residual, left, slope, ahead = tried, joints, left, residual, ahead, slope
+            joints, tried, residual, left, jacobian, ahead = tried, joints, left, residual, ahead, jacobian
         else:
             damping *= 10.0
         if cost < 1e-12 or damping > 1e4:

@@ -21,8 +21,8 @@ BACK = 0.010
 """Nearer than this to the true palm it has recovered, m."""
 
 WARM_UP, AFTER = 60, 30  # frames before a fault, and after it
-ASKED = ("swap", "ghosts", "missing")
-"""What the issue asks for; the rest is harder, and shown beside it."""
+SCORED = ("swap", "ghosts", "missing")
+"""What the targets are for; the rest is harder, and shown beside it."""
 
 
 def robustness(case: Case, pairs: int, episodes: int, advance: Callable[[], None]) -> dict[str, Any]:
@@ -64,8 +64,8 @@ def robustness(case: Case, pairs: int, episodes: int, advance: Callable[[], None
             "worst": "+".join(spoilt[worst][0].names) or f"episode {worst}",
         }
     return {
-        "palm_jump_mm": max(by_fault[kind]["palm_jump_mm"] for kind in ASKED),
-        "recovery_frames": max(by_fault[kind]["recovery_frames"] for kind in ASKED),
+        "palm_jump_mm": max(by_fault[kind]["palm_jump_mm"] for kind in SCORED),
+        "recovery_frames": max(by_fault[kind]["recovery_frames"] for kind in SCORED),
         "by_fault": by_fault,
     }
 

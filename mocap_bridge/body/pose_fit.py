@@ -97,7 +97,7 @@ def _box_step(hessian: Array, gradient: Array, low: Array, high: Array) -> Array
 
     Two rounds of holding; a third changes nothing that the next iteration does not.
     """
-    # Where a parameter is at its limit and the slope leads outward it is held from the start.
+    # Where a parameter is at its limit and the gradient leads outward it is held from the start.
     held = ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
     step = np.zeros_like(gradient)
     for _ in range(3):
@@ -143,10 +143,10 @@ def _normal_equations(part: Part, problem: Problem, x: Array) -> tuple[Array, Ar
     error = kinematics.markers - problem.measured
     distance = np.linalg.norm(error, axis=-1)
     weight = np.sqrt(problem.seen * np.minimum(1.0, _OUTLIER / np.maximum(distance, 1e-9))) / MARKER_SIGMA
-    slopes = (jacobian(part, kinematics) * weight[:, None, :, None]).reshape(len(x), -1, part.parameters)
+    scaled = (jacobian(part, kinematics) * weight[:, None, :, None]).reshape(len(x), -1, part.parameters)
     weighted = (error * weight[..., None]).transpose(0, 2, 1).reshape(len(x), -1, 1)
-    transposed = slopes.transpose(0, 2, 1)
-    hessian, gradient = transposed @ slopes, (transposed @ weighted)[..., 0]
+    transposed = scaled.transpose(0, 2, 1)
+    hessian, gradient = transposed @ scaled, (transposed @ weighted)[..., 0]
     hinges = 3 * len(part.joints)
     gradient[:, :hinges] += _prior_residual(part, problem, x) / problem.prior_sigma
     index = np.arange(3 if part.free else 0, hinges)

@@ -54,9 +54,9 @@ def read_table(folder: Path, say: Say = lambda line: None) -> list[TrialRow]:
             reader = csv.DictReader(file)
             found, columns = list(reader), reader.fieldnames or []
     except OSError as error:
-        wanted = f"a {TABLE} with the columns {','.join(COLUMNS)}"
+        expected = f"a {TABLE} with the columns {','.join(COLUMNS)}"
         raise HighFiveError(
-            f"cannot read {path}: {error.strerror}; a data folder holds C3D files and {wanted}"
+            f"cannot read {path}: {error.strerror}; a data folder holds C3D files and {expected}"
         ) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise HighFiveError(f"{path} is not a table: {error}") from None

@@ -33,7 +33,7 @@ class QtmServer(TcpServer[_Client]):
     """See :class:`highfive.mocap_bridge.servers.serving.Server`.
 
     Points have no names on the wire: a client asks for the labels once, and points come in their order. If labels
-    change, clients are notified that settings changed; each gets the old order until it has asked for the new one.
+    change, clients are notified that settings changed; each gets the old order until it has requested the new one.
     """
 
     def __init__(self, host: str = LOOPBACK, port: int = 22223, names: Sequence[str] = (), rate_hz: float = 120.0):

@@ -108,7 +108,7 @@ class QtmLink:
         self._sock.close()
 
     def _agree(self, deadline: float) -> None:
-        """Agrees on a version. Asked before the greeting has come, so that whoever waits to be asked speaks too."""
+        """Agrees on a version; sent before the greeting has come, for servers that wait for a request first."""
         said = ""
         for version in VERSIONS:
             self._send(f"version {version}")

@@ -18,7 +18,7 @@ from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
 from highfive.mocap_bridge.wire.vicon import Kind, Packet, Subject
 from highfive.model.geometry.rotations import Array
 
-WANTED = frozenset(
+REQUESTED = frozenset(
     {
         Kind.CONTENTS,
         Kind.STREAM_INFO,
@@ -145,7 +145,7 @@ class ViconLink:
                 offered = packet.enums
         if Kind.LABELED_RECONS not in offered:
             raise LinkError(f"{self._where} offers no labelled markers; switch them on in its DataStream settings")
-        self._send(wire.encode(Packet(enums=WANTED & offered)))
+        self._send(wire.encode(Packet(enums=REQUESTED & offered)))
         if not self._pull:
             self._send(wire.encode(Packet(stream=True)))
 

@@ -150,18 +150,18 @@ def _fitted(
 ) -> tuple[Array, Array]:  # fmt: skip
     """Frames (3, 3, 3) by least squares (Gauss-Newton), and the covariance (8, 8) of their eight turns."""
     moved, first, system = np.zeros(13), frames, np.eye(13)
-    weights, slopes = np.empty(13), np.zeros((3, 13))
+    weights, jacobian = np.empty(13), np.zeros((3, 13))
     weights[:3], weights[3:11], weights[11:] = 1.0 / arm.shoulder_variance, FREE**-2, arm.stretch**-2
     for _ in range(_ROUNDS):
         system, right = np.diag(weights), -weights * moved
         for n in range(len(points)):
             if known[n]:
-                at = _marker(arm.carrier[n], shoulder, frames, offsets, places[n], moved, slopes)
-                system += slopes.T @ slopes / arm.variance[n]
-                right += slopes.T @ (points[n] - at) / arm.variance[n]
+                at = _marker(arm.carrier[n], shoulder, frames, offsets, places[n], moved, jacobian)
+                system += jacobian.T @ jacobian / arm.variance[n]
+                right += jacobian.T @ (points[n] - at) / arm.variance[n]
         step = np.linalg.solve(system, right).astype(np.float64)
         largest = np.abs(step[3:11]).max()
-        if largest > 0.5:  # far from the solution the slope says the direction only
+        if largest > 0.5:  # far from the solution the derivative gives the direction only
             step *= 0.5 / largest
         moved += step
         frames = _moved(frames, step[3:11])
@@ -174,9 +174,9 @@ def _fitted(
 
 @compiled
 def _marker(
-    carrier: int, shoulder: Array, frames: Array, offsets: Array, place: Array, moved: Array, slopes: Array
+    carrier: int, shoulder: Array, frames: Array, offsets: Array, place: Array, moved: Array, jacobian: Array
 ) -> Array:
-    """Where a marker is (3,), m, and into ``slopes`` (3, 13) how that depends on what is fitted.
+    """Where a marker is (3,), m, and into ``jacobian`` (3, 13) how that depends on what is fitted.
 
     That is the shift of the shoulder, 0 to 2, turns of upper arm, 3 to 5, and of forearm with hand, 6 to 8, the wrist's
     hinges, 9 and 10, and the lengths of upper arm and forearm over themselves, 11 and 12.
@@ -185,40 +185,40 @@ def _marker(
     long, reach = upper @ offsets[0], fore @ offsets[1]
     elbow = (1.0 + moved[11]) * long  # from the shoulder
     wrist = elbow + (1.0 + moved[12]) * reach
-    slopes[:] = 0.0
+    jacobian[:] = 0.0
     for i in range(3):
-        slopes[i, i] = 1.0
+        jacobian[i, i] = 1.0
     if carrier == 0:  # a longer segment bears its markers further along
         along = (place @ offsets[0]) / (offsets[0] @ offsets[0]) * long
         at = upper @ place + moved[11] * along
-        _turn(slopes, 3, at)
-        slopes[:, 11] = along
+        _turn(jacobian, 3, at)
+        jacobian[:, 11] = along
     elif carrier == 1:
         along = (place @ offsets[1]) / (offsets[1] @ offsets[1]) * reach
         at = elbow + fore @ place + moved[12] * along
-        _turn(slopes, 3, elbow)
-        _turn(slopes, 6, at - elbow)
-        slopes[:, 11], slopes[:, 12] = long, along
+        _turn(jacobian, 3, elbow)
+        _turn(jacobian, 6, at - elbow)
+        jacobian[:, 11], jacobian[:, 12] = long, along
     else:
         arrow, across = hand @ place, _wrist_axis(frames)
         at = wrist + arrow
-        _turn(slopes, 3, elbow)
-        _turn(slopes, 6, at - elbow)
+        _turn(jacobian, 3, elbow)
+        _turn(jacobian, 6, at - elbow)
         for i in range(3):
             k, o = (i + 1) % 3, (i + 2) % 3
-            slopes[i, 9] = across[k] * arrow[o] - across[o] * arrow[k]
-            slopes[i, 10] = hand[k, 1] * arrow[o] - hand[o, 1] * arrow[k]
-        slopes[:, 11], slopes[:, 12] = long, reach
+            jacobian[i, 9] = across[k] * arrow[o] - across[o] * arrow[k]
+            jacobian[i, 10] = hand[k, 1] * arrow[o] - hand[o, 1] * arrow[k]
+        jacobian[:, 11], jacobian[:, 12] = long, reach
     return shoulder + moved[:3] + at
 
 
 @compiled
-def _turn(slopes: Array, first: int, arrow: Array) -> None:
+def _turn(jacobian: Array, first: int, arrow: Array) -> None:
     """Puts into three columns how the tip of an ``arrow`` moves as it is turned about the world's axes."""
     x, y, z = arrow[0], arrow[1], arrow[2]
-    slopes[0, first + 1], slopes[0, first + 2] = z, -y
-    slopes[1, first], slopes[1, first + 2] = -z, x
-    slopes[2, first], slopes[2, first + 1] = y, -x
+    jacobian[0, first + 1], jacobian[0, first + 2] = z, -y
+    jacobian[1, first], jacobian[1, first + 2] = -z, x
+    jacobian[2, first], jacobian[2, first + 1] = y, -x
 
 
 @compiled
@@ -258,16 +258,16 @@ def _moved(frames: Array, step: Array) -> Array:
 
 @compiled
 def _carrying(frames: Array) -> tuple[float, Array]:
-    """The carrying angle, rad, and its slope (8,): how far the forearm leaves the plane across the axis of flexion."""
+    """The carrying angle, rad, and its gradient (8,): of the forearm out of the plane across the axis of flexion."""
     axis, along = frames[0, :, 1].copy(), frames[1, :, 2].copy()
     sine = -(axis @ along)
-    slope = np.zeros(8)
+    gradient = np.zeros(8)
     for i in range(3):
         k, o = (i + 1) % 3, (i + 2) % 3
-        slope[3 + i] = axis[k] * along[o] - axis[o] * along[k]
-        slope[i] = -slope[3 + i]
+        gradient[3 + i] = axis[k] * along[o] - axis[o] * along[k]
+        gradient[i] = -gradient[3 + i]
     cosine = math.sqrt(max(1.0 - sine * sine, 1e-6))
-    return math.asin(min(max(sine, -1.0), 1.0)), slope / cosine
+    return math.asin(min(max(sine, -1.0), 1.0)), gradient / cosine
 
 
 @compiled
@@ -292,10 +292,10 @@ def _carried(arm: ArmModel, fitted: Array, information: Array) -> Look:
         step, frames = np.zeros(8), start
         cost = _cost(start, turned, information)
         for _ in range(_ROUNDS):
-            angle, slope = _carrying(frames)
+            angle, gradient = _carrying(frames)
             target = np.linalg.solve(
-                information + weight * np.outer(slope, slope),
-                -information @ turned - weight * (angle - slope @ step) * slope,
+                information + weight * np.outer(gradient, gradient),
+                -information @ turned - weight * (angle - gradient @ step) * gradient,
             )
             share, better = 1.0, False
             for _ in range(6):
@@ -316,8 +316,8 @@ def _carried(arm: ArmModel, fitted: Array, information: Array) -> Look:
         # Of two poses between which markers do not decide, the one in which elbows mostly are.
         cost += ((flexion - arm.usual[0]) / arm.usual[1]) ** 2 + (min(flexion - _STRAIGHT, 0.0) / 0.1) ** 2
         if cost < least:
-            _, slope = _carrying(frames)
-            best, least, result = frames, cost, information + weight * np.outer(slope, slope)
+            _, gradient = _carrying(frames)
+            best, least, result = frames, cost, information + weight * np.outer(gradient, gradient)
     return Look(best, np.linalg.inv(result).astype(np.float64))
 
 

@@ -65,7 +65,7 @@ def followed(
     state = predicted(chain, state, seconds)
     pose, axes = kinematics(chain, state.offsets, state.pose)
     markers = on_segments(chain, pose, state.places)
-    precisions, slopes = np.zeros((count, 3, 3)), np.empty((chain.path.shape[1], 3))
+    precisions, jacobian = np.zeros((count, 3, 3)), np.empty((chain.path.shape[1], 3))
     slides, caution = np.full_like(markers, np.inf), np.zeros(count)
     for m in range(count):
         if state.ages[m] == NEVER:
@@ -77,7 +77,7 @@ def followed(
         if not labelled[m] or square > chain.settings.gate * chain.settings.marker_sigma**2 or state.ages[m] > 0:
             # Only while its label is nowhere: one that is somewhere else is not believed for staying there.
             slack = chain.settings.drift * 1e-9 * (state.ages[m] - min(state.disbelieved[m], state.ages[m]))
-            marker_covariance(chain, state, axes, m, markers[m], slopes, precisions[m])
+            marker_covariance(chain, state, axes, m, markers[m], jacobian, precisions[m])
             if state.ages[m] > 0:
                 for i in range(3):
                     caution[m] += chain.settings.caution * precisions[m, i, i] / 3.0
@@ -108,7 +108,7 @@ def followed(
 def without_speeds(chain: Chain, state: State, seen: NDArray[np.bool_]) -> State:
     """The state, without the speeds of parts of the body that were out of sight until now.
 
-    The way that a hidden hand was off came about during all the time that it was hidden: taken for its speed, it would
+    What a hidden hand was off by came about during all the time that it was hidden: taken for its speed, it would
     throw the hand far beyond.
     """
     covariance, copied = state.covariance, False
@@ -198,7 +198,7 @@ def shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], do
 
 @compiled_entry
 def misfit_of(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]) -> float:
-    """How badly a pose explains points (M, 3): squares of residuals and of the way from rest, in their deviations."""
+    """How badly a pose explains points (M, 3): squares of residuals and displacements from rest, by deviations."""
     pose, _ = kinematics(chain, state.offsets, state.pose)
     markers = on_segments(chain, pose, state.places)
     total = 0.0

@@ -190,7 +190,7 @@ def angles_with_covariance(frames: Array, covariance: Array) -> tuple[Array, Arr
             with the hand, and of the wrist's two hinges.
     """
     angles = angles_between(frames[0], frames[1], frames[2], frames[3])
-    slopes, axis = np.zeros((8, 11)), np.empty(3)
+    jacobian, axis = np.zeros((8, 11)), np.empty(3)
     for a in range(11):
         for k in range(3):
             axis[k] = frames[2, k, 0] if a == 9 else frames[3, k, 1] if a == 10 else 1.0 if k == a % 3 else 0.0
@@ -201,8 +201,8 @@ def angles_with_covariance(frames: Array, covariance: Array) -> tuple[Array, Arr
         change = angles_between(base, upper, fore, hand)
         for i in range(8):
             away = change[i] - angles[i]
-            slopes[i, a] = (away - 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)) / _STEP
-    return angles, slopes @ covariance @ slopes.T
+            jacobian[i, a] = (away - 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)) / _STEP
+    return angles, jacobian @ covariance @ jacobian.T
 
 
 @compiled

@@ -124,24 +124,30 @@ def predicted(chain: Chain, state: State, seconds: float) -> State:
 
 
 @compiled
-def marker_covariance(chain: Chain, state: State, axes: Array, m: int, marker: Array, slopes: Array, out: Array) -> int:
+def marker_covariance(
+    chain: Chain, state: State, axes: Array, m: int, marker: Array, jacobian: Array, out: Array
+) -> int:
     """Covariance (3, 3) of where a marker is, without noise and misfit.
 
     Its derivative and its length are those of :func:`point_jacobian`.
     """
     j = chain.carrier[m]
-    count = point_jacobian(chain, state.pose, axes, j, marker, slopes)
+    count = point_jacobian(chain, state.pose, axes, j, marker, jacobian)
     place = state.covariance[0]
     xx = yy = zz = xy = xz = yz = 0.0
     for a in range(count):
         d = chain.path[j, a]
-        x, y, z = 0.5 * place[d, d] * slopes[a, 0], 0.5 * place[d, d] * slopes[a, 1], 0.5 * place[d, d] * slopes[a, 2]
+        x, y, z = (
+            0.5 * place[d, d] * jacobian[a, 0],
+            0.5 * place[d, d] * jacobian[a, 1],
+            0.5 * place[d, d] * jacobian[a, 2],
+        )
         for b in range(a):
             p = place[d, chain.path[j, b]]
-            x += p * slopes[b, 0]
-            y += p * slopes[b, 1]
-            z += p * slopes[b, 2]
-        u, v, w = slopes[a, 0], slopes[a, 1], slopes[a, 2]
+            x += p * jacobian[b, 0]
+            y += p * jacobian[b, 1]
+            z += p * jacobian[b, 2]
+        u, v, w = jacobian[a, 0], jacobian[a, 1], jacobian[a, 2]
         xx += 2.0 * u * x
         yy += 2.0 * v * y
         zz += 2.0 * w * z
@@ -165,13 +171,13 @@ def expected(chain: Chain, state: State) -> tuple[Array, Array, Array]:
     pose, axes = kinematics(chain, state.offsets, state.pose)
     markers = on_segments(chain, pose, state.places)
     covariances, velocities = np.empty((len(markers), 3, 3)), np.zeros((len(markers), 3))
-    slopes = np.empty((chain.path.shape[1], 3))
+    jacobian = np.empty((chain.path.shape[1], 3))
     for m in range(len(markers)):
-        count = marker_covariance(chain, state, axes, m, markers[m], slopes, covariances[m])
+        count = marker_covariance(chain, state, axes, m, markers[m], jacobian, covariances[m])
         for a in range(count):
             speed = state.speeds[chain.path[chain.carrier[m], a]]
             for i in range(3):
-                velocities[m, i] += slopes[a, i] * speed
+                velocities[m, i] += jacobian[a, i] * speed
     return markers, covariances, velocities
 
 
@@ -207,22 +213,22 @@ def _look(
     system: Array, right: Array,
 ) -> None:  # fmt: skip
     """Adds what the points (M, 3) of the markers that were ``seen`` (M,) say: normal equations, lower triangle."""
-    slopes, gap = np.empty((chain.path.shape[1], 3)), np.empty(3)
+    jacobian, gap = np.empty((chain.path.shape[1], 3)), np.empty(3)
     markers = on_segments(chain, pose, state.places)
     for m in range(len(markers)):
         if not seen[m]:
             continue
         j = chain.carrier[m]
-        count = point_jacobian(chain, pose, axes, j, markers[m], slopes)
+        count = point_jacobian(chain, pose, axes, j, markers[m], jacobian)
         weight = 1.0 / (chain.settings.marker_sigma**2 + state.place_variance[m] + state.misfit[m] + caution[m])
         for k in range(3):
             gap[k] = weight * (points[m, k] - markers[m, k])
         for a in range(count):
             row = chain.path[j, a]
-            right[row] += slopes[a, 0] * gap[0] + slopes[a, 1] * gap[1] + slopes[a, 2] * gap[2]
-            x, y, z = weight * slopes[a, 0], weight * slopes[a, 1], weight * slopes[a, 2]
+            right[row] += jacobian[a, 0] * gap[0] + jacobian[a, 1] * gap[1] + jacobian[a, 2] * gap[2]
+            x, y, z = weight * jacobian[a, 0], weight * jacobian[a, 1], weight * jacobian[a, 2]
             for b in range(a + 1):  # a path runs from the root outward: its freedoms are in order
-                system[row, chain.path[j, b]] += x * slopes[b, 0] + y * slopes[b, 1] + z * slopes[b, 2]
+                system[row, chain.path[j, b]] += x * jacobian[b, 0] + y * jacobian[b, 1] + z * jacobian[b, 2]
 
 
 @compiled_entry
@@ -276,7 +282,7 @@ def corrected(
         cholesky_solve(system, step)
         largest = 0.0
         for d in range(n):
-            step[d] = min(max(step[d], -0.5), 0.5)  # far from the solution the slope says the direction only
+            step[d] = min(max(step[d], -0.5), 0.5)  # far from the solution the derivative gives the direction only
             largest = max(largest, abs(step[d]))
             moved[d] += step[d]
         pose, axes = kinematics(chain, state.offsets, shifted(chain, pose, step))

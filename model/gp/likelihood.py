@@ -79,7 +79,7 @@ class _Moments(NamedTuple):
     points: jax.Array
 
 
-class _Slopes(NamedTuple):
+class _Gradients(NamedTuple):
     """Derivatives of the value: by K_uu (M, M), B Bᵀ (M, M), B Y (M, R), Σ k_ff, Σ y² and the noise."""
 
     k_uu: jax.Array
@@ -137,14 +137,14 @@ def _forward(
     k_uu, pull = jax.vjp(form.covariance.inducing, parameters)
     inverse = _inverse_factor(k_uu)
     moments = _sum_up(form, parameters, points, inverse)
-    value, slopes = _solve(form, moments, inverse, noise)
-    onto_whitened, onto_thin = 2.0 * inverse.T @ slopes.second, inverse.T @ slopes.first
+    value, gradients = _solve(form, moments, inverse, noise)
+    onto_whitened, onto_thin = 2.0 * inverse.T @ gradients.second, inverse.T @ gradients.first
 
     def block(total: Any, part: Points) -> tuple[Any, tuple[jax.Array, jax.Array]]:
         (k_uf, _), pull_cross = jax.vjp(lambda p, x: form.covariance.cross(p, x, part.styles), parameters, part.inputs)
         to_k_uf = (onto_whitened @ _lower_product(inverse, k_uf) + onto_thin @ part.thin.T) * part.weights
-        to_parameters, to_inputs = pull_cross((to_k_uf, slopes.k_ff * part.weights))
-        to_thin = 2.0 * slopes.squares * part.thin + k_uf.T @ onto_thin
+        to_parameters, to_inputs = pull_cross((to_k_uf, gradients.k_ff * part.weights))
+        to_thin = 2.0 * gradients.squares * part.thin + k_uf.T @ onto_thin
         return jax.tree.map(jnp.add, total, to_parameters), (to_inputs, to_thin * part.weights[:, None])
 
     start = jax.tree.map(jnp.zeros_like, parameters)
@@ -152,11 +152,11 @@ def _forward(
     to_parameters, (to_inputs, to_thin) = over_shards(
         lambda part: jax.lax.scan(block, start, part), blocks, form.shards
     )
-    to_parameters = jax.tree.map(lambda own, many: own + jnp.sum(many, axis=0), pull(slopes.k_uu)[0], to_parameters)
+    to_parameters = jax.tree.map(lambda own, many: own + jnp.sum(many, axis=0), pull(gradients.k_uu)[0], to_parameters)
     size = points.inputs.shape[0]
     to_points = jax.tree.map(jnp.zeros_like, points)
     to_points = to_points._replace(inputs=from_blocks(to_inputs, size), thin=from_blocks(to_thin, size))
-    return value, (to_parameters, to_points, slopes.noise)
+    return value, (to_parameters, to_points, gradients.noise)
 
 
 def _backward(form: Form, found: Any, cotangent: jax.Array) -> tuple[Any, Points, jax.Array]:
@@ -201,7 +201,7 @@ def _sum_up(form: Form, parameters: Any, points: Points, inverse: jax.Array) -> 
     return jax.tree.map(lambda many: jnp.sum(many, axis=0), moments)
 
 
-def _solve(form: Form, moments: _Moments, inverse: jax.Array, noise: jax.Array) -> tuple[jax.Array, _Slopes]:
+def _solve(form: Form, moments: _Moments, inverse: jax.Array, noise: jax.Array) -> tuple[jax.Array, _Gradients]:
     """The value from the sums, and its derivatives."""
     second, first, k_ff, squares, points = moments
     identity, precision = jnp.eye(second.shape[0]), 1.0 / noise
@@ -225,4 +225,4 @@ def _solve(form: Form, moments: _Moments, inverse: jax.Array, noise: jax.Array) 
     moved = second @ to_second + 0.5 * first @ to_first.T
     to_k_uu = -0.5 * inverse.T @ (moved + moved.T) @ inverse
     to_k_ff = jnp.asarray(0.5 * channels) * precision if form.variational else jnp.zeros(())
-    return value, _Slopes(to_k_uu, to_second, to_first, to_k_ff, 0.5 * precision, -0.5 * precision**2 * to_precision)
+    return value, _Gradients(to_k_uu, to_second, to_first, to_k_ff, 0.5 * precision, -0.5 * precision**2 * to_precision)

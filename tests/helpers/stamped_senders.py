@@ -40,7 +40,7 @@ def send(
         seconds: how long it sends.
         late: share of samples that are held up by ``late_s``; those that are due meanwhile follow all at once.
         late_s: s.
-        lost: share of samples that are never sent; not among the first and last ones, of which nothing can be told.
+        lost: share of samples that are never sent; not among the first and last ones, of which nothing can be known.
         outage: from, to, s: nothing is sent.
         noise_s: standard deviation, s, of the normal distribution whose magnitude each sample is late by besides.
         wander_s: amplitude, s, of a slow wander of the sender's clock.

@@ -1,4 +1,4 @@
-"""The arm's loop over the twin: retargeting, envelope and servos in a row, in time that is told."""
+"""The arm's loop over the twin: retargeting, envelope and servos in a row, in simulated time."""
 
 import itertools
 import os
@@ -96,10 +96,10 @@ def test_a_hand_that_waits_is_met(loop: ArmLoop, cell: str) -> None:
 
 def test_what_is_sent_keeps_the_limits(loop: ArmLoop) -> None:
     trial = played(still_hand("A3"), loop)
-    told = np.array([tick.report.sent.positions for tick in trial.ticks if tick.report.sent is not None])
-    speeds = np.abs(np.diff(told, axis=0)) * RATE_HZ
-    assert (told >= LIMITS.lowest - 1e-9).all()
-    assert (told <= LIMITS.highest + 1e-9).all()
+    sent = np.array([tick.report.sent.positions for tick in trial.ticks if tick.report.sent is not None])
+    speeds = np.abs(np.diff(sent, axis=0)) * RATE_HZ
+    assert (sent >= LIMITS.lowest - 1e-9).all()
+    assert (sent <= LIMITS.highest + 1e-9).all()
     assert (speeds <= LIMITS.speed * 1.01).all()
     found = trial.separation_speeds(loop.retarget.arm, LIMITS)
     assert 0.0 < found["wire_closing_speed"] <= LIMITS.contact.speed
@@ -206,8 +206,8 @@ def test_a_controlled_stop_is_played_to_its_end(left: int) -> None:
     ticks, _ = loop.play(goals())
     assert "paused" in loop.trouble
     assert loop.state is State.STOPPED
-    told = np.array([tick.report.sent.positions for tick in ticks if tick.report.sent is not None])
-    assert np.abs(np.diff(told[60:80], axis=0)).max() > 0.002  # it was moving
+    sent = np.array([tick.report.sent.positions for tick in ticks if tick.report.sent is not None])
+    assert np.abs(np.diff(sent[60:80], axis=0)).max() > 0.002  # it was moving
     stood = twin.newest()
     for _ in range(40):
         twin.pause(1.0 / RATE_HZ)
@@ -272,15 +272,15 @@ def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
 def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet(stop: int, broken_off: bool) -> None:
     """The session goes on with its avatar; the arm stands. After the contact, a stop takes nothing back."""
     twin, estop = new_twin(), Latch()
-    loop, asked, ticks = over(twin, estop), still_hand("B2"), []
+    loop, reference, ticks = over(twin, estop), still_hand("B2"), []
     loop.begin()
-    for number, goal in enumerate(asked.goals):
+    for number, goal in enumerate(reference.goals):
         if number == stop:
             estop.pull()
         loop.note_frame()
         ticks.append(loop.tick(goal))
         twin.pause(1.0 / RATE_HZ)
-    trial = arm_trial(asked, loop.retarget, ticks, loop.cycles(), loop.sacrifice)
+    trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.sacrifice)
     summary = arm_summary([trial], loop.retarget.settings.lag)
     assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
     assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0
@@ -303,14 +303,14 @@ def test_a_high_five_that_was_stopped_is_counted_and_the_next_one_played(monkeyp
             if self.count == 100:
                 estop.pull()
 
-    asked = [still_hand(cell) for cell in ("B2", "B1", "A2")]
+    reference = [still_hand(cell) for cell in ("B2", "B1", "A2")]
     loops = [over(Stopped(mounted_arm(), full_errors(load_rig())), estop), over(new_twin())]
 
     def made_ready(_: object) -> AbstractContextManager[ArmLoop]:
         return nullcontext(loops.pop(0))
 
     monkeypatch.setattr("highfive.hil.bench.contact.ready_arm", made_ready)
-    results, figures = played_by("rig", asked, lambda *_: lambda *_, **__: done.append(1))
+    results, figures = played_by("rig", reference, lambda *_: lambda *_, **__: done.append(1))
     assert [(one.met.cell, one.met.touched, bool(one.stopped)) for one in results] == [
         ("B2", True, False), ("B1", False, True), ("A2", True, False),
     ]  # fmt: skip

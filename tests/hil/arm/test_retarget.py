@@ -1,4 +1,4 @@
-"""The retargeting meets what can be met, breaks no limit whatever it is asked, and says what it gave up."""
+"""The retargeting meets what can be met, breaks no limit whatever is requested, and says what it gave up."""
 
 import math
 
@@ -214,12 +214,12 @@ wild = st.tuples(number, number, number).map(np.array)
     st.lists(st.tuples(wild, wild, wild, st.floats(0.0, 2.0), st.booleans()), min_size=3, max_size=8),
     st.integers(0, 99),
 )
-def test_no_limit_is_broken_whatever_is_asked(arm: ServoArm, retarget: Retarget, asked: list, seed: int) -> None:
+def test_no_limit_is_broken_whatever_is_requested(arm: ServoArm, retarget: Retarget, requests: list, seed: int) -> None:
     packed = arm.packed
     rng = np.random.default_rng(seed)
     state = retarget.start(rng.uniform(packed.low, packed.high) * 0.6)
     clear = arm.clearance(state.joints)
-    for point, velocity, head, time, known in asked:
+    for point, velocity, head, time, known in requests:
         normal = facing() if np.linalg.norm(head) < 0.1 else head / np.linalg.norm(head)
         contact = ExpectedContact(point, EXACT, normal, time) if known else None
         goal = PalmGoal(palm(point, normal, velocity), palm(point, -normal, velocity), head, contact)

@@ -90,26 +90,27 @@ def test_the_emulated_rig_meets_hands_as_near_as_recorded() -> None:
 
 def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
     """One high five, and the same with a hand that is out of reach, or known of too late."""
-    asked = reference_trajectories(load_model(DEFAULT_MODEL), ["sad"], ["B2"], 3, quiet)[0]
+    reference = reference_trajectories(load_model(DEFAULT_MODEL), ["sad"], ["B2"], 3, quiet)[0]
     retarget = twin_loop().retarget
-    had = notice(asked, retarget)
+    had = notice(reference, retarget)
     assert had.possible
     assert had.known < had.given
-    assert notice(asked, retarget, OutcomeSettings(known=1.0)).known > had.known  # who needs no more than a metre
-    assert not notice(asked, retarget, OutcomeSettings(reached=1e-15)).reached
+    assert notice(reference, retarget, OutcomeSettings(known=1.0)).known > had.known  # who needs no more than a metre
+    assert not notice(reference, retarget, OutcomeSettings(reached=1e-15)).reached
     away = [
-        None if goal.contact is None else replace(goal.contact, point=goal.contact.point + 1.0) for goal in asked.goals
+        None if goal.contact is None else replace(goal.contact, point=goal.contact.point + 1.0)
+        for goal in reference.goals
     ]
     far = replace(
-        asked,
-        person=asked.person + 1.0,
-        goals=tuple(replace(goal, contact=contact) for goal, contact in zip(asked.goals, away, strict=True)),
+        reference,
+        person=reference.person + 1.0,
+        goals=tuple(replace(goal, contact=contact) for goal, contact in zip(reference.goals, away, strict=True)),
     )
     assert not notice(far, retarget).reached
     assert notice(far, retarget).known == had.known
-    late = asked.due - round(0.5 * had.needed * RATE_HZ)
-    unknown = tuple(replace(goal, contact=None) for goal in asked.goals[:late]) + asked.goals[late:]
-    assert not notice(replace(asked, goals=unknown), retarget).possible
+    late = reference.due - round(0.5 * had.needed * RATE_HZ)
+    unknown = tuple(replace(goal, contact=None) for goal in reference.goals[:late]) + reference.goals[late:]
+    assert not notice(replace(reference, goals=unknown), retarget).possible
     rows = bench_contact(
         ContactOptions(("sad",), ("B2",), ("twin",), picture=tmp_path / "map.png"), load_model(DEFAULT_MODEL), quiet
     )["rows"]
@@ -118,17 +119,17 @@ def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
 
 
 def test_a_contact_that_is_foretold_exactly_is_so_from_when_it_was_first_spoken_of() -> None:
-    asked = reference_trajectories(load_model(DEFAULT_MODEL), ["happy"], ["B2"], 3, quiet)[0]
-    began = next(i for i, goal in enumerate(asked.goals) if goal.contact is not None)
-    exact = with_known_contact(asked)
-    assert exact.goals[:began] == asked.goals[:began]
-    assert exact.goals[asked.due :] == asked.goals[asked.due :]
-    for i, goal in enumerate(exact.goals[began : asked.due], began):
+    reference = reference_trajectories(load_model(DEFAULT_MODEL), ["happy"], ["B2"], 3, quiet)[0]
+    began = next(i for i, goal in enumerate(reference.goals) if goal.contact is not None)
+    exact = with_known_contact(reference)
+    assert exact.goals[:began] == reference.goals[:began]
+    assert exact.goals[reference.due :] == reference.goals[reference.due :]
+    for i, goal in enumerate(exact.goals[began : reference.due], began):
         assert goal.contact is not None
-        np.testing.assert_array_equal(goal.contact.point, asked.person[asked.due])
-        assert goal.contact.time == pytest.approx((asked.due - i) / RATE_HZ)
-        assert (goal.palm, goal.person) == (asked.goals[i].palm, asked.goals[i].person)
-    assert notice(exact, twin_loop().retarget).known == pytest.approx((asked.due - began) / RATE_HZ)
+        np.testing.assert_array_equal(goal.contact.point, reference.person[reference.due])
+        assert goal.contact.time == pytest.approx((reference.due - i) / RATE_HZ)
+        assert (goal.palm, goal.person) == (reference.goals[i].palm, reference.goals[i].person)
+    assert notice(exact, twin_loop().retarget).known == pytest.approx((reference.due - began) / RATE_HZ)
 
 
 @pytest.mark.parametrize(

@@ -44,19 +44,19 @@ def test_a_place_that_takes_no_model_is_named_before_anything_is_solved(tmp_path
 
 
 def test_a_foreign_file_of_the_checkpoints_name_stays_where_it_is(tmp_path: Path) -> None:
-    asked = options(tmp_path / "no data", tmp_path / "x.safetensors")
-    np.savez(asked.checkpoint, mine=np.arange(3))
-    mine = asked.checkpoint.read_bytes()
+    chosen = options(tmp_path / "no data", tmp_path / "x.safetensors")
+    np.savez(chosen.checkpoint, mine=np.arange(3))
+    mine = chosen.checkpoint.read_bytes()
     with pytest.raises(HighFiveError, match=r"x\.checkpoint\.npz is there already and is no training's checkpoint"):
-        train(asked, lambda label, total: pytest.fail("solves"))
-    assert "goes on" not in after_interruption(asked)
-    assert asked.checkpoint.read_bytes() == mine and list(tmp_path.iterdir()) == [asked.checkpoint]
+        train(chosen, lambda label, total: pytest.fail("solves"))
+    assert "goes on" not in after_interruption(chosen)
+    assert chosen.checkpoint.read_bytes() == mine and list(tmp_path.iterdir()) == [chosen.checkpoint]
     with pytest.raises(HighFiveError, match="no data"):  # now it is the data's turn
-        train(replace(asked, overwrite=True), lambda label, total: pytest.fail("solves"))
-    Checkpoint(asked.checkpoint, {"seed": 9}).save({"starts": np.array("[]")})
-    assert "goes on" in after_interruption(asked)
+        train(replace(chosen, overwrite=True), lambda label, total: pytest.fail("solves"))
+    Checkpoint(chosen.checkpoint, {"seed": 9}).save({"starts": np.array("[]")})
+    assert "goes on" in after_interruption(chosen)
     with pytest.raises(HighFiveError, match="no data"):
-        train(asked, lambda label, total: pytest.fail("solves"))
+        train(chosen, lambda label, total: pytest.fail("solves"))
 
 
 def test_a_resumed_bar_begins_where_the_training_was() -> None:

@@ -272,8 +272,12 @@ def test_a_capture_replaces_its_own_and_nobody_elses(
     first = visible(out)
     assert first["angry_A1_7.c3d"] == b"somebody's"
     (out / "mine.c3d").write_bytes(b"mine")
-    told = captured("--repetitions", 1, "--seed", 3, "--overwrite")
-    assert "9 recordings of the earlier capture removed" in told and "left as they are" in told and "mine.c3d" in told
+    output = captured("--repetitions", 1, "--seed", 3, "--overwrite")
+    assert (
+        "9 recordings of the earlier capture removed" in output
+        and "left as they are" in output
+        and "mine.c3d" in output
+    )
     second = visible(out)
     rows = list(csv.DictReader((out / TABLE).read_text().splitlines()))
     assert set(second) == {row["file"] for row in rows} | {TABLE, "mine.c3d", "angry_A1_7.c3d"} and len(rows) == 9

@@ -31,8 +31,8 @@ def test_ctrl_c_in_a_callback_of_the_collector_ends_a_command() -> None:
 
 
 def test_other_exceptions_there_are_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    told, threads = [], threading.active_count()
-    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(unraisable.exc_type))
+    reported, threads = [], threading.active_count()
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: reported.append(unraisable.exc_type))
     raise_swallowed_interrupts()
 
     def callback(phase: str, info: object) -> None:
@@ -41,4 +41,4 @@ def test_other_exceptions_there_are_told_as_before(monkeypatch: pytest.MonkeyPat
 
     gc.callbacks.append(callback)
     gc.collect()
-    assert told == [ValueError] and threading.active_count() == threads
+    assert reported == [ValueError] and threading.active_count() == threads

@@ -165,19 +165,19 @@ def test_the_cost_of_one_pair_is_what_is_written(scene: Scene) -> None:
 def test_a_forearm_that_is_led_through_the_trunk_stays_outside(
     scene: Scene, share: float, smooth: float | None
 ) -> None:
-    """It swings across the belly, 7 cm deep, and back: where no palm is wanted, or hardly, or firmly."""
+    """It swings across the belly, 7 cm deep, and back: with a palm target of no weight, hardly any, or much."""
     correction, data, limits = ContactCorrection(scene), scene.make_data(), avatar_skeleton().hinge_limits
-    wanted, played = [], []
+    generated, played = [], []
     for swing in np.sin(np.linspace(0.0, np.pi, 180)) ** 2:
         pose = Pose(rest_pose(scene.skeleton).root_in_world, across(scene, 55.0 * swing))
-        wanted.append(deepest(scene, data, pose))
+        generated.append(deepest(scene, data, pose))
         palm = correction.palm_of(pose)
         solved = correction.solve(pose, palm.position, palm.normal, share).pose
         assert deepest(scene, data, solved) == 0.0
         assert np.all(solved.hinges >= limits[..., 0] - 1e-9)
         assert np.all(solved.hinges <= limits[..., 1] + 1e-9)
         played.append(solved.hinges)
-    assert max(wanted) > 0.06
+    assert max(generated) > 0.06
     if smooth is not None:
         change = np.abs(np.diff(np.array(played), n=2, axis=0)) * RATE_HZ
         assert change.max() < smooth  # rad/s in a tick
@@ -196,8 +196,8 @@ def own_contacts(scene: Scene, model: HGPDM, partner: Partner) -> tuple[float, f
     """m of the deepest contact with the own body, of what the model wants and of what is played."""
     session, data = Session(model, {partner.emotion: 1.0}, partner.marker_set, scene), scene.make_data()
     ticks = [session.step(frame) for frame in C3DSource(partner.recording, RATE_HZ)]
-    wanted = max(deepest(scene, data, tick.generated) for tick in ticks)
-    return wanted, max(deepest(scene, data, tick.pose) for tick in ticks)
+    generated = max(deepest(scene, data, tick.generated) for tick in ticks)
+    return generated, max(deepest(scene, data, tick.pose) for tick in ticks)
 
 
 @pytest.mark.parametrize(
@@ -213,8 +213,8 @@ def test_high_fives_whose_arm_the_model_leads_into_its_body(
     seed: int, emotion: str, cell: str, scene: Scene, model: HGPDM
 ) -> None:
     partner = simulated_partners(1, [emotion], [cell], seed)[0]
-    wanted, played = own_contacts(scene, model, partner)
-    assert wanted > 0.005
+    generated, played = own_contacts(scene, model, partner)
+    assert generated > 0.005
     assert played == 0.0
 
 

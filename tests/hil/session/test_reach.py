@@ -1,4 +1,4 @@
-"""The reach: it comes to contact from whatever it is told, smoothly, and lets go again."""
+"""The reach: it comes to contact from whatever is forecast, smoothly, and lets go again."""
 
 from itertools import pairwise
 

@@ -25,16 +25,16 @@ def test_without_a_library_mujoco_is_kept_from_trying():
     assert "\n" not in problem
 
 
-@pytest.mark.parametrize("wanted", ["egl", "osmesa", "glfw"])
-def test_a_choice_that_can_work_is_respected(wanted):
-    assert chosen({"MUJOCO_GL": wanted}, ["EGL", "OSMesa"]) == (wanted, "")
+@pytest.mark.parametrize("requested", ["egl", "osmesa", "glfw"])
+def test_a_choice_that_can_work_is_respected(requested):
+    assert chosen({"MUJOCO_GL": requested}, ["EGL", "OSMesa"]) == (requested, "")
 
 
-@pytest.mark.parametrize("wanted", ["bogus", "egl", "osmesa"])
-def test_a_choice_that_cannot_work_is_named(wanted):
-    backend, problem = chosen({"MUJOCO_GL": wanted})
+@pytest.mark.parametrize("requested", ["bogus", "egl", "osmesa"])
+def test_a_choice_that_cannot_work_is_named(requested):
+    backend, problem = chosen({"MUJOCO_GL": requested})
     assert backend == "disable"
-    assert f"MUJOCO_GL={wanted}" in problem
+    assert f"MUJOCO_GL={requested}" in problem
 
 
 def test_a_display_and_other_systems_are_left_to_mujoco():

@@ -51,9 +51,9 @@ def test_limbs_pelvis_and_head_are_known_in_every_habit(labels):
     middle = labels[6:8]
     sided = labels[:6] + labels[8:]
     known = recognise([*sided, *map(to_left, sided), *middle])
-    wanted = dict(zip(PARTS, labels, strict=False))
-    assert {part: known[f"right_{part}"] for part in PARTS} == wanted
-    assert {part: known[f"left_{part}"] for part in PARTS} == {part: to_left(label) for part, label in wanted.items()}
+    expected = dict(zip(PARTS, labels, strict=False))
+    assert {part: known[f"right_{part}"] for part in PARTS} == expected
+    assert {part: known[f"left_{part}"] for part in PARTS} == {part: to_left(label) for part, label in expected.items()}
     assert (known["pelvis"], known["head"]) == tuple(middle)
     assert len(set(known.values())) == len(known), "a label stands for one joint"
     assert known.get("right_clavicle") == ("RightShoulder" if "RightShoulder" in labels[8:] else None)
@@ -78,8 +78,8 @@ def test_hand_and_foot_mean_something_else_beside_wrist_and_ankle():
 
 
 def test_a_spine_is_ordered_from_below_whatever_the_order_of_the_labels():
-    wanted = {"trunk_1": "Spine", "trunk_2": "Spine1", "trunk_3": "Spine2", "trunk_4": "Chest"}
-    assert recognise(["Chest", "Spine2", "Spine", "Spine1"]) == wanted
+    expected = {"trunk_1": "Spine", "trunk_2": "Spine1", "trunk_3": "Spine2", "trunk_4": "Chest"}
+    assert recognise(["Chest", "Spine2", "Spine", "Spine1"]) == expected
     assert recognise(["T8", "L5", "T12", "L3"]) == {"trunk_1": "L5", "trunk_2": "L3", "trunk_3": "T12", "trunk_4": "T8"}
     assert recognise(["UpperSpine", "LowerSpine", "MidSpine"]) == {
         "trunk_1": "LowerSpine",

@@ -1,4 +1,4 @@
-"""Points without names: what they are is told by how they move."""
+"""Points without names: how they move shows what they are."""
 
 import numpy as np
 import pytest

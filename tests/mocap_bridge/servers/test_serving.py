@@ -1,4 +1,4 @@
-"""A recording goes out at its rate, with its faults, until it is told to stop."""
+"""A recording goes out at its rate, with its faults, until it is stopped."""
 
 import threading
 import time
@@ -12,7 +12,7 @@ from highfive.mocap_bridge.servers.serving import frames_of, serve
 
 
 class Notebook:
-    """A server that writes down what it is told."""
+    """A server that writes down what it is sent."""
 
     port = 0
 

@@ -185,18 +185,18 @@ def test_what_is_no_address_is_our_own_error(host: str) -> None:
 
 
 def test_a_tap_is_told_of_every_frame_of_everyone(serving) -> None:
-    port, told = serving().port, []
+    port, received = serving().port, []
 
     def tap(frames: list[MarkerFrame], rate_hz: float) -> None:
-        told.extend((frame, rate_hz) for frame in frames)
+        received.extend((frame, rate_hz) for frame in frames)
 
     source = LiveSource("tapped", tapped(lambda: connect_vicon("127.0.0.1", port), tap), "human")
     try:
         source.first(5.0)
-        assert until(lambda: len(told) > 30, 3.0)
-        assert told[0][0].names == NAMES
-        assert told[-1][1] == 120.0
-        numbers = [frame.number for frame, _ in told]
+        assert until(lambda: len(received) > 30, 3.0)
+        assert received[0][0].names == NAMES
+        assert received[-1][1] == 120.0
+        numbers = [frame.number for frame, _ in received]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     finally:
         source.close()

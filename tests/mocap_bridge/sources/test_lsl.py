@@ -115,8 +115,10 @@ def test_an_outlet_that_stamps_at_push_and_is_late_at_times(tmp_path: Path, lost
     for label in ("RFIN_X", "RFIN_Y", "RFIN_Z"):
         channels.append_child("channel").append_child_value("label", label)
     outlet, count = pylsl.StreamOutlet(info, chunk_size=1), 600
-    told: list[MarkerFrame] = []
-    source = LiveSource("lsl://LateAtTimes", tapped(lambda: connect_lsl("LateAtTimes"), lambda f, _: told.extend(f)))
+    received: list[MarkerFrame] = []
+    source = LiveSource(
+        "lsl://LateAtTimes", tapped(lambda: connect_lsl("LateAtTimes"), lambda f, _: received.extend(f))
+    )
     try:
         assert outlet.wait_for_consumers(5.0)
         start = time.monotonic() + 0.1
@@ -126,16 +128,16 @@ def test_an_outlet_that_stamps_at_push_and_is_late_at_times(tmp_path: Path, lost
             if not lost_every or k % lost_every != lost_every // 2:
                 outlet.push_sample([float(k), 1.0, 2.0])
         until = time.monotonic() + 2.0
-        while (not told or told[-1].positions[0, 0] < count - 1) and time.monotonic() < until:
+        while (not received or received[-1].positions[0, 0] < count - 1) and time.monotonic() < until:
             time.sleep(0.01)
     finally:
         source.close()
     writer = TakeWriter(tmp_path / "take.part")
-    writer.add(told, 120.0)
+    writer.add(received, 120.0)
     writer.close()
-    due = round(told[-1].positions[0, 0] - told[0].positions[0, 0]) + 1
-    assert take_to_c3d(tmp_path / "take.part", tmp_path / "take.c3d") == (due, len(told))
-    lost, shown = due - len(told), told[-1].number - told[0].number + 1 - len(told)
+    due = round(received[-1].positions[0, 0] - received[0].positions[0, 0]) + 1
+    assert take_to_c3d(tmp_path / "take.part", tmp_path / "take.c3d") == (due, len(received))
+    lost, shown = due - len(received), received[-1].number - received[0].number + 1 - len(received)
     assert lost - 2 <= shown <= lost  # what was lost in the last second may not be known yet
 
 

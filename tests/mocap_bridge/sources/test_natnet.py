@@ -242,31 +242,33 @@ def test_descriptions_that_get_lost_are_requested_again():
     """The frame says that models changed; the first answer never comes."""
     points = np.array([[1, 0, 0], [2, 0, 0]], np.float32)
     data = Frame(1, (("Anna", points),), points[:0], labelled_markers([], points[:0], []), 1.0, True)
-    asked = []
+    requests = []
 
     def answer(datagram):
         if datagram[0] != Kind.REQUEST_MODEL:
             return motive()(datagram)
-        asked.append(datagram)
+        requests.append(datagram)
         before, after = (MarkerSet("Anna", names) for names in (("a", "b"), ("b", "a")))
         changed = [encode_frame(data, (3, 0))]
-        return {1: [encode_model([before], (3, 0)), *changed], 2: []}.get(len(asked), [encode_model([after], (3, 0))])
+        return {1: [encode_model([before], (3, 0)), *changed], 2: []}.get(
+            len(requests), [encode_model([after], (3, 0))]
+        )
 
     with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:
         frames = []
         until(lambda: frames.extend(link.receive(0.05)) or frames)
         assert frames[0].names == ("Anna:b", "Anna:a")
-        assert len(asked) == 3
+        assert len(requests) == 3
 
 
 @pytest.mark.parametrize("damaged", [1e-40, 1e-3, 0.0, -120.0, 1e9, float("inf"), float("nan")])
 def test_a_frame_rate_that_no_camera_has_is_requested_again(damaged):
-    asked = []
+    requests = []
 
     def answer(datagram):
         if datagram[0] == Kind.REQUEST and b"FrameRate" in datagram:
-            asked.append(datagram)
-            return [encode(Kind.RESPONSE, struct.pack("<f", damaged if len(asked) < 3 else 100.0))]
+            requests.append(datagram)
+            return [encode(Kind.RESPONSE, struct.pack("<f", damaged if len(requests) < 3 else 100.0))]
         return motive()(datagram)
 
     with impostor(answer) as port, contextlib.closing(connect_natnet(LOOPBACK, port)) as link:

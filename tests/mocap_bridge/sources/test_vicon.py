@@ -167,14 +167,14 @@ def test_markers_without_a_person_are_of_one_called_subject(server):
 
 
 def test_a_person_that_is_not_there_is_reported(server):
-    played, told = playing(server, recording()), pytest.raises(HighFiveError, match=r"Ben.*Anna")
-    with following(server, person="Ben") as source, played, told:
+    played, refused = playing(server, recording()), pytest.raises(HighFiveError, match=r"Ben.*Anna")
+    with following(server, person="Ben") as source, played, refused:
         source.first(0.6)
 
 
 def test_metres_for_millimetres_are_reported(server):
-    played, told = playing(server, recording(), ["metres"]), pytest.raises(HighFiveError, match="another unit")
-    with following(server) as source, played, told:
+    played, refused = playing(server, recording(), ["metres"]), pytest.raises(HighFiveError, match="another unit")
+    with following(server) as source, played, refused:
         source.first(0.6)
 
 
@@ -300,7 +300,7 @@ def test_a_client_is_served_what_it_asks_for_and_its_ping_comes_back(server):
         assert echo == Packet(ping=2**40 + 1)
         client.sendall(encode(Packet(more=2)))
         (second,) = read_messages(client, 1)
-        assert second.number == 1  # the newest there is; and all that it was told is told again
+        assert second.number == 1  # the newest there is; and all descriptions are sent again
         assert len(second.subjects) == 1
         assert len(second.labelled.ids) == 4
         server.send(next(frames))
@@ -392,8 +392,8 @@ def test_a_server_without_markers_is_reported():
 
 def test_a_server_that_goes_mad_is_reported():
     greeting, too_long = encode(Packet(enums=OFFERED)), b"\x01\x00\x2b\x1a\xff\xff\xff\xff"
-    told = pytest.raises(LinkError, match="4294967295")
-    with scripted(greeting, too_long) as port, opened(port) as link, told:
+    refused = pytest.raises(LinkError, match="4294967295")
+    with scripted(greeting, too_long) as port, opened(port) as link, refused:
         for _ in range(10):
             link.receive(0.1)
 

@@ -1,4 +1,4 @@
-"""Angles from one look: flexion is what the joints make, deviations are honest, what no marker shows is not told."""
+"""Angles from one look: flexion is what the joints make, deviations are honest, what no marker shows is left blank."""
 
 from dataclasses import dataclass, replace
 
@@ -83,13 +83,13 @@ def test_flexion_agrees_with_the_bend_and_all_angles_with_the_truth_within_their
     assert np.abs(np.concatenate(bend)).max() < 4.0
     for i, angle in enumerate(ANGLES):
         away = [((f.angles[:, i] - f.truth[:, i] + np.pi) % (2 * np.pi) - np.pi) / f.deviations[:, i] for f in found]
-        told = np.concatenate([z[f.seen[:, i]] for z, f in zip(away, found, strict=True)])
-        assert len(told) == 0 or np.sqrt(np.mean(told**2)) < 2.0, angle
+        reported = np.concatenate([z[f.seen[:, i]] for z, f in zip(away, found, strict=True)])
+        assert len(reported) == 0 or np.sqrt(np.mean(reported**2)) < 2.0, angle
     assert "joint_centres" not in name or not any(f.seen[:, CARRYING].any() for f in found)
 
 
 def test_an_arm_of_three_points_tells_its_bend_and_nothing_that_takes_an_axis():
-    """Shoulder, elbow and wrist alone, in every pose: the bend is right, turns about the bones are not told."""
+    """Shoulder, elbow and wrist alone, in every pose: the bend is right, turns about the bones are left blank."""
     whole = load_marker_set("cmu_joint_centres")
     points = {"rradius", "rhand", "rfingers", "rthumb"}
     bare = whole.subset([name for name in whole.names if name not in points - {"rfingers"}])

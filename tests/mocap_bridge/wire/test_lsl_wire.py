@@ -228,8 +228,8 @@ def numbers_of(counter: FrameCounter, stamps: np.ndarray) -> list[int]:
 def test_late_samples_leave_no_gap_in_the_numbers_and_lost_ones_do(nominal_hz: float, case: dict[str, float]) -> None:
     for true_hz in (113.0, 119.8, 120.0):
         sent = send(3, true_hz, 10.0, **case)
-        told = send(4, true_hz, 2.0).stamps  # what was lost is known half a second later, with what comes after
-        stamps = np.concatenate([sent.stamps, told + sent.stamps[-1] + 1.0 / true_hz - told[0]])
+        later = send(4, true_hz, 2.0).stamps  # what was lost is known half a second later, with what comes after
+        stamps = np.concatenate([sent.stamps, later + sent.stamps[-1] + 1.0 / true_hz - later[0]])
         numbers = numbers_of(FrameCounter(nominal_hz), stamps)
         assert numbers[0] == 0
         assert numbers[-1] == sent.numbers[-1] + 1 + round(2.0 * true_hz) - 1

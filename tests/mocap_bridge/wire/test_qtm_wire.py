@@ -93,7 +93,7 @@ def test_parameters_come_back_as_they_were(labels, rate):
 
 
 def test_parameters_of_qtm_itself():
-    """As QTM writes them: declared, indented, with sections that are not asked about."""
+    """As QTM writes them: declared, indented, with sections that are not requested."""
     xml = b"""<?xml version="1.0" encoding="UTF-8"?>
 <QTM_Parameters_Ver_1.25>
     <General><Frequency>100</Frequency><Camera><ID>1</ID><Frequency>7</Frequency></Camera></General>

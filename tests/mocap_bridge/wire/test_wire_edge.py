@@ -77,14 +77,14 @@ def replaying(protocol: str, *faults: str) -> Iterator[Callable[[], Any]]:
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_coordinates_that_overflow_are_missing_counted_and_never_recorded(protocol: str, tmp_path: Path) -> None:
-    told: list[MarkerFrame] = []
+    received: list[MarkerFrame] = []
     with replaying(protocol, "overflow=RFIN") as connect:
-        source = LiveSource(protocol, tapped(connect, lambda frames, _: told.extend(frames)), "Anna")
+        source = LiveSource(protocol, tapped(connect, lambda frames, _: received.extend(frames)), "Anna")
         try:
             frame = source.first()
             assert frame.valid.tolist() == [False, True, True, True]
             assert np.allclose(frame.positions[1:], POINTS[1:], atol=1e-5)
-            while len(told) < 40:
+            while len(received) < 40:
                 assert source.wait(source.newest(0), 1.0) is not None
             health = source.health(time.monotonic_ns())
             assert health.impossible >= 40
@@ -92,13 +92,13 @@ def test_coordinates_that_overflow_are_missing_counted_and_never_recorded(protoc
         finally:
             source.close()
     writer = TakeWriter(tmp_path / "take.part")
-    writer.add(told, 120.0)
+    writer.add(received, 120.0)
     writer.close()
     take_to_c3d(tmp_path / "take.part", tmp_path / "take.c3d")
     recording = read_c3d(tmp_path / "take.c3d")
     seen = dict(zip(recording.names, recording.valid.T, strict=True))
     assert not seen["Anna:RFIN"].any()
-    assert seen["Anna:RMC5"].sum() == len(told)
+    assert seen["Anna:RMC5"].sum() == len(received)
     assert np.abs(recording.points).max() < 2.0
 
 

@@ -27,8 +27,8 @@ def errors(trials: list[Trial], model: HGPDM, body: Body) -> dict[str, float]:
         for trial in trials:
             if trial.test:
                 answer = method(trial)
-                wanted = output_channels(trial, answer.frames / trial.rate_hz)
-                off.append(np.abs(answer.outputs - wanted)[:, : model.joints].mean())
+                expected = output_channels(trial, answer.frames / trial.rate_hz)
+                off.append(np.abs(answer.outputs - expected)[:, : model.joints].mean())
         found[name] = float(np.mean(off))
     return found
 

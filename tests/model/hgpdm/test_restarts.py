@@ -54,9 +54,9 @@ def run(path: Path | None, restarts: int = 3, kill_at: int = -1, failing: tuple[
     return best_of(optimise, drawn, 5, restarts, checkpoint, say)
 
 
-def assert_same(found: Best, wanted: Best) -> None:
-    np.testing.assert_array_equal(found.parameters, wanted.parameters)
-    assert (found.seed, found.trace, found.starts) == (wanted.seed, wanted.trace, wanted.starts)
+def assert_same(found: Best, expected: Best) -> None:
+    np.testing.assert_array_equal(found.parameters, expected.parameters)
+    assert (found.seed, found.trace, found.starts) == (expected.seed, expected.trace, expected.starts)
 
 
 def test_the_seed_with_the_lowest_objective_is_kept():

@@ -34,8 +34,8 @@ def finish(process: subprocess.Popen[str]) -> dict:
 def assert_same(found: dict, expected: dict) -> None:
     np.testing.assert_allclose(found["value"], expected["value"], rtol=1e-9)
     # As one vector: an element, or a small parameter, near zero is a difference of large sums and keeps fewer digits.
-    got, wanted = (np.concatenate(result["gradient"]) for result in (found, expected))
-    assert np.linalg.norm(got - wanted) < 1e-9 * np.linalg.norm(wanted)
+    got, reference = (np.concatenate(result["gradient"]) for result in (found, expected))
+    assert np.linalg.norm(got - reference) < 1e-9 * np.linalg.norm(reference)
 
 
 @pytest.mark.slow

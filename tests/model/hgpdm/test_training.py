@@ -102,7 +102,7 @@ def test_a_single_trial_even_repeated_gives_a_model(trials: list[Trial], count: 
     assert trained.emotions == (trials[0].emotion,)
     assert trained.settings["inducing"] == min(100, len(trained.trial))
     at = np.arange(0.5, 2.0, 0.2)
-    wanted = output_channels(trials[0], at)[:, : trained.joints]
+    expected = output_channels(trials[0], at)[:, : trained.joints]
     history = hand_history(trials[0], at, SMALL.history)
     got = trained.generate(trained.back_project(history)[:, : SMALL.interaction_dims], np.ones(1))[:, : trained.joints]
-    assert np.abs(got - wanted).mean() < 0.3 * wanted.std()
+    assert np.abs(got - expected).mean() < 0.3 * expected.std()

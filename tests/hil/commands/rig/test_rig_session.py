@@ -215,7 +215,7 @@ def test_a_recording_whose_values_cannot_be_is_refused_in_one_line_before_the_po
         return None if change is None else {key: it for key, it in (data | change).items() if it is not ...}
 
     path = rewritten(recorded, tmp_path / "damaged.mcap", topic, changed)
-    # A port that is not there is told only once somebody wants to open it.
+    # A port that is not there is reported only once somebody opens it.
     error = refused(monkeypatch, capsys, "rig", "play", path, "--port", tmp_path / "no-port", "--arm", "--slow")
     assert error.startswith(f"error: {path}") and said in error, error
 
@@ -225,17 +225,17 @@ def test_what_is_played_is_what_was_recorded(recorded: Path) -> None:
     recording = read_recording(recorded)
     found = recorded_high_fives(recording, recorded)
     assert list(found) == [0]
-    asked, (times, _) = found[0], recording.poses()
+    reference, (times, _) = found[0], recording.poses()
     judgement = recording.channels["/contact"][0].data
-    assert asked.due == round(judgement["met_time"] * RATE_HZ)
-    assert len(asked.goals) <= len(times)
-    told = [tick for tick, goal in enumerate(asked.goals) if goal.contact is not None]
-    assert told[0] == asked.due - round(FORESEEN * RATE_HZ)
-    first = asked.goals[told[0]].contact
+    assert reference.due == round(judgement["met_time"] * RATE_HZ)
+    assert len(reference.goals) <= len(times)
+    expected = [tick for tick, goal in enumerate(reference.goals) if goal.contact is not None]
+    assert expected[0] == reference.due - round(FORESEEN * RATE_HZ)
+    first = reference.goals[expected[0]].contact
     assert first is not None
     assert first.time == pytest.approx(FORESEEN, abs=1.0 / RATE_HZ)
-    assert np.linalg.norm(first.point - asked.avatar[asked.due]) < 0.02  # the palms met there
-    np.testing.assert_allclose(first.point, recording.channels["/person"][asked.due].data["palm"], atol=1e-5)
+    assert np.linalg.norm(first.point - reference.avatar[reference.due]) < 0.02  # the palms met there
+    np.testing.assert_allclose(first.point, recording.channels["/person"][reference.due].data["palm"], atol=1e-5)
 
 
 def test_servos_that_are_not_as_they_have_to_be_are_reported_before_anything_is_switched_on() -> None:
@@ -496,11 +496,11 @@ def test_servos_that_come_apart_while_the_arm_is_driven_stop_it(
     slipped: Callable[..., EmulatorProcess], recorded: Path
 ) -> None:
     emulator = slipped()
-    (asked,) = recorded_high_fives(read_recording(recorded), recorded).values()
+    (reference,) = recorded_high_fives(read_recording(recorded), recorded).values()
     with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         timer = threading.Timer(3.0, emulator.set_faults, ["slip=5:4"])
         timer.start()
-        loop.play(asked.goals)
+        loop.play(reference.goals)
         timer.join()
         assert "the two servos of elbow have been more than 0.03 rad apart" in loop.trouble
 
@@ -512,17 +512,17 @@ def test_a_session_that_leaves_torque_on_says_how_to_let_go_and_the_next_one_tak
     show_log()  # as the command line does
     """Whether it ends by itself, by an error or by a stop; servos that hold are switched on no second time."""
     emulator = slipped()
-    told = f"torque is on; to let it go, hold the arm, then: highfive rig release {emulator.port}"
+    advice = f"torque is on; to let it go, hold the arm, then: highfive rig release {emulator.port}"
     with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)):
         pass
     assert "torque" not in capsys.readouterr().err  # it was never switched on
     with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         loop.begin()
-    assert told in " ".join(capsys.readouterr().err.split())
+    assert advice in " ".join(capsys.readouterr().err.split())
     with pytest.raises(KeyboardInterrupt), ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         loop.begin()
         signal.raise_signal(signal.SIGINT)
-    assert told in " ".join(capsys.readouterr().err.split())
+    assert advice in " ".join(capsys.readouterr().err.split())
     with ready_arm(ArmOptions(emulator.port, armed=True, nobody_near=True)) as loop:
         loop.begin()
         emulator.set_faults("dead=4")

@@ -109,6 +109,6 @@ def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, caplog: 
         assert {path.name for path in tmp_path.iterdir()} == {beside.name, left, *others}
     with _beside(tmp_path, locked=True) as beside:
         assert {path.name for path in tmp_path.iterdir()} == {beside.name, *others}
-    told = caplog.text
-    assert ".highfive-0123abcd-capture removed" in told and "which a killed capture left" in told
+    log = caplog.text
+    assert ".highfive-0123abcd-capture removed" in log and "which a killed capture left" in log
     assert {path.name for path in tmp_path.iterdir()} == others

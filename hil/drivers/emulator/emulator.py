@@ -17,7 +17,7 @@ import tty
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from threading import Lock
+from threading import Event, Lock
 
 from highfive.hil.drivers.emulator.bus_faults import BusFault, parse_faults
 from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
@@ -68,7 +68,7 @@ class Emulator:
         self._bus, self._clock = bus, clock
         self._link = Path(link) if link else None
         self._lock = Lock()
-        self._asked: tuple[BusFault, ...] | None = None
+        self._requested: tuple[tuple[BusFault, ...], Event] | None = None
         self._master = self._slave = -1
         self._overruns = self._late_ns = self._spoken = 0
         self._zero = clock()
@@ -83,16 +83,21 @@ class Emulator:
         """Closes the terminal and removes the link."""
         self._unplug()
 
-    def set_faults(self, faults: str | Iterable[str]) -> None:
+    def set_faults(self, faults: str | Iterable[str]) -> Event:
         """From now on only these go wrong, and their times count from now; an empty text ends all. From any thread.
+
+        Returns:
+            an event that is set once they are in force, which :meth:`run` sees to.
 
         Raises:
             HighFiveError: they are spelt otherwise than :func:`~highfive.hil.drivers.emulator.bus_faults.parse_fault`
             wants.
         """
         parsed = parse_faults([faults] if isinstance(faults, str) else faults)
+        in_force = Event()
         with self._lock:
-            self._asked = parsed
+            self._requested = parsed, in_force
+        return in_force
 
     def run(self, told: Callable[[], bool], seconds: float | None = None) -> EmulatorSummary:
         """Serves the bus until ``told`` says so, or for so long."""
@@ -115,10 +120,11 @@ class Emulator:
         return self._clock() - self._zero
 
     def _take_faults(self) -> None:
-        if self._asked is not None:
+        if self._requested is not None:
             with self._lock:
-                asked, self._asked = self._asked, None
-            self._bus.set_faults(asked or (), self._now())
+                (faults, in_force), self._requested = self._requested, None
+            self._bus.set_faults(faults, self._now())
+            in_force.set()
 
     def _serve(self) -> None:
         """Waits for the next thing that happens on the line, and lets it happen."""

@@ -2,7 +2,8 @@
 
 The child is ``python -m highfive.hil.drivers.emulator.emulator_process``. It is told what to do by one JSON object on
 its first line of standard input, says the port in one on its first line of output, takes faults from the lines that
-follow, and says its summary when its input ends: so it does not outlive its parent.
+follow, acknowledges each once it is in force, and says its summary when its input ends: so it does not outlive its
+parent.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from types import TracebackType
@@ -33,6 +34,7 @@ from highfive.model.errors import HighFiveError
 FACTORY_BAUD = 57_600
 
 _ENDING_S = 10.0
+_ENDED = "the emulator has ended; start another one"
 
 
 @dataclass(frozen=True)
@@ -135,12 +137,16 @@ class EmulatorProcess:
     def set_faults(self, faults: str | Iterable[str]) -> None:
         """From now on only these go wrong, and their times count from now; an empty text ends all.
 
+        They are in force when this returns.
+
         Raises:
             HighFiveError: they are spelt wrongly, or it has ended.
         """
         texts = [faults] if isinstance(faults, str) else list(faults)
         parse_faults(texts)
         self._say(",".join(texts))
+        if not self._heard():
+            raise HighFiveError(_ENDED)
 
     def kill(self) -> None:
         """Ends it as a power cut would."""
@@ -171,7 +177,7 @@ class EmulatorProcess:
             self._process.stdin.write(line + "\n")
             self._process.stdin.flush()
         except OSError:
-            raise HighFiveError("the emulator has ended; start another one") from None
+            raise HighFiveError(_ENDED) from None
 
     def _heard(self) -> dict[str, Any]:
         line = self._process.stdout.readline() if self._process and self._process.stdout else ""
@@ -192,7 +198,7 @@ def _child(instructions: TextIO, answers: TextIO) -> int:
         with Emulator(make_bus(options), link=options.link) as emulator:
             answer({"port": emulator.port})
             ended = threading.Event()
-            threading.Thread(target=_listen, args=(instructions, emulator, ended), daemon=True).start()
+            threading.Thread(target=_listen, args=(instructions, emulator, ended, answer), daemon=True).start()
             go_first()  # servos do not wait for the host's processor
             answer(asdict(emulator.run(ended.is_set)))
     except HighFiveError as error:
@@ -201,10 +207,13 @@ def _child(instructions: TextIO, answers: TextIO) -> int:
     return 0
 
 
-def _listen(instructions: TextIO, emulator: Emulator, ended: threading.Event) -> None:
+def _listen(
+    instructions: TextIO, emulator: Emulator, ended: threading.Event, answer: Callable[[dict[str, Any]], None]
+) -> None:
     try:
         for line in instructions:
-            emulator.set_faults(line.strip())
+            emulator.set_faults(line.strip()).wait()
+            answer({"faults": line.strip()})
     finally:
         ended.set()
 

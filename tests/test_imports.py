@@ -46,7 +46,7 @@ ALLOWED: dict[str, set[str]] = {
     | {"model.geometry", "mocap_bridge.markers", "mocap_bridge.files", "mocap_bridge.frames"}
     | SIM,
     "hil.session": MODEL | BRIDGE | SIM,
-    "hil.drivers": {"model.errors"},
+    "hil.drivers": {"model.errors", "hil.runtime"},
     "hil.drivers.bus": ERRORS | {"hil.drivers", "hil.runtime"},
     "hil.drivers.emulator": {"model.errors", "hil.drivers", "hil.runtime"},
     "hil.safety": ERRORS | {"model.geometry", "hil.drivers.values", "hil.drivers.servo_errors"},

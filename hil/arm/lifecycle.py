@@ -6,8 +6,7 @@ import hashlib
 import math
 import shlex
 import sys
-import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -22,16 +21,20 @@ from highfive.hil.arm.loop import ArmLoop, first_of
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, READY, ServoArm, default_arm
+from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.control_table import load_table, to_si
 from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.ports import too_slow
 from highfive.hil.drivers.bus.rig import COUNTS, Rig, load_rig, wanted_registers
 from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
+from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS, PATIENCE_MS
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.interrupts import answered_by_a_stop
 from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, Limits
@@ -87,15 +90,13 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
     advance = None if bar is None else bar("arm", 1)
     if advance is not None:
         advance("starting", 0)
-    slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))  # what may not be sent shall not be planned
     with when_compiling(lambda: advance and advance("compiling, a minute or two the first time", 0)):
-        retarget = Retarget(slow, READY, retarget_settings(rig, limits))
+        retarget = planner(rig, limits)
     estop = Latch()
     with ExitStack() as stack:
         port = options.port
         if options.emulated:
-            emulated = EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
-            emulator = stack.enter_context(EmulatorProcess(emulated))
+            emulator = stack.enter_context(EmulatorProcess(emulator_options(options)))
             emulator.set_faults(options.faults)
             port = emulator.port
         _refuse_unless_ready(port, rig, limits)
@@ -115,6 +116,55 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
             yield loop
         finally:
             loop.rest()
+
+
+@contextmanager
+def virtual_arm(
+    virtual: VirtualRig,
+    options: ArmOptions | None = None,
+    retarget: Retarget | None = None,
+    estop: Latch | None = None,
+    has_host: Callable[[], bool] = lambda: True,
+) -> Iterator[ArmLoop]:
+    """An emulated arm in virtual time, checked, engaged and brought to rest as :func:`ready_arm` does.
+
+    Args:
+        virtual: bus, line and servos.
+        options: limits and rig; None for those that come with the project.
+        retarget: for that arm; None makes one.
+        estop: the emergency stop; None for one that nobody pulls.
+        has_host: whether the host, which calls this, is alive.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`.
+    """
+    options, clock = options or ArmOptions(), virtual.clock
+    limits, rig = check_options(options)
+    estop = Latch(clock) if estop is None else estop
+    _refuse_unless_ready(PATH, rig, limits, virtual.wiring)
+    retarget = planner(rig, limits) if retarget is None else retarget
+    arm = virtual.start_arm(weakened(rig, limits), RATE_HZ, estop, ALLOWANCE_MS, has_host)
+    try:
+        arm.wait_ready(START_S)
+        check = lambda: checked(arm, retarget.arm, rig, limits, options, clock)  # noqa: E731
+        loop = ArmLoop(arm, retarget, limits, check, estop, clock)
+        try:
+            yield loop
+        finally:
+            loop.rest()
+    finally:
+        arm.close()
+
+
+def planner(rig: Rig, limits: Limits) -> Retarget:
+    """Retargeting for the default arm: what may not be sent is not planned either. Compiles where nobody has yet."""
+    slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))
+    return Retarget(slow, READY, retarget_settings(rig, limits))
+
+
+def emulator_options(options: ArmOptions) -> EmulatorOptions:
+    """The emulator of an arm's options, without their faults."""
+    return EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
 
 
 def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
@@ -214,31 +264,33 @@ def weakened(rig: Rig, limits: Limits) -> Rig:
     return replace(rig, joints=tuple(own))
 
 
-def checked(arm: ArmProcess, body: ServoArm, rig: Rig, limits: Limits, options: ArmOptions) -> Check:
+def checked(
+    arm: ArmHost, body: ServoArm, rig: Rig, limits: Limits, options: ArmOptions, clock: Clock = MACHINE
+) -> Check:
     """Switches the servos on, if they are not, reads everything back, and compares it with rig and limits.
 
     Before and after they are switched on the posture that they claim has to be one in which an arm can stand.
     """
     first = arm.mode is Mode.READING
-    if first and (impossible := _posture(arm, body, limits, held=True)):
-        return Check(time.monotonic_ns(), impossible)
+    if first and (impossible := _posture(arm, body, limits, clock, held=True)):
+        return Check(clock.now(), impossible)
     held = arm.engage(START_S)
-    if first and (impossible := _posture(arm, body, limits, held=False)):
-        return Check(time.monotonic_ns(), impossible)
+    if first and (impossible := _posture(arm, body, limits, clock, held=False)):
+        return Check(clock.now(), impossible)
     expected = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
-    now = time.monotonic_ns()
+    now = clock.now()
     near = room(options, rig, datetime.now(UTC))
     return start_up_check(
         limits, expected, held, servo_limits(rig, held), not options.emulated, options.armed, now, near
     )
 
 
-def _posture(arm: ArmProcess, body: ServoArm, limits: Limits, *, held: bool) -> tuple[str, ...]:
+def _posture(arm: ArmHost, body: ServoArm, limits: Limits, clock: Clock, *, held: bool) -> tuple[str, ...]:
     """What speaks against where the servos say that the arm stands, once it has stood for a moment; waits for that."""
     strength = np.array([count * servo.stall for servo, count in measures.SERVOS])
-    now = time.monotonic()
-    well, end, found = now, now + STANDS_WITHIN_S, ("the arm was not read",)
-    while now < end and now - well < STOOD_S and not arm.trouble:
+    now, period = clock.now(), round(1e9 * limits.timing.period_s)
+    well, end, found = now, now + round(1e9 * STANDS_WITHIN_S), ("the arm was not read",)
+    while now < end and now - well < 1e9 * STOOD_S and not arm.trouble:
         if (newest := arm.newest()) is not None:
             state = newest.state
             given = state.currents / STALL_CURRENTS * strength
@@ -251,8 +303,8 @@ def _posture(arm: ArmProcess, body: ServoArm, limits: Limits, *, held: bool) -> 
                 body.clearance(state.positions),
                 held=held,
             )
-        time.sleep(limits.timing.period_s)
-        now = time.monotonic()
+        clock.wait_until(now + period)
+        now = clock.now()
         well = now if found else well
     return found
 
@@ -321,18 +373,17 @@ def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) 
     )
 
 
-def at_their_time(frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+def at_their_time(frames: Iterable[MarkerFrame], clock: Clock = MACHINE) -> Iterator[MarkerFrame]:
     """The frames of a recording as they would come from a live system: each at its time, from now on."""
-    start = time.monotonic_ns()
+    start = clock.now()
     for frame in frames:
-        if (left := start + frame.source_time_ns - time.monotonic_ns()) > 0:
-            time.sleep(1e-9 * left)
-        yield replace(frame, arrival_time_ns=time.monotonic_ns())
+        clock.wait_until(start + frame.source_time_ns)
+        yield replace(frame, arrival_time_ns=clock.now())
 
 
-def _refuse_unless_ready(port: str, rig: Rig, limits: Limits) -> None:
+def _refuse_unless_ready(port: str, rig: Rig, limits: Limits, wiring: Wiring = MACHINE_WIRING) -> None:
     """Looks at every servo before anything is switched on."""
-    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
+    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS, wiring)
     try:
         if slow := too_slow(port):
             raise HighFiveError(f"{port}: {slow}; nothing moves")

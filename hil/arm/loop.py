@@ -17,6 +17,7 @@ from highfive.hil.arm.planner_values import ArmStep, ConstraintRelaxation, PalmG
 from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.safety import envelope
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.people import Human, Sighting
@@ -116,8 +117,7 @@ class ArmLoop:
         limits: Limits,
         checked: Callable[[], Check],
         estop: Latch,
-        clock: Callable[[], int] = time.monotonic_ns,
-        pause: Callable[[float], None] = time.sleep,
+        clock: Clock = MACHINE,
     ) -> None:
         """Nothing moves before :meth:`begin`.
 
@@ -127,16 +127,15 @@ class ArmLoop:
             limits: of the envelope.
             checked: makes the start-up check.
             estop: the emergency stop.
-            clock: monotonic, ns.
-            pause: lets so many seconds pass.
+            clock: of the driver.
         """
         self._arm, self.retarget, self._limits = arm, retarget, limits
-        self._checked, self._estop, self._clock, self._pause = checked, estop, clock, pause
+        self._checked, self._estop, self._clock = checked, estop, clock
         self._human: Human | None = None
-        self._estimated_ns = self._frame_ns = self._arrived_ns = clock()
+        self._estimated_ns = self._frame_ns = self._arrived_ns = clock.now()
         self._head = self._palm = _Seen(self._frame_ns)
         self._check: Check | None = None
-        self._standing = standing(clock())
+        self._standing = standing(clock.now())
         self._state: RetargetState | None = None
         self._reference: Array | None = None
         self._on_course = False
@@ -194,7 +193,7 @@ class ArmLoop:
 
     def note_frame(self, arrived_ns: int | None = None) -> None:
         """The next tick's frame is there, and came at ``arrived_ns`` of the loop's clock; None: now."""
-        self._frame_ns = self._clock()
+        self._frame_ns = self._clock.now()
         self._arrived_ns = self._frame_ns if arrived_ns is None else min(arrived_ns, self._frame_ns)
 
     def cycles(self) -> list[Cycle]:
@@ -208,7 +207,7 @@ class ArmLoop:
             goal: of this tick.
             run: the arm shall follow; otherwise it goes back to where it rests.
         """
-        started, begun = time.perf_counter_ns(), self._clock()
+        started, begun = time.perf_counter_ns(), self._clock.now()
         newest = self._arm.newest()
         arm, health = (None, None) if newest is None else (newest.state, newest.health)
         if self._state is None and arm is not None:
@@ -242,10 +241,12 @@ class ArmLoop:
         self.begin()
         ticks: list[ArmTick] = []
         cycles: list[Cycle] = []
-        due, period = self._clock(), round(1e9 * self._limits.timing.period_s)
+        due, period = self._clock.now(), round(1e9 * self._limits.timing.period_s)
         for goal in goals:
-            self._pause(max(0.0, 1e-9 * (due - self._clock())))
-            if (now := self._clock()) - due > period // 4:  # a pause of the machine: no tick is made up for in a hurry
+            self._clock.wait_until(due)
+            if (
+                now := self._clock.now()
+            ) - due > period // 4:  # a pause of the machine: no tick is made up for in a hurry
                 due = now
             self.note_frame()
             ticks.append(self.tick(goal))
@@ -261,11 +262,11 @@ class ArmLoop:
         end."""
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
-        due, end = self._clock(), self._clock() + round(longest_s * 1e9)
+        due, end = self._clock.now(), self._clock.now() + round(longest_s * 1e9)
         while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
             self.tick(goal, run=False)
             due += round(1e9 * self._limits.timing.period_s)
-            self._pause(max(0.0, 1e-9 * (due - self._clock())))
+            self._clock.wait_until(due)
 
     def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
         """The person as estimated last, and when head and hand were last measured."""

@@ -10,6 +10,7 @@ import numpy as np
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
+from highfive.hil.runtime.clock import Event
 from highfive.hil.safety.limits import STALL_CURRENTS
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.sim.arm_plant import ArmPlant
@@ -17,13 +18,14 @@ from highfive.model.geometry.rotations import Array
 from highfive.scenes import servo_arm as measures
 
 SUBSTEPS = 8
+LEAST_NS = 1_000_000
 WARM, SUPPLY = 35.0, 12.0
 """°C and V that its servos say."""
 
 
 class SimulatedDriver:
-    """An arm that is driven as :class:`highfive.hil.drivers.bus.arm_process.ArmProcess` is; time goes on by
-    :meth:`pause`.
+    """An arm that is driven as :class:`highfive.hil.drivers.bus.arm_process.ArmProcess` is. It is its own clock: time
+    goes on while somebody waits.
     """
 
     trouble = ""
@@ -51,7 +53,7 @@ class SimulatedDriver:
         """What it is doing."""
         return Mode.HOLDING if self._command is None else Mode.DRIVING
 
-    def clock(self) -> int:
+    def now(self) -> int:
         """ns"""
         return self._now
 
@@ -68,9 +70,15 @@ class SimulatedDriver:
         found, self._cycles = self._cycles, self._cycles[-1:]
         return found[1:]
 
-    def pause(self, seconds: float) -> None:
-        """Lets so much time pass; a millisecond at least, so that whoever waits for something gets there."""
-        self._advance(round(1e9 * max(seconds, 1e-3)))
+    def wait_until(self, time_ns: int) -> None:
+        """Lets time pass; a millisecond at least, so that whoever waits for something gets there."""
+        self._advance(max(time_ns - self._now, LEAST_NS))
+
+    def wait_for(self, event: Event, until_ns: int) -> bool:
+        """Lets time pass until then; nothing happens meanwhile. Had it happened before?"""
+        if event.due_ns is None:
+            self.wait_until(until_ns)
+        return event.due_ns is not None
 
     def _advance(self, nanoseconds: int) -> None:
         goal = self._positions if self._command is None else self._command.positions

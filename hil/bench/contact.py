@@ -113,7 +113,7 @@ def twin_loop() -> ArmLoop:
     twin = SimulatedDriver(mounted_arm(), full_errors(rig))
     limits = load_limits()
     retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits, on_the_way=0.0))
-    return ArmLoop(twin, retarget, limits, lambda: Check(twin.clock(), ()), Latch(), twin.clock, twin.pause)
+    return ArmLoop(twin, retarget, limits, lambda: Check(twin.now(), ()), Latch(twin), twin)
 
 
 def contact_figures(met: Sequence[ContactOutcome]) -> dict[str, Any]:

@@ -1,17 +1,19 @@
 """The latch that every emergency stop ends in.
 
 It lies in memory that processes share, and says when it was pulled. A loop asks ``pulled_ns`` every cycle; who sleeps
-waits for ``fileno()`` to become readable. It stays pulled until a person lets it go.
+has its clock wait for it (:meth:`highfive.hil.runtime.clock.Clock.wait_for`). It stays pulled until a person lets it
+go.
 """
 
 from __future__ import annotations
 
 import os
 import select
-import time
 from enum import IntEnum
 from multiprocessing import Pipe
 from multiprocessing.sharedctypes import RawArray
+
+from highfive.hil.runtime.clock import MACHINE, Clock
 
 
 class Cause(IntEnum):
@@ -30,8 +32,9 @@ class Latch:
     Pulling takes no lock, so that a signal handler may pull while the interrupted code looks.
     """
 
-    def __init__(self) -> None:
-        """Not pulled."""
+    def __init__(self, clock: Clock = MACHINE) -> None:
+        """Not pulled; ``clock`` says when it is."""
+        self._clock = clock
         self._words = RawArray("q", 2)  # when (monotonic, ns; 0: not pulled), why
         self._told, self._tell = Pipe(duplex=False)
 
@@ -40,7 +43,7 @@ class Latch:
         if self._words[0]:
             return
         self._words[1] = cause
-        self._words[0] = time.monotonic_ns()
+        self._words[0] = self._clock.now()
         os.write(self._tell.fileno(), b"!")  # one byte a pull: never more than a pipe takes
 
     @property
@@ -48,19 +51,16 @@ class Latch:
         """When it was pulled, ns of the monotonic clock (one for all processes); None while it is not."""
         return self._words[0] or None
 
+    due_ns = pulled_ns
+
     @property
     def cause(self) -> Cause:
         """What pulled it."""
         return Cause(self._words[1]) if self._words[0] else Cause.NOTHING
 
     def fileno(self) -> int:
-        """Readable while it is pulled: for ``select`` and ``multiprocessing.connection.wait``. Read nothing from it."""
+        """Readable while it is pulled. Read nothing from it."""
         return self._told.fileno()
-
-    def wait(self, seconds: float | None = None) -> bool:
-        """Waits until it is pulled, at most so long (None: for ever). Is it?"""
-        select.select([self], [], [], seconds)
-        return self.pulled_ns is not None
 
     def let_go(self) -> None:
         """A person says that it may go on. Only one process does this, and no listener of its own accord."""

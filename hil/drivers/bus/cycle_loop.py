@@ -11,17 +11,17 @@ from __future__ import annotations
 
 import os
 import signal
-import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from highfive.hil.drivers.bus.cycle_ring import ROWS, CycleRing, Mode
+from highfive.hil.drivers.bus.cycle_ring import CycleRing, Lock, Mode
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.rig_setup import read_back
+from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import PortError
 from highfive.hil.drivers.latch import Latch
@@ -44,29 +44,68 @@ PATIENCE = 0.4
 WAITED_NS, NEARER = 1_000_000, 0.02
 """ns: a command that was there longer before its cycle brings the next cycle nearer, by so much of a period."""
 
-_LOOK_S = 3e-4  # between looks for a command that is late
+_LOOK_NS = 300_000  # between looks for a command that is late
 
-REOPEN_S = 0.2
-"""How often a lost port is tried again, s."""
+REOPEN_NS = 200_000_000
+"""How often a lost port is tried again, ns."""
 
-_WRITING_NS = 1_000_000
-"""So long a command that is being written is waited for, ns; then the one before holds. A host that was interrupted
-may never finish it."""
+
+class Outbox(Protocol):
+    """Where the registers go that were read back."""
+
+    def send(self, registers: dict[int, dict[str, int]], /) -> None:
+        """By ID, then by the register's name, raw."""
+        ...
 
 
 def run_cycles(
-    raw: Any, held: Connection, port: str, rig: Rig, rate_hz: float, estop: Latch, parent: int, allowance_ms: float
+    raw: Any,
+    lock: Lock,
+    held: Connection,
+    port: str,
+    rig: Rig,
+    rate_hz: float,
+    estop: Latch,
+    parent: int,
+    allowance_ms: float,
 ) -> None:
     """The other side, until it is told to end or the host is gone."""
     # The host's to handle, which stops the arm in order; SIGTSTP goes to the terminal's whole group.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     go_first()
-    shared = CycleRing(raw, len(rig.joints))
+    shared = CycleRing(raw, len(rig.joints), lock)
+    drive_bus(shared, held, port, rig, rate_hz, estop, lambda: os.getppid() == parent, allowance_ms, MACHINE_WIRING)
+
+
+def drive_bus(
+    shared: CycleRing,
+    held: Outbox,
+    port: str,
+    rig: Rig,
+    rate_hz: float,
+    estop: Latch,
+    has_host: Callable[[], bool],
+    allowance_ms: float,
+    wiring: Wiring,
+) -> None:
+    """Opens the bus and cycles until it is told to end or the host is gone.
+
+    Args:
+        shared: with the host.
+        held: takes what was read back.
+        port: path of the serial port.
+        rig: the arm on it.
+        rate_hz: cycles a second.
+        estop: the emergency stop.
+        has_host: whether the host is there.
+        allowance_ms: how long an answer of a servo may be late.
+        wiring: clock and lines.
+    """
     try:
-        bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms)
+        bus = ServoBus(port, rig.baud_rate, rig.models, allowance_ms, wiring)
         try:
-            _CycleLoop(bus, rig, shared, held, estop, parent, rate_hz).run()
+            _CycleLoop(bus, rig, shared, held, estop, has_host, rate_hz).run()
         finally:
             bus.close()
     except HighFiveError as error:
@@ -78,10 +117,17 @@ class _CycleLoop:
     """The process's state and its cycle."""
 
     def __init__(
-        self, bus: ServoBus, rig: Rig, shared: CycleRing, held: Connection, estop: Latch, parent: int, rate_hz: float
+        self,
+        bus: ServoBus,
+        rig: Rig,
+        shared: CycleRing,
+        held: Outbox,
+        estop: Latch,
+        has_host: Callable[[], bool],
+        rate_hz: float,
     ):
         self._bus, self._rig, self._shared, self._held = bus, rig, shared, held
-        self._estop, self._parent = estop, parent
+        self._estop, self._has_host, self._clock = estop, has_host, bus.clock
         self._period_ns = round(1e9 / rate_hz)
         self._joints = JointBus(bus, rig)
         self._engaged = False
@@ -94,15 +140,15 @@ class _CycleLoop:
         """Cycles at their time."""
         self._joints.prepare()
         self._mode = Mode.READING
-        due = time.monotonic_ns()
-        while not self._left and os.getppid() == self._parent:
+        due = self._clock.now()
+        while not self._left and self._has_host():
             self._wait(due)
             due = self._paced(due)
             self._cycle(due)
             due += self._period_ns
-            if (late := time.monotonic_ns() - due) > self._period_ns:
+            if (late := self._clock.now() - due) > self._period_ns:
                 due += late // self._period_ns * self._period_ns
-        if os.getppid() == self._parent:
+        if self._has_host():
             command, _ = self._newest
             self._joints.disarm_watchdog(None if command is None else command.currents)
         else:
@@ -121,16 +167,13 @@ class _CycleLoop:
     @property
     def _alone(self) -> bool:
         """No command comes any more."""
-        return self._ending or os.getppid() != self._parent
+        return self._ending or not self._has_host()
 
     def _wait(self, due: int) -> None:
-        left = 1e-9 * (due - time.monotonic_ns())
-        if left <= 0.0:
-            return
         if self._mode in (Mode.STOPPED, Mode.READING):
-            time.sleep(left)
+            self._clock.wait_until(due)
         else:
-            self._estop.wait(left)
+            self._clock.wait_for(self._estop, due)
 
     def _paced(self, due: int) -> int:
         """When the cycle is due that keeps behind the host's commands: as it was, later for one that is late."""
@@ -138,18 +181,18 @@ class _CycleLoop:
         if self._mode is not Mode.DRIVING:
             return due
         until = due + round(PATIENCE * self._period_ns)
-        while int(given[0]) == self._sent_ns and time.monotonic_ns() < until and not self._alone:
-            if self._estop.wait(_LOOK_S):
+        while int(given[0]) in (0, self._sent_ns) and self._clock.now() < until and not self._alone:
+            if self._clock.wait_for(self._estop, self._clock.now() + _LOOK_NS):
                 return due
         arrived = int(given[0])
-        if arrived == self._sent_ns:
-            return min(until, time.monotonic_ns())
+        if arrived in (0, self._sent_ns):
+            return min(until, self._clock.now())
         if arrived > due:
             return min(arrived, until)  # later than that is this process's own lateness
         return due - (round(NEARER * self._period_ns) if due - arrived > WAITED_NS else 0)
 
     def _cycle(self, due: int) -> None:
-        begun = time.monotonic_ns()
+        begun = self._clock.now()
         try:
             try:
                 sent = self._send()
@@ -183,7 +226,7 @@ class _CycleLoop:
         if not self._engaged:
             return None
         wanted, given = self._wanted()
-        if wanted is None or self._ending or time.monotonic_ns() - given > HOST_SILENT_NS:
+        if wanted is None or self._ending or self._clock.now() - given > HOST_SILENT_NS:
             sent = self._leave() if self._mode == Mode.DRIVING else self._yield_to_hands()
             self._mode = Mode.HOLDING
             return sent
@@ -206,17 +249,9 @@ class _CycleLoop:
         self._held.send(held)
 
     def _wanted(self) -> tuple[JointCommand | None, int]:
-        """The newest command that is whole, and when it was given; None if there is none."""
-        head = self._shared.head
-        end = time.monotonic_ns() + _WRITING_NS
-        while time.monotonic_ns() < end:
-            before = int(head["written"][0])
-            if before % 2 == 0:
-                drive, given = bool(head["drive"][0]), int(head["given_ns"][0])
-                command = JointCommand(head["positions"][0].copy(), head["currents"][0].copy())
-                if int(head["written"][0]) == before:
-                    self._newest = (command if drive else None), given
-                    break
+        """The newest command, and when it was given; None if there is none. Where a host was killed while it gave one,
+        the one before holds."""
+        self._newest = self._shared.command() or self._newest
         return self._newest
 
     def _hold(self) -> JointCommand | None:
@@ -224,7 +259,7 @@ class _CycleLoop:
         if not self._engaged:
             return None
         held = self._joints.hold()
-        self._braking = held, time.monotonic_ns()
+        self._braking = held, self._clock.now()
         return held
 
     def _leave(self) -> JointCommand | None:
@@ -241,7 +276,7 @@ class _CycleLoop:
         if self._braking is None or command is None:
             return None
         held, since = self._braking
-        if not self._joints.stands(STANDS) and time.monotonic_ns() - since < BRAKING_NS:
+        if not self._joints.stands(STANDS) and self._clock.now() - since < BRAKING_NS:
             return None
         self._braking = None
         return self._joints.lower_currents(held, command.currents)
@@ -252,8 +287,8 @@ class _CycleLoop:
         self._mode = Mode.PORT_LOST
         self._shared.head["mode"][0] = self._mode
         self._braking = None
-        while not self._ending and os.getppid() == self._parent:
-            time.sleep(REOPEN_S)
+        while not self._ending and self._has_host():
+            self._clock.wait_until(self._clock.now() + REOPEN_NS)
             try:
                 self._bus.reopen()
                 self._joints.read()
@@ -264,18 +299,11 @@ class _CycleLoop:
 
     def _note(self, due: int, begun: int, sent: JointCommand | None, state: JointState) -> None:
         """Leaves the cycle's row in the ring."""
-        head = self._shared.head
-        number = int(head["rows"][0])
-        row = self._shared.rows[number % ROWS : number % ROWS + 1]
         health = self._joints.health()
         nothing = np.full(len(self._rig.joints), np.nan)
-        values: Sequence[Any] = (
-            number, self._mode, due, begun, state.time_ns - begun, sent is not None,
+        self._shared.note(
+            self._mode, due, begun, state.time_ns - begun, sent is not None,
             nothing if sent is None else sent.positions, nothing if sent is None else sent.currents, state.time_ns,
             state.positions, state.velocities, state.currents, state.errors, state.answered, state.tripped,
             state.apart, health.time_ns, health.temperatures, health.voltages,
         )  # fmt: skip
-        for name, value in zip(row.dtype.names or (), values, strict=True):
-            row[name][0] = value
-        head["mode"][0] = self._mode
-        head["rows"][0] = number + 1

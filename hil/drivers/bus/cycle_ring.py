@@ -1,10 +1,16 @@
-"""The memory that the host and the arm's process share: the newest command, and a ring of the last cycles."""
+"""The memory that the host and the arm's process share: the newest command, and a ring of the last cycles.
+
+What is more than one number is read and written under a lock of the operating system, which also orders memory on
+processors that reorder it (ARM). Nobody waits long for it: whoever was killed may hold it for ever.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,6 +18,9 @@ from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 
 ROWS = 1024
 """Cycles that the ring holds: eight seconds."""
+
+LOCKED_S = 1e-3
+"""So long a side waits for the other to have read or written, s; then it goes on without."""
 
 _TEXT = 200  # bytes of the message about what is wrong
 
@@ -26,6 +35,18 @@ class Mode(IntEnum):
     STOPPED = 4
     PORT_LOST = 5
     ENDED = 6
+
+
+class Lock(Protocol):
+    """One of ``threading``, or of ``multiprocessing`` between processes."""
+
+    def acquire(self, *, timeout: float) -> bool:
+        """Whether it was had in time."""
+        ...
+
+    def release(self) -> None:
+        """Gives it back."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -64,27 +85,108 @@ def _row_type(joints: int) -> np.dtype[Any]:
 
 
 def _head_type(joints: int) -> np.dtype[Any]:
-    """What there is once: a number that is odd while a command is being written, the command, when it was given, how
-    many rows are complete, whether to switch torque on and to end, what is wrong."""
+    """What there is once: the command, when it was given, how many rows are complete, whether to switch torque on and
+    to end, what is wrong."""
     each = (np.float64, (joints,))
     return np.dtype([
-        ("written", np.int64), ("given_ns", np.int64), ("positions", *each), ("currents", *each), ("drive", np.int64),
+        ("given_ns", np.int64), ("positions", *each), ("currents", *each), ("drive", np.int64),
         ("rows", np.int64), ("mode", np.int64), ("engage", np.int64), ("end", np.int64), ("trouble", f"S{_TEXT}"),
     ])  # fmt: skip
 
 
 class CycleRing:
-    """The block of memory that both sides see."""
+    """The block of memory that both sides see.
 
-    def __init__(self, raw: Any, joints: int) -> None:
-        """Over ``raw`` memory of :func:`ring_size` bytes."""
+    Attributes:
+        head: what there is once. Single numbers are read without the lock: each is whole, and none says that another
+            is.
+    """
+
+    def __init__(self, raw: Any, joints: int, lock: Lock) -> None:
+        """Over ``raw`` memory of :func:`ring_size` bytes; ``lock`` is one for both sides."""
         head = _head_type(joints)
         self.head = np.frombuffer(raw, dtype=head, count=1)
-        self.rows = np.frombuffer(raw, dtype=_row_type(joints), count=ROWS, offset=head.itemsize)
+        self._rows = np.frombuffer(raw, dtype=_row_type(joints), count=ROWS, offset=head.itemsize)
+        self._lock = lock
 
     def say(self, text: str) -> None:
         """What is wrong, for the host to read; what does not fit is cut off."""
-        self.head["trouble"][0] = text.encode("utf-8")[:_TEXT]
+        with self._locked():
+            self.head["trouble"][0] = text.encode("utf-8")[:_TEXT]
+
+    @property
+    def trouble(self) -> str:
+        """What was said last."""
+        with self._locked():
+            return bytes(self.head["trouble"][0]).decode("utf-8", "replace")
+
+    def give(self, command: JointCommand, given_ns: int) -> None:
+        """Puts a command, given at ``given_ns``, in place of the last one."""
+        head = self.head
+        with self._locked() as locked:
+            if locked:
+                head["given_ns"][0] = 0  # an interrupt may cut this short
+                head["positions"][0], head["currents"][0] = command.positions, command.currents
+                head["drive"][0] = 1
+                head["given_ns"][0] = given_ns
+
+    def command(self) -> tuple[JointCommand | None, int] | None:
+        """The newest command and when it was given; None in its place before the first. None: there is no whole one."""
+        head = self.head
+        with self._locked() as locked:
+            if not locked or (head["drive"][0] and not head["given_ns"][0]):
+                return None
+            command = JointCommand(head["positions"][0].copy(), head["currents"][0].copy())
+            return (command if head["drive"][0] else None), int(head["given_ns"][0])
+
+    @property
+    def count(self) -> int:
+        """Cycles so far."""
+        return int(self.head["rows"][0])
+
+    def note(self, mode: Mode, *values: Any) -> None:
+        """Adds a cycle: ``values`` as in the fields of a row from ``due_ns`` on."""
+        with self._locked() as locked:
+            if not locked:
+                return
+            number = self.count
+            row = self._rows[number % ROWS : number % ROWS + 1]
+            for name, value in zip(row.dtype.names or (), (number, mode, *values), strict=True):
+                row[name][0] = value
+            self.head["mode"][0] = mode
+            self.head["rows"][0] = number + 1
+
+    def cycles(self, start: int) -> list[Cycle]:
+        """Those from number ``start`` on, oldest first; those that the ring no longer holds are left out."""
+        with self._locked() as locked:
+            if not locked:
+                return []
+            count = self.count
+            rows = [self._rows[number % ROWS].copy() for number in range(max(start, count - ROWS), count)]
+        return [_cycle(row) for row in rows]
+
+    @contextmanager
+    def _locked(self) -> Iterator[bool]:
+        """Whether the lock was had."""
+        had = self._lock.acquire(timeout=LOCKED_S)
+        try:
+            yield had
+        finally:
+            if had:
+                self._lock.release()
+
+
+def _cycle(row: Any) -> Cycle:
+    sent = JointCommand(row["sent_positions"], row["sent_currents"]) if row["is_sent"] else None
+    state = JointState(
+        int(row["time_ns"]), row["positions"], row["velocities"], row["currents"], row["errors"],
+        row["answered"].astype(bool), row["tripped"].astype(bool), row["apart"],
+    )  # fmt: skip
+    health = JointHealth(int(row["health_ns"]), row["temperatures"], row["voltages"])
+    return Cycle(
+        int(row["number"]), Mode(int(row["mode"])), int(row["due_ns"]), int(row["begun_ns"]), int(row["took_ns"]),
+        sent, state, health,
+    )  # fmt: skip
 
 
 def ring_size(joints: int) -> int:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -62,9 +61,9 @@ class _Servo:
 class JointBus:
     """The arm's servos. One owner, one thread."""
 
-    def __init__(self, bus: ServoBus, rig: Rig, clock: Callable[[], int] = time.monotonic_ns):
-        """Args: ``clock`` is this process's monotonic clock, ns."""
-        self._bus, self._rig, self._clock = bus, rig, clock
+    def __init__(self, bus: ServoBus, rig: Rig):
+        """Goes by the clock of the bus."""
+        self._bus, self._rig, self._clock = bus, rig, bus.clock.now
         self._servos = {servo: _Servo() for servo in rig.servos}
         tables = {servo: bus.table(servo) for servo in self._servos}
         self._goal_registers = {joint.id: [tables[joint.id][name] for name in GOALS] for joint in rig.joints}

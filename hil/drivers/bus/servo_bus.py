@@ -22,8 +22,10 @@ from dynamixel_sdk.robotis_def import BROADCAST_ID, INST_PING, INST_READ, INST_R
 
 from highfive.hil.drivers.bus.control_table import Table, decode, encode, load_table, model_of
 from highfive.hil.drivers.bus.rig import LAST_ID
+from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS, PortError, ServoPort
 from highfive.hil.drivers.servo_errors import ALERT, error_text
+from highfive.hil.runtime.clock import Clock
 from highfive.model.errors import HighFiveError
 
 _TRIES = 3  # of what is not done in a cycle: now and then an answer is late, or the line noisy
@@ -75,7 +77,12 @@ class ServoBus:
     """An open bus."""
 
     def __init__(
-        self, path: str, baud: int, models: Mapping[int, str] | None = None, allowance_ms: float = ALLOWANCE_MS
+        self,
+        path: str,
+        baud: int,
+        models: Mapping[int, str] | None = None,
+        allowance_ms: float = ALLOWANCE_MS,
+        wiring: Wiring = MACHINE_WIRING,
     ):
         """Opens the port.
 
@@ -84,11 +91,12 @@ class ServoBus:
             baud: bits a second.
             models: model of each servo by ID, where it is known.
             allowance_ms: how long an answer may be late.
+            wiring: clock and lines.
 
         Raises:
             PortError: the port cannot be opened.
         """
-        self._port = ServoPort(path, baud, allowance_ms)
+        self._port = ServoPort(path, baud, allowance_ms, wiring)
         self._sdk = Protocol2PacketHandler()
         self._tables = {servo: load_table(model) for servo, model in (models or {}).items()}
         self._open: set[int] = set()  # servos whose answer to an earlier question may still come
@@ -98,6 +106,11 @@ class ServoBus:
     def path(self) -> str:
         """The port."""
         return self._port.path
+
+    @property
+    def clock(self) -> Clock:
+        """What it goes by."""
+        return self._port.clock
 
     def table(self, servo: int) -> Table:
         """The control table of a servo.

@@ -1,23 +1,19 @@
 """A serial port as ``dynamixel_sdk`` wants one, without what goes wrong in the SDK's own.
 
 The SDK's port measures time with the wall clock, waits in a busy loop, and allows 34 ms for an answer that takes one.
-Here time is monotonic, waiting sleeps in the operating system, and the allowance is a setting.
+Here time and waiting are the clock's that is passed in, and the allowance is a setting.
 """
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
-import select
-import termios
-import time
 from pathlib import Path
 
-import serial
 from dynamixel_sdk.port_handler import PortHandler
 
 from highfive.hil.drivers.bus.control_table import BAUD_RATES
+from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Line, Wiring
 from highfive.model.errors import HighFiveError
 
 ALLOWANCE_MS = 4.0
@@ -36,19 +32,22 @@ class PortError(HighFiveError):
 class ServoPort(PortHandler):
     """An open serial port. One owner, one thread: nothing here is locked."""
 
-    def __init__(self, path: str, baud: int, allowance_ms: float = ALLOWANCE_MS):
+    def __init__(self, path: str, baud: int, allowance_ms: float = ALLOWANCE_MS, wiring: Wiring = MACHINE_WIRING):
         """Opens it.
 
         Args:
             path: such as ``/dev/ttyUSB0``.
             baud: one that the SDK knows, up to 4,000,000.
             allowance_ms: for answers.
+            wiring: clock and lines.
 
         Raises:
             PortError: there is no such port, it is busy or no serial port, or the rate is none.
         """
         super().__init__(path)
-        self.path, self.allowance_ms = path, allowance_ms
+        self.path, self.allowance_ms, self.clock = path, allowance_ms, wiring.clock
+        self._open_line = wiring.open_line
+        self._open: Line | None = None
         if self.getCFlagBaud(baud) <= 0:
             known = ", ".join(f"{rate:,}" for rate in BAUD_RATES if self.getCFlagBaud(rate) > 0)
             raise PortError(f"{path}: {baud:,} baud cannot be had through the SDK; servos and SDK share {known}")
@@ -63,32 +62,28 @@ class ServoPort(PortHandler):
         """
         self.close()
         try:
-            self.ser = serial.Serial(self.path, self.baudrate, timeout=0, write_timeout=0.1, exclusive=True)
-            self.ser.reset_input_buffer()
-        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
-            self.ser = None
+            self._open = self._open_line(self.path, self.baudrate)
+        except (OSError, ValueError) as error:  # SerialException is an OSError
             raise PortError(f"{self.path}: {_reason(error, self.path)}") from None
-        with contextlib.suppress(ValueError, OSError):  # no adapter; whether it helped is read from the system
-            self.ser.set_low_latency_mode(True)
         self.is_open, self.is_using = True, False
         self.tx_time_per_byte = _BITS * 1e3 / self.baudrate
 
     def close(self) -> None:
         """Closes the port; a second call does nothing."""
-        if self.ser is not None:
-            self.ser.close()
-        self.ser, self.is_open, self.is_using = None, False, False
+        if self._open is not None:
+            self._open.close()
+        self._open, self.is_open, self.is_using = None, False, False
 
     def readPort(self, length: int) -> bytes:
         """Up to ``length`` bytes; waits for the first one until the answer is overdue."""
         if length <= 0:
             return b""
-        file = self._file()
+        line = self._line()
         left_ms = self.packet_timeout - self.getTimeSinceStart()
         try:
-            if not select.select([file], [], [], max(0.0, 1e-3 * left_ms))[0]:
+            if not self.clock.wait_for(line, self.clock.now() + round(1e6 * max(0.0, left_ms))):
                 return b""
-            data = os.read(file, length)
+            data = line.read(length)
         except (OSError, ValueError) as error:
             raise PortError(f"{self.path}: the port is gone ({_strerror(error)})") from None
         if not data:
@@ -97,23 +92,21 @@ class ServoPort(PortHandler):
 
     def writePort(self, packet: bytes) -> int:
         """Sends all of a packet; how many bytes that were."""
-        data = memoryview(bytes(packet))
-        sent, file = 0, self._file()
+        data, line = bytes(packet), self._line()
         try:
-            while sent < len(data):
-                if not select.select([], [file], [], 0.1)[1]:
-                    raise PortError(f"{self.path}: the port takes no bytes")
-                sent += os.write(file, data[sent:])
+            line.write(data)
+        except TimeoutError:
+            raise PortError(f"{self.path}: the port takes no bytes") from None
         except (OSError, ValueError) as error:
             raise PortError(f"{self.path}: the port is gone ({_strerror(error)})") from None
-        return sent
+        return len(data)
 
     def clearPort(self) -> None:
         """Drops what has come and was not read."""
         try:
-            if self.ser is not None:
-                self.ser.reset_input_buffer()
-        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
+            if self._open is not None:
+                self._open.clear()
+        except (OSError, ValueError) as error:  # SerialException is an OSError
             raise PortError(f"{self.path}: the port is gone ({_strerror(error)})") from None
 
     def setPacketTimeout(self, packet_length: int) -> None:
@@ -121,13 +114,13 @@ class ServoPort(PortHandler):
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + self.allowance_ms)
 
     def getCurrentTime(self) -> float:
-        """The monotonic clock, ms."""
-        return 1e3 * time.monotonic()
+        """The clock, ms."""
+        return 1e-6 * self.clock.now()
 
-    def _file(self) -> int:
-        if self.ser is None:
+    def _line(self) -> Line:
+        if self._open is None:
             raise PortError(f"{self.path}: the port is closed")
-        return self.ser.fileno()
+        return self._open
 
 
 def _reason(error: Exception, path: str) -> str:
@@ -145,5 +138,5 @@ def _reason(error: Exception, path: str) -> str:
 
 
 def _strerror(error: Exception) -> str:
-    number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
+    number = getattr(error, "errno", None)
     return os.strerror(number) if number else str(error) or type(error).__name__

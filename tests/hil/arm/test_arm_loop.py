@@ -4,7 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +37,7 @@ from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.errors import HighFiveError
 
 RATE_HZ = 120.0
+TICK_NS = round(1e9 / RATE_HZ)
 UP = np.array([0.0, 0.0, 1.0])
 HEAD = np.array([1.1, 0.0, 1.65])
 LIMITS = load_limits()
@@ -51,17 +52,15 @@ def over(
     twin: SimulatedDriver,
     estop: Latch | None = None,
     mismatches: tuple[str, ...] = (),
-    pause: Callable[[float], None] | None = None,
 ) -> ArmLoop:
     retarget = Retarget(default_arm(), READY, retarget_settings(load_rig(), load_limits(), on_the_way=0.0))
     return ArmLoop(
         twin,
         retarget,
         LIMITS,
-        lambda: Check(twin.clock(), mismatches),
-        estop or Latch(),
-        twin.clock,
-        pause or twin.pause,
+        lambda: Check(twin.now(), mismatches),
+        estop or Latch(twin),
+        twin,
     )
 
 
@@ -171,13 +170,14 @@ def test_nothing_moves_while_the_check_finds_something() -> None:
 
 
 def test_the_emergency_stop_ends_a_high_five_where_it_is() -> None:
-    twin, estop = new_twin(), Latch()
+    twin = new_twin()
+    estop = Latch(twin)
     loop = over(twin, estop)
     loop.begin()
     goals = still_hand("B2").goals
     for goal in goals[:80]:
         loop.tick(goal)
-        twin.pause(1.0 / RATE_HZ)
+        twin.wait_until(twin.now() + TICK_NS)
     estop.pull()
     stopped = [loop.tick(goal) for goal in goals[80:90]]
     assert loop.state is State.ESTOPPED
@@ -200,7 +200,7 @@ def test_a_controlled_stop_is_played_to_its_end(left: int) -> None:
     def goals() -> Iterator[PalmGoal]:
         for number, goal in enumerate(still_hand("B2").goals[: 80 + left]):
             if number == 80:
-                twin.pause(0.1)  # for so long the servos would have heard nothing
+                twin.wait_until(twin.now() + 100_000_000)  # for so long the servos would have heard nothing
             yield goal
 
     ticks, _ = loop.play(goals())
@@ -210,7 +210,7 @@ def test_a_controlled_stop_is_played_to_its_end(left: int) -> None:
     assert np.abs(np.diff(sent[60:80], axis=0)).max() > 0.002  # it was moving
     stood = twin.newest()
     for _ in range(40):
-        twin.pause(1.0 / RATE_HZ)
+        twin.wait_until(twin.now() + TICK_NS)
     after = twin.newest()
     assert stood is not None and after is not None
     np.testing.assert_allclose(after.state.positions, stood.state.positions, atol=0.02)
@@ -224,7 +224,7 @@ def test_a_person_who_is_not_seen_any_more_is_held_for_and_retracted_from() -> N
     for tick, goal in enumerate((*still_hand("B2").goals[:60], *still_hand("B2").goals)):
         seen = goal if tick < 60 else PalmGoal(goal.palm)
         states.append(loop.tick(seen).report.state)
-        twin.pause(1.0 / RATE_HZ)
+        twin.wait_until(twin.now() + TICK_NS)
         if tick < 60:
             loop.note_frame()
     assert list(dict.fromkeys(states)) == [
@@ -248,7 +248,7 @@ def test_a_source_whose_clock_stands_still_does_not_make_a_measurement_younger(p
         assert tick < 5 or tick > 60 or state is State.TRACKING
         if tick > 60:
             ages.setdefault(state, (tick - 60) / RATE_HZ)
-        twin.pause(1.0 / RATE_HZ)
+        twin.wait_until(twin.now() + TICK_NS)
     assert ages[State.HOLDING] <= LIMITS.stale.hold_s
     assert ages[State.RETRACTING] <= LIMITS.stale.retract_s
 
@@ -271,7 +271,8 @@ def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
 @pytest.mark.parametrize(("stop", "broken_off"), [(100, True), (160, False)])
 def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet(stop: int, broken_off: bool) -> None:
     """The session goes on with its avatar; the arm stands. After the contact, a stop takes nothing back."""
-    twin, estop = new_twin(), Latch()
+    twin = new_twin()
+    estop = Latch(twin)
     loop, reference, ticks = over(twin, estop), still_hand("B2"), []
     loop.begin()
     for number, goal in enumerate(reference.goals):
@@ -279,7 +280,7 @@ def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet
             estop.pull()
         loop.note_frame()
         ticks.append(loop.tick(goal))
-        twin.pause(1.0 / RATE_HZ)
+        twin.wait_until(twin.now() + TICK_NS)
     trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.sacrifice)
     summary = arm_summary([trial], loop.retarget.settings.lag)
     assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
@@ -332,15 +333,15 @@ def test_the_way_back_is_clear_of_everything() -> None:
 
 def test_no_tick_is_made_up_for_after_a_pause_and_late_wake_ups_do_not_add_up() -> None:
     """After a pause the plan would run ahead of the arm; sleeps that end a little late must not stretch the motion."""
-    twin = new_twin()
-    pauses = 0
 
-    def pause(seconds: float) -> None:
-        nonlocal pauses
-        pauses += 1
-        twin.pause(seconds + (0.03 if pauses == 40 else 0.0002))
+    class Late(SimulatedDriver):
+        pauses = 0
 
-    loop = over(twin, pause=pause)
+        def wait_until(self, time_ns: int) -> None:
+            self.pauses += 1
+            super().wait_until(time_ns + (30_000_000 if self.pauses == 40 else 200_000))
+
+    loop = over(Late(mounted_arm(), full_errors(load_rig())))
     ticks, _ = loop.play(still_hand("B2").goals[:100])
     assert len(ticks) == 100, loop.trouble
     apart = 1e-9 * np.diff([tick.frame_ns for tick in ticks]) * RATE_HZ  # periods

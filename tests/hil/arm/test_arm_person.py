@@ -39,7 +39,7 @@ def test_the_arm_holds_in_time_after_the_last_marker_was_measured(part: str) -> 
     marker_set, limits, rig = partner.marker_set, load_limits(), load_rig()
     twin = SimulatedDriver(mounted_arm(), full_errors(rig))
     retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits, on_the_way=0.0))
-    loop = ArmLoop(twin, retarget, limits, lambda: Check(twin.clock(), ()), Latch(), twin.clock, twin.pause)
+    loop = ArmLoop(twin, retarget, limits, lambda: Check(twin.now(), ()), Latch(twin), twin)
     arm = marker_set.arm
     hidden = {"hand": {*arm.wrist, *arm.hand, *arm.across}, "head": set(arm.head)}[part]
     session = Session(load_model(DEFAULT_MODEL), {"neutral": 1.0}, marker_set, build_scene())
@@ -60,7 +60,7 @@ def test_the_arm_holds_in_time_after_the_last_marker_was_measured(part: str) -> 
             ago = (number - last) / RATE_HZ
             states.setdefault(report.state, ago)
             believed = ago if tick.person.valid and part == "hand" else believed
-        twin.pause(1.0 / RATE_HZ)
+        twin.wait_until(twin.now() + round(1e9 / RATE_HZ))
     assert states[State.HOLDING] <= 0.100
     assert states[State.RETRACTING] <= 0.500
     assert part == "head" or believed > 0.15  # the tracker still knew where the hand was

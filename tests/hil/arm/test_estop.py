@@ -18,6 +18,7 @@ import pytest
 
 from highfive.hil.arm.emergency_stop import SIGNALS, listening, uninterrupted
 from highfive.hil.drivers.latch import Cause, Latch
+from highfive.hil.runtime.clock import MACHINE
 from highfive.model.errors import HighFiveError
 
 SOON = 10.0  # s; far more than it takes, but for a machine that is busy
@@ -40,11 +41,15 @@ def waits(true: Callable[[], bool]) -> bool:
     return true()
 
 
+def pulled(latch: Latch, seconds: float) -> bool:
+    return MACHINE.wait_for(latch, MACHINE.now() + round(1e9 * seconds))
+
+
 def test_a_latch_keeps_the_first_pull() -> None:
     latch = Latch()
     assert latch.pulled_ns is None
     assert latch.cause is Cause.NOTHING
-    assert not latch.wait(0.0)
+    assert not pulled(latch, 0.0)
     before = time.monotonic_ns()
     latch.pull(Cause.PIPE)
     first = latch.pulled_ns
@@ -52,8 +57,8 @@ def test_a_latch_keeps_the_first_pull() -> None:
     assert before <= first <= time.monotonic_ns()
     latch.pull(Cause.KEY)
     assert (latch.pulled_ns, latch.cause) == (first, Cause.PIPE)
-    assert latch.wait(0.0)
-    assert latch.wait(0.0)  # waiting takes nothing away
+    assert pulled(latch, 0.0)
+    assert pulled(latch, 0.0)  # waiting takes nothing away
 
 
 def test_it_is_let_go_only_by_who_says_so_and_can_be_pulled_again() -> None:
@@ -64,7 +69,7 @@ def test_it_is_let_go_only_by_who_says_so_and_can_be_pulled_again() -> None:
         latch.let_go()
         assert latch.pulled_ns is None
         assert latch.cause is Cause.NOTHING
-        assert not latch.wait(0.0)
+        assert not pulled(latch, 0.0)
 
 
 def test_many_threads_may_pull_at_once() -> None:
@@ -74,9 +79,9 @@ def test_many_threads_may_pull_at_once() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert latch.wait(0.0)
+    assert pulled(latch, 0.0)
     latch.let_go()
-    assert not latch.wait(0.0)
+    assert not pulled(latch, 0.0)
 
 
 def pull_there(latch: Latch) -> None:
@@ -85,7 +90,7 @@ def pull_there(latch: Latch) -> None:
 
 def wait_there(latch: Latch, answer: Connection) -> None:
     answer.send("waiting")
-    latch.wait(SOON)
+    pulled(latch, SOON)
     answer.send((latch.pulled_ns, latch.cause))
 
 
@@ -105,7 +110,7 @@ def test_it_is_one_latch_in_all_processes() -> None:
     latch.let_go()
     child = context.Process(target=pull_there, args=(latch,))
     child.start()
-    assert latch.wait(30.0)
+    assert pulled(latch, 30.0)
     assert latch.cause is Cause.KEY
     child.join(SOON)
 
@@ -116,7 +121,7 @@ def test_a_key_pulls_without_enter(terminal: tuple[int, int], key: bytes) -> Non
     latch = Latch()
     with listening(latch, keys=program, signals=()):
         os.write(person, key)
-        assert latch.wait(SOON)
+        assert pulled(latch, SOON)
         assert latch.cause is Cause.KEY
 
 
@@ -143,7 +148,7 @@ def test_a_terminal_that_goes_away_pulls(terminal: tuple[int, int]) -> None:
     latch = Latch()
     with listening(latch, keys=program, signals=()):
         os.close(person)
-        assert latch.wait(SOON)
+        assert pulled(latch, SOON)
         assert latch.cause is Cause.KEY
 
 
@@ -158,7 +163,7 @@ def test_what_listens_no_more_pulls(terminal: tuple[int, int], monkeypatch: pyte
 
     with listening(latch, keys=program, signals=(), other_keys=fails):
         os.write(person, b"a")
-        assert latch.wait(SOON)
+        assert pulled(latch, SOON)
         assert latch.cause is Cause.PROGRAM
 
 
@@ -167,12 +172,12 @@ def test_a_descriptor_pulls_when_something_comes_and_when_it_ends(end: str) -> N
     read, write = os.pipe()
     latch = Latch()
     with listening(latch, descriptors=(read,), signals=()):
-        assert not latch.wait(0.02)
+        assert not pulled(latch, 0.02)
         if end == "written":
             os.write(write, b"x")
         else:
             os.close(write)
-        assert latch.wait(SOON)
+        assert pulled(latch, SOON)
         assert latch.cause is Cause.PIPE
     os.close(read)
     if end == "written":
@@ -186,9 +191,9 @@ def test_a_named_pipe_pulls_and_outlives_its_writers(tmp_path: Path) -> None:
         assert path.stat().st_mode & 0o777 == 0o600
         with path.open("wb"):  # opened and closed: nobody pulled
             pass
-        assert not latch.wait(0.05)
+        assert not pulled(latch, 0.05)
         subprocess.run(["/bin/sh", "-c", f"echo stop > '{path}'"], check=True)
-        assert latch.wait(SOON)
+        assert pulled(latch, SOON)
         assert latch.cause is Cause.PIPE
     assert not path.exists()
 

@@ -1,5 +1,6 @@
 """The arm's own process: mailbox, ring, emergency stop, and what happens when either side dies."""
 
+import linecache
 import os
 import signal
 import subprocess
@@ -16,7 +17,7 @@ from test_servo_bus import until
 
 from highfive.hil.commands.rig.service import check, print_check
 from highfive.hil.drivers.bus.arm_process import ArmProcess
-from highfive.hil.drivers.bus.cycle_ring import Mode
+from highfive.hil.drivers.bus.cycle_ring import CycleRing, Mode
 from highfive.hil.drivers.bus.rig import Rig, angle, count, load_rig, wanted_registers
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
@@ -308,10 +309,11 @@ class Interrupt(BaseException):
 
 def interrupted(arm: ArmProcess, angle: float) -> None:
     """Gives a command and is interrupted in the midst of it, as by Ctrl-C."""
+    half = 'head["drive"][0] = 1'
 
     def interrupt(frame: FrameType, event: str, argument: object) -> Callable[..., Any] | None:
-        if frame.f_code is ArmProcess.drive.__code__:
-            if event == "line" and frame.f_lineno > frame.f_code.co_firstlineno + 4:
+        if frame.f_code in (ArmProcess.drive.__code__, CycleRing.give.__code__):
+            if event == "line" and linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip() == half:
                 raise Interrupt
             return interrupt
         return None
@@ -394,7 +396,7 @@ ORDERLY = """
 import signal, sys, time
 import numpy as np
 from highfive.hil.drivers.bus.arm_process import ArmProcess
-from highfive.hil.drivers.bus.cycle_ring import Mode
+from highfive.hil.drivers.bus.cycle_ring import CycleRing, Mode
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.drivers.bus.rig import load_rig
 if __name__ == "__main__":

@@ -1,0 +1,176 @@
+"""Virtual time: tasks of one process run one at a time, in the order of the times that they wait for.
+
+This is deterministic simulation as FoundationDB and TigerBeetle are tested by: what runs is the program itself, and a
+seed decides what is left to chance. Tasks are greenlets, so that code that blocks (the servo maker's SDK, too) runs
+unchanged. Computing takes no time, but for :data:`LOOK_NS` a look at the clock and what :meth:`VirtualClock.spend`
+says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from greenlet import greenlet
+
+from highfive.hil.runtime.clock import Event
+
+LOOK_NS = 1_000
+"""A look at the clock takes so long, ns: who polls gets on."""
+
+START_NS = 1_000_000_000
+"""When time begins: 0 means never in much of what is measured by the clock."""
+
+
+class TaskKilled(BaseException):
+    """Raised in a task that was killed, wherever it waits. No ``except Exception`` holds it up."""
+
+
+class VirtualTask:
+    """What runs in virtual time.
+
+    Attributes:
+        name: for messages.
+        error: what ended it, if anything did but its own end or a kill.
+    """
+
+    def __init__(self, name: str, run: greenlet) -> None:
+        """Not begun."""
+        self.name, self.run = name, run
+        self.event: Event | None = None
+        self.until = 0
+        self.order = 0.0
+        self._held_until = 0
+        self._killed = False
+        self._interrupt: BaseException | None = None
+        self.error: BaseException | None = None
+
+    @property
+    def alive(self) -> bool:
+        """It has not ended."""
+        return not self.run.dead and not self._killed
+
+    def kill(self) -> None:
+        """Ends it where it waits, as SIGKILL does: nothing that it would do on its way out gets through a wait."""
+        self._killed = True
+
+    def interrupt(self, error: BaseException) -> None:
+        """Raises ``error`` where it waits, as a signal's handler does."""
+        self._interrupt = error
+
+    def hold(self, until_ns: int) -> None:
+        """Keeps it from going on before then, as a machine that stands still does."""
+        self._held_until = until_ns
+
+    def wake_ns(self) -> int:
+        """When it goes on, as far as is known now."""
+        if self._killed:
+            return 0
+        due = None if self.event is None else self.event.due_ns
+        wake = self.until if due is None else min(due, self.until)
+        return max(0 if self._interrupt is not None else wake, self._held_until)
+
+    def resumed(self) -> None:
+        """Called in the task after a wait.
+
+        Raises:
+            TaskKilled: it was killed.
+        """
+        if self._killed:
+            raise TaskKilled
+        if self._interrupt is not None:
+            error, self._interrupt = self._interrupt, None
+            raise error
+
+
+class VirtualClock:
+    """A clock that stands still until every task waits; then it is the time of the one that waits the shortest.
+
+    Whoever makes it is its first task. Of tasks that wait for one time a seeded draw decides who goes first. At the end
+    of its context all tasks but the first are killed.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        """At :data:`START_NS`."""
+        self._now = START_NS
+        self._rng = np.random.default_rng(seed)
+        self._tasks = [VirtualTask("main", greenlet.getcurrent())]
+        self._after_an_end = greenlet(self._go_on)
+
+    def __enter__(self) -> VirtualClock:
+        """Runs already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Kills the tasks that are left."""
+        for task in self._tasks[1:]:
+            task.kill()
+        while len(self._tasks) > 1:
+            self._wait(None, self._now)
+
+    def now(self) -> int:
+        """ns"""
+        self._now += LOOK_NS
+        return self._now
+
+    def wait_until(self, time_ns: int) -> None:
+        """Lets the others go on until then."""
+        self._wait(None, time_ns)
+
+    def wait_for(self, event: Event, until_ns: int) -> bool:
+        """Lets the others go on until ``event`` has happened, at the latest until then. Has it?"""
+        self._wait(event, until_ns)
+        return event.due_ns is not None and event.due_ns <= self._now
+
+    def spend(self, nanoseconds: int) -> None:
+        """What the caller computes takes so long."""
+        self._wait(None, self._now + nanoseconds)
+
+    def start(self, name: str, call: Callable[[], object]) -> VirtualTask:
+        """A task that begins once the others wait."""
+
+        def run(*_: object) -> None:
+            try:
+                task.resumed()
+                call()
+            except TaskKilled:
+                pass
+            except BaseException as error:  # whoever waits for the task is told
+                task.error = error
+            self._tasks.remove(task)
+
+        task = VirtualTask(name, greenlet(run, self._after_an_end))
+        task.until, task.order = self._now, self._rng.random()
+        self._tasks.append(task)
+        return task
+
+    def _go_on(self, *_: object) -> None:
+        """Where a task goes that has ended."""
+        while True:
+            self._next().run.switch()
+
+    def _current(self) -> VirtualTask:
+        here = greenlet.getcurrent()
+        return next(task for task in self._tasks if task.run is here)
+
+    def _wait(self, event: Event | None, until: int) -> None:
+        task = self._current()
+        task.resumed()
+        task.event, task.until, task.order = event, max(until, self._now), self._rng.random()
+        following = self._next()
+        if following is not task:
+            following.run.switch()
+        task.event = None
+        task.resumed()
+
+    def _next(self) -> VirtualTask:
+        """The task that goes on next; it is its time."""
+        found, when = self._tasks[0], None
+        for task in self._tasks:
+            wake = task.wake_ns()
+            key = (max(wake, self._now), task.order)
+            if when is None or key < when:
+                found, when = task, key
+        assert when is not None
+        self._now = when[0]
+        return found

@@ -1,7 +1,7 @@
 """How well palms meet, cell by cell and emotion by emotion: the avatar's, the twin's plate, and the emulated rig's.
 
 Sessions are run once; what they demand of the arm is then played by the twin, in simulated time, and by the rig, at the
-pace of the clock, both through retargeting and the safety envelope.
+pace of the clock or in virtual time, through retargeting and the safety envelope.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,9 +32,11 @@ from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm
 from highfive.hil.bench.retarget import reference_trajectories
+from highfive.hil.bench.virtual_play import VirtualPlay, default_planner, play_virtually
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
+from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import Check
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -50,8 +53,8 @@ PLAYERS = ("avatar", "twin", "rig")
 @dataclass(frozen=True)
 class ContactOptions:
     """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
-    with, where its map is drawn, whether the arm is given the exact place and time, as soon as it is given any, and
-    whether a picture that is there may be replaced."""
+    with, where its map is drawn, whether the arm is given the exact place and time, as soon as it is given any, whether
+    a picture that is there may be replaced, and whether the rig plays in virtual time."""
 
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
@@ -61,6 +64,7 @@ class ContactOptions:
     picture: Path | None = None
     foretold: bool = False
     overwrite: bool = False
+    virtual: bool = False
 
 
 def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
@@ -94,10 +98,16 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
         model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar
     )
     references = [with_known_contact(it) for it in references] if options.foretold else references
-    result: dict[str, Any] = {"high_fives": len(references), "seed": options.seed, "foretold": options.foretold}
+    result: dict[str, Any] = {
+        "high_fives": len(references),
+        "seed": options.seed,
+        "foretold": options.foretold,
+        "virtual": options.virtual,
+    }
     rows: list[dict[str, Any]] = []
     for player in options.players:
-        results, commanded = played_by(player, references, bar)
+        play = played_in_virtual_time if options.virtual and player == "rig" else partial(played_by, player)
+        results, commanded = play(references, bar)
         result[player] = contact_figures([one.met for one in results]) | commanded
         rows += [_row(player, one, before) for one in results]
     if options.picture is not None:
@@ -153,6 +163,8 @@ def read_baseline(path: Path) -> dict[str, float]:
 def print_contact(result: Mapping[str, Any]) -> None:
     """The table and the figures, for people."""
     print(f"{result['high_fives']} high fives, seed {result['seed']}; error: plate (or palm) to palm where they touch")
+    if result["virtual"]:
+        print("the rig plays in virtual time")
     if result["foretold"]:
         print("the arm is given the exact place and time, as soon as it is given any")
     print(f"{'':8}{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>9}{'late, ms':>10}{'speed, m/s':>12}")
@@ -241,8 +253,28 @@ def played_by(player: str, references: Sequence[ReferenceTrajectory], bar: Bar) 
                 met = _not_met(it, loop.retarget) if trial is None or trial.broken_off else trial.met
                 results.append(Played(met, loop.trouble))
                 advance()
+    return results, _rig_figures(results, trials)
+
+
+def played_in_virtual_time(references: Sequence[ReferenceTrajectory], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+    """What the emulated rig does with each, on all cores; as :func:`played_by`.
+
+    Raises:
+        HighFiveError: the rig cannot be made ready.
+    """
+    plays = [VirtualPlay(it, number) for number, it in enumerate(references)]
+    results: list[Played] = []
+    trials: list[ArmTrial] = []
+    for play, (trial, trouble) in zip(plays, parallel_map(play_virtually, plays, partial(bar, "rig")), strict=True):
+        trials += [] if trial is None else [trial]
+        met = _not_met(play.reference, default_planner()) if trial is None or trial.broken_off else trial.met
+        results.append(Played(met, trouble))
+    return results, _rig_figures(results, trials)
+
+
+def _rig_figures(results: Sequence[Played], trials: Sequence[ArmTrial]) -> dict[str, Any]:
     stops = [result.stopped for result in results if result.stopped]
-    return results, {**_commanded(trials), "stops": len(stops), "stopped": stops}
+    return {**_commanded(trials), "stops": len(stops), "stopped": stops}
 
 
 def _not_met(reference: ReferenceTrajectory, retarget: Retarget) -> ContactOutcome:

@@ -108,12 +108,18 @@ def bench_contact(
     foretold: Annotated[
         bool, typer.Option("--foretold", help="Tell the arm exactly where and when: what it then misses by is its own.")
     ] = False,
+    virtual: Annotated[
+        bool, typer.Option("--virtual", help="Let the rig play in virtual time: the same twice, whatever the machine.")
+    ] = False,
     overwrite: OverwriteFile = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Let avatar, twin and emulated rig meet the same hands, and tell how far off each palm is. Nothing real moves."""
-    _run(json, lambda bar: bench.contact(emotion, cell, player, baseline, picture, foretold, overwrite, seed, bar))
+    _run(
+        json,
+        lambda bar: bench.contact(emotion, cell, player, baseline, picture, foretold, overwrite, virtual, seed, bar),
+    )
 
 
 @app.command("locked")

@@ -80,6 +80,7 @@ def contact(
     picture: Path | None,
     foretold: bool,
     overwrite: bool,
+    virtual: bool,
     seed: int,
     bar: Bar,
 ) -> Measured:
@@ -89,7 +90,7 @@ def contact(
     from highfive.model.hgpdm.store import load_model
 
     whom = tuple(emotions or ()), tuple(cells or ()), tuple(players or PLAYERS)
-    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite)
+    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite, virtual)
     return Measured(bench_contact(options, load_model(DEFAULT_MODEL), bar), print_contact)
 
 

@@ -23,7 +23,7 @@ from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
 from highfive.hil.drivers.emulator.servo_instructions import FOLLOWED, RESET_ALL, TO_ALL, level, obey
 from highfive.hil.drivers.emulator.simple_plant import SimplePlant
 from highfive.hil.drivers.servo_errors import ALERT, OVERLOAD, Error
-from highfive.hil.drivers.values import Plant
+from highfive.hil.drivers.values import Array, Plant
 
 TURNAROUND_NS = 50_000
 """A servo begins to reply so long after the instruction, with a return delay of 0 (an assumption)."""
@@ -121,6 +121,11 @@ class EmulatedBus:
     def unplugged(self, now_ns: int) -> bool:
         """Whether the cable is out."""
         return any(fault.kind == "unplug" and fault.on(now_ns * 1e-9) for fault in self._faults)
+
+    @property
+    def body(self) -> tuple[Array, Array]:
+        """Where the joints really are and how fast they move: (J,) rad, (J,) rad/s."""
+        return self._positions, self._velocities
 
     @property
     def watchdog_trips(self) -> int:

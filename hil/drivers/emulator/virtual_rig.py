@@ -35,6 +35,7 @@ class VirtualRig:
     Attributes:
         bus: the servos and what goes wrong with them.
         wiring: clock and lines, for whoever opens the port at :data:`PATH`.
+        arm: the driver that was started last.
     """
 
     def __init__(self, clock: VirtualClock, bus: EmulatedBus, watch: Callable[[int], None] = lambda now: None) -> None:
@@ -47,6 +48,7 @@ class VirtualRig:
         """
         self.bus, self.clock, self._watch = bus, clock, watch
         self.wiring = Wiring(clock, self._open)
+        self.arm: VirtualArm | None = None
         self._zero = clock.now()
         self._lines: list[VirtualLine] = []
         clock.start("servos", self._run)
@@ -76,7 +78,9 @@ class VirtualRig:
             allowance_ms: how long an answer of a servo may be late.
             has_host: whether the host is alive.
         """
-        return VirtualArm(self, rig, rate_hz, Latch(self.clock) if estop is None else estop, allowance_ms, has_host)
+        latch = Latch(self.clock) if estop is None else estop
+        self.arm = VirtualArm(self, rig, rate_hz, latch, allowance_ms, has_host)
+        return self.arm
 
     def _open(self, path: str, baud: int) -> VirtualLine:
         if path != PATH or self.bus.unplugged(self.now()):

@@ -1,0 +1,64 @@
+"""What really happens on an emulated rig, every millisecond: what the servos were told, and where the body is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from highfive.hil.drivers.bus.control_table import to_si
+from highfive.hil.drivers.bus.rig import Rig, angle
+from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
+from highfive.hil.drivers.values import Array
+
+
+@dataclass
+class BlackBox:
+    """Rows of what was; :meth:`look` is the watch of a :class:`~highfive.hil.drivers.emulator.virtual_rig.VirtualRig`.
+
+    Attributes:
+        bus, rig: what is looked at.
+        times: ns of the clock.
+        goals: (J,) rad, of the first servo of each joint.
+        allowed: (J,) A, goal currents.
+        positions, velocities: (J,) rad and rad/s of the body.
+        powered: (J,) bool, torque is on.
+    """
+
+    bus: EmulatedBus
+    rig: Rig
+    times: list[int] = field(default_factory=list)
+    goals: list[list[float]] = field(default_factory=list)
+    allowed: list[list[float]] = field(default_factory=list)
+    positions: list[Array] = field(default_factory=list)
+    velocities: list[Array] = field(default_factory=list)
+    powered: list[list[bool]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Finds the servos."""
+        by_id = {servo.id: servo for servo in self.bus.servos}
+        self._servos = [by_id[joint.id] for joint in self.rig.joints]
+
+    def look(self, now_ns: int) -> None:
+        """Adds a row."""
+        self.times.append(now_ns)
+        joints = self.rig.joints
+        self.goals.append(
+            [angle(joint, s.values["goal_position"]) for joint, s in zip(joints, self._servos, strict=True)]
+        )
+        self.allowed.append([to_si(s.table["goal_current"], s.values["goal_current"]) for s in self._servos])
+        self.powered.append([bool(s.values["torque_enable"]) for s in self._servos])
+        positions, velocities = self.bus.body
+        self.positions.append(np.array(positions))
+        self.velocities.append(np.array(velocities))
+
+    def last_change_ns(self, since_ns: int) -> int:
+        """When a goal last changed; ``since_ns`` where none has since then."""
+        goals, times = np.array(self.goals), np.array(self.times)
+        changed = times[1:][(np.diff(goals, axis=0) != 0.0).any(axis=1)]
+        return int(max(changed.max(initial=since_ns), since_ns))
+
+    def stands_since_ns(self, slower: float = 0.05) -> int:
+        """Since when every joint of the body has been slower than that, rad/s."""
+        moves = (np.abs(np.array(self.velocities)) > slower).any(axis=1)
+        return self.times[min(int(np.flatnonzero(moves)[-1]) + 1, len(self.times) - 1)] if moves.any() else 0

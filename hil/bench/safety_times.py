@@ -1,0 +1,192 @@
+"""How long the emulated rig takes to stop, in virtual time: from an event at any phase of the cycle to the last motion.
+
+The arm swings, as fast as it may near nobody; then something happens. What counts is what the servos were told
+(:class:`~highfive.hil.bench.black_box.BlackBox`): when a goal last changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+
+import numpy as np
+
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.contact_outcome import ReferenceTrajectory
+from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import PalmGoal
+from highfive.hil.bench.black_box import BlackBox
+from highfive.hil.drivers.bus.cycle_ring import Mode
+from highfive.hil.drivers.bus.rig import Rig, load_rig
+from highfive.hil.drivers.emulator.bus_faults import parse_faults
+from highfive.hil.drivers.emulator.emulator_process import make_bus
+from highfive.hil.drivers.emulator.virtual_rig import VirtualArm, VirtualRig
+from highfive.hil.drivers.values import Array, JointCommand
+from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
+from highfive.hil.safety.people import Sighting
+from highfive.hil.safety.states import State
+
+PERIOD_NS = 8_333_333
+SWING, SWING_HZ = np.array([0.25, 0.08, 0.25, 0.12, 0.25, 0.25]), 0.8  # rad
+CURRENT = 2.0  # A
+_BEFORE_NS, _AFTER_NS = 150_000_000, 250_000_000
+_DEAD = 4  # the servo that dies
+_LOOKED_AT = 24  # ticks after the event
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """What came of an event.
+
+    Attributes:
+        told_ms: until a goal last changed, ms after it.
+        stood_ms: until the body stood, ms after it.
+        mode: of the driver in the end.
+        trips: watchdogs that have tripped.
+    """
+
+    told_ms: float
+    stood_ms: float
+    mode: Mode
+    trips: int
+
+
+Happening = Callable[["Swinging"], None]
+
+
+@dataclass
+class Swinging:
+    """A rig that swings, and who makes it."""
+
+    virtual: VirtualRig
+    arm: VirtualArm
+    host: VirtualTask | None = None
+
+    @property
+    def has_host(self) -> bool:
+        """The host is alive."""
+        return self.host is None or self.host.alive
+
+
+def pull(it: Swinging) -> None:
+    """The emergency stop is pulled."""
+    it.arm.estop.pull()
+
+
+def kill_host(it: Swinging) -> None:
+    """The host is killed; the driver lives."""
+    assert it.host is not None
+    it.host.kill()
+
+
+def kill_both(it: Swinging) -> None:
+    """Power goes off at the computer: host and driver end at once, and only the servos' watchdogs are left."""
+    kill_host(it)
+    it.arm.task.kill()
+
+
+def stall_host(it: Swinging) -> None:
+    """The host stands still."""
+    assert it.host is not None
+    it.host.hold(it.virtual.clock.now() + 10**10)
+
+
+def kill_servo(it: Swinging) -> None:
+    """One servo goes silent."""
+    it.virtual.bus.set_faults(parse_faults([f"dead={_DEAD}"]), it.virtual.now())
+
+
+def stopped_by(happening: Happening, phase: float, rig: Rig | None = None) -> Stopped:
+    """What comes of ``happening`` at that phase, 0 to 1, of the driver's cycle.
+
+    The host gives a command a period and does nothing of its own: what stops the arm is the driver or the servos.
+    """
+    rig = load_rig() if rig is None else rig
+    with VirtualClock() as clock:
+        bus = make_bus(emulator_options(ArmOptions()))
+        box = BlackBox(bus, rig)
+        virtual = VirtualRig(clock, bus, box.look)
+        hosts: list[VirtualTask] = []
+        arm = virtual.start_arm(rig, has_host=lambda: all(host.alive for host in hosts))
+        it = Swinging(virtual, arm)
+        arm.wait_ready()
+        arm.engage()
+        it.host = clock.start("host", lambda: _swing(it))
+        hosts.append(it.host)
+        clock.wait_until(clock.now() + _BEFORE_NS)
+        newest = arm.newest()
+        begun = clock.now() if newest is None else newest.begun_ns
+        clock.wait_until(begun + 2 * PERIOD_NS + round(phase * PERIOD_NS))
+        at = clock.now()
+        happening(it)
+        clock.wait_until(at + _AFTER_NS)
+        told, stood = box.last_change_ns(at) - at, max(0, box.stands_since_ns() - at)
+        return Stopped(1e-6 * told, 1e-6 * stood, arm.mode, bus.watchdog_trips)
+
+
+def _swing(it: Swinging) -> None:
+    clock, newest = it.virtual.clock, it.arm.newest()
+    assert newest is not None
+    begun = due = clock.now()
+    while True:
+        angle = 2.0 * np.pi * SWING_HZ * 1e-9 * (due - begun)
+        it.arm.drive(JointCommand(newest.state.positions + SWING * np.sin(angle), np.full(len(SWING), CURRENT)))
+        due += PERIOD_NS
+        clock.wait_until(due)
+
+
+def dead_servo_ms(reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float) -> float:
+    """ms from a servo's death, in that tick of a high five and that phase of it, until the envelope stops the arm."""
+
+    def goals(virtual: VirtualRig) -> Iterator[PalmGoal]:
+        for number, goal in enumerate(reference.goals):
+            if number == tick:
+                virtual.clock.start("fault", partial(_die, virtual, virtual.clock.now() + round(phase * PERIOD_NS)))
+            yield goal
+
+    return _until(goals, retarget, lambda states: State.STOPPING in states, tick, phase)
+
+
+def _die(virtual: VirtualRig, at: int) -> None:
+    virtual.clock.wait_until(at)
+    virtual.bus.set_faults(parse_faults([f"dead={_DEAD}"]), virtual.now())
+
+
+def hold_ms(reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float) -> float:
+    """ms from the last measurement of the person, in that tick of a high five and that phase before it, to the hold."""
+
+    def goals(virtual: VirtualRig) -> Iterator[PalmGoal]:
+        last = reference.goals[tick]
+        for number, goal in enumerate(reference.goals):
+            late = (number - tick) * PERIOD_NS + round(phase * PERIOD_NS)
+            unseen = Sighting(late, 0.0)
+            lost = replace(goal, person=last.person, head=last.head, person_seen=unseen, head_seen=unseen)
+            yield goal if number < tick else lost
+
+    return _until(goals, retarget, lambda states: State.HOLDING in states, tick, -phase)
+
+
+def _until(
+    goals: Callable[[VirtualRig], Iterator[PalmGoal]],
+    retarget: Retarget,
+    reached: Callable[[set[State]], bool],
+    tick: int,
+    phase: float,
+) -> float:
+    with VirtualClock() as clock:
+        virtual = VirtualRig(clock, make_bus(emulator_options(ArmOptions())))
+        with virtual_arm(virtual, retarget=retarget) as loop:
+            ticks, _ = loop.play(islice(goals(virtual), tick + _LOOKED_AT))
+            begun = ticks[tick].frame_ns + phase * PERIOD_NS
+            for one in ticks[tick:]:
+                if reached({one.report.state}):
+                    return 1e-6 * (one.report.time_ns - begun)
+    return float("inf")
+
+
+def largest(times: Array) -> float:
+    """ms, rounded as it is shown."""
+    return round(float(times.max()), 1)

@@ -42,9 +42,20 @@ def compiled_entry(function: Compiled) -> Compiled:
     stored is renewed when anything changes that went into it: the source of a compiled function that it reaches,
     whatever file that stands in, or a constant.
     """
-    dispatcher = njit(**OPTIONS)(function)
+    return _kept(function, njit(**OPTIONS)(function))
+
+
+def exactly_compiled_entry(function: Compiled) -> Compiled:
+    """As :func:`compiled_entry`, but each operation is rounded as written, as NumPy does it; calls none of the others.
+
+    For what took NumPy a call for each of many small arrays, where results must stay the same to the bit.
+    """
+    return _kept(function, njit(error_model="numpy")(function))
+
+
+def _kept(function: Compiled, dispatcher: Any) -> Compiled:
     with suppress(RuntimeError):  # no place can be written to: each process compiles for itself
-        dispatcher._cache = _Cache(function)  # pyright: ignore[reportAttributeAccessIssue]  (Numba's own place for it)
+        dispatcher._cache = _Cache(function)  # Numba's own place for it
     return cast(Compiled, dispatcher)
 
 

@@ -47,6 +47,16 @@ def wheel_of(folder: Path, tmp_path: Path) -> Path:
     return wheel
 
 
+def with_machine_code(package: Path) -> None:
+    """Gives a package of the same sources the machine code that this tree has: it says itself if it does not fit."""
+    for kind in ("nbi", "nbc"):
+        for kept in ROOT.glob(f"*/**/__pycache__/*.{kind}"):
+            source = package / kept.relative_to(ROOT)
+            if source.parents[1].is_dir():
+                source.parent.mkdir(exist_ok=True)
+                shutil.copy(kept, source)
+
+
 @pytest.mark.slow
 def test_the_bridge_alone_tracks_a_file(tmp_path: Path) -> None:
     write_c3d(tmp_path / "person.c3d", highfive.simulated_person("happy", "B2").recording)
@@ -55,6 +65,7 @@ def test_the_bridge_alone_tracks_a_file(tmp_path: Path) -> None:
         assert not any(name.startswith(("highfive/hil", "highfive/scenes")) for name in content.namelist())
         assert not any(name.endswith(".safetensors") for name in content.namelist())
         content.extractall(tmp_path / "site")
+    with_machine_code(tmp_path / "site" / "highfive")
     code = (
         f"import sys; sys.path.insert(1, {str(tmp_path / 'site')!r}); import highfive; "
         "print(highfive.__file__, len(highfive.track('person.c3d')), {'mujoco', 'jax', 'typer'} & set(sys.modules))\n"
@@ -85,6 +96,7 @@ def test_installed_wheel_plays_and_its_examples_run_beside_a_users_own_modules(t
     (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
     libraries = [path for path in sys.path if path.endswith("site-packages")]
     (site / "libraries.pth").write_text("\n".join(libraries) + "\n")  # of added folders no .pth files are read
+    with_machine_code(site / "highfive")
     (tmp_path / "model.py").write_text("MINE = True\n")
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "__init__.py").write_text("MINE = True\n")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.model.compiled import exactly_compiled_entry
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
 
@@ -109,22 +110,11 @@ def forward(part: Part, angles: Array, base_position: Array, base_rotation: Arra
     frames, n = len(angles), len(part.joints)
     positions, turned = np.empty((frames, n, 3)), np.empty((frames, n, 3, 3))
     axes = np.empty((frames, 3 * n, 3))
-    cosine, sine = np.cos(angles)[..., None], np.sin(angles)[..., None]
+    _turn(np.array(part.parents), part.axes, np.cos(angles), np.sin(angles), base_rotation, turned, axes)
     for joint, parent in enumerate(part.parents):
         rotation = base_rotation if parent < 0 else turned[:, parent]
         origin = base_position if parent < 0 else positions[:, parent]
         positions[:, joint] = origin + rotation @ part.offsets[joint]
-        rotation = rotation.copy()
-        for order, axis in enumerate(part.axes[joint]):
-            hinge = 3 * joint + order
-            axes[:, hinge] = rotation[:, :, axis]
-            # Turning about a coordinate axis mixes the two other columns: cheaper than a product of matrices.
-            j, k = (axis + 1) % 3, (axis + 2) % 3
-            c, s = cosine[:, hinge], sine[:, hinge]
-            column_j, column_k = rotation[:, :, j].copy(), rotation[:, :, k].copy()
-            rotation[:, :, j] = c * column_j + s * column_k
-            rotation[:, :, k] = c * column_k - s * column_j
-        turned[:, joint] = rotation
     carriers = part.carriers
     markers = positions[:, carriers] + np.einsum("tnij,nj->tni", turned[:, carriers], part.local)
     return Kinematics(positions, turned, axes, markers)
@@ -135,13 +125,55 @@ def jacobian(part: Part, kinematics: Kinematics) -> Array:
 
     A hinge with axis a through the joint's centre c moves a marker x at the rate a × (x − c).
     """
-    marker, hinge = part.pairs
-    frames, n = len(kinematics.markers), len(part.markers)
-    lever = kinematics.markers[:, marker] - kinematics.positions[:, hinge // 3]
-    axis = kinematics.axes[:, hinge]
-    out = np.zeros((frames, 3, n, part.parameters))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[:, i, marker, hinge] = axis[..., j] * lever[..., k] - axis[..., k] * lever[..., j]
-        if part.free:
+    out = np.zeros((len(kinematics.markers), 3, len(part.markers), part.parameters))
+    _cross(*part.pairs, kinematics.positions, kinematics.axes, np.ascontiguousarray(kinematics.markers), out)
+    if part.free:
+        for i in range(3):
             out[:, i, :, part.parameters - 3 + i] = 1.0
     return out
+
+
+# Rounded as NumPy does: what is solved, and the models that learn from it, are the same to the bit.
+
+
+@exactly_compiled_entry
+def _turn(
+    parents: NDArray[np.intp],
+    orders: NDArray[np.intp],
+    cosine: Array,
+    sine: Array,
+    base: Array,
+    turned: Array,
+    axes: Array,
+) -> None:
+    """Fills in the joints' rotations (T, n, 3, 3) and the hinges' axes (T, H, 3)."""
+    for t in range(len(turned)):
+        for joint in range(len(parents)):
+            own, parent = turned[t, joint], parents[joint]
+            own[:] = base[t] if parent < 0 else turned[t, parent]
+            for order in range(3):
+                hinge, axis = 3 * joint + order, orders[joint, order]
+                c, s = cosine[t, hinge], sine[t, hinge]
+                # Turning about a coordinate axis mixes the two other columns: cheaper than a product of matrices.
+                j, k = (axis + 1) % 3, (axis + 2) % 3
+                for i in range(3):
+                    axes[t, hinge, i] = own[i, axis]
+                    at_j, at_k = own[i, j], own[i, k]
+                    own[i, j] = c * at_j + s * at_k
+                    own[i, k] = c * at_k - s * at_j
+
+
+@exactly_compiled_entry
+def _cross(
+    marker: NDArray[np.intp], hinge: NDArray[np.intp], positions: Array, axes: Array, markers: Array, out: Array
+) -> None:
+    """Fills in the derivative (T, 3, N, P) of each marker by each hinge that moves it."""
+    for t in range(len(markers)):
+        for pair in range(len(marker)):
+            m, h = marker[pair], hinge[pair]
+            x = markers[t, m, 0] - positions[t, h // 3, 0]
+            y = markers[t, m, 1] - positions[t, h // 3, 1]
+            z = markers[t, m, 2] - positions[t, h // 3, 2]
+            out[t, 0, m, h] = axes[t, h, 1] * z - axes[t, h, 2] * y
+            out[t, 1, m, h] = axes[t, h, 2] * x - axes[t, h, 0] * z
+            out[t, 2, m, h] = axes[t, h, 0] * y - axes[t, h, 1] * x

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from paths import ROOT
 
-from highfive.model.compiled import compiled_entry, reached
+from highfive.model.compiled import compiled_entry, exactly_compiled_entry, reached
 
 
 def made_from_text(text: str) -> Callable:
@@ -26,6 +26,19 @@ def test_infinity_and_not_a_number_keep_their_meaning():
     function = compiled_entry(made_from_text("def function(x):\n    return (x - x) * 0.0, 1.0 / (x - x)"))
     np.testing.assert_array_equal(function(np.inf), [np.nan, np.nan])
     np.testing.assert_array_equal(function(1.0), [0.0, np.inf])
+
+
+@exactly_compiled_entry
+def products(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    result = np.empty(len(a))
+    for i in range(len(a)):
+        result[i] = a[i] * b[i] + b[i] * c[i] - c[i] * a[i]
+    return result
+
+
+def test_what_is_compiled_exactly_rounds_as_numpy_does() -> None:
+    a, b, c = np.random.default_rng(0).normal(size=(3, 10_000))
+    np.testing.assert_array_equal(products(a, b, c), a * b + b * c - c * a)
 
 
 PROGRAM = """

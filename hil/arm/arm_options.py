@@ -8,13 +8,16 @@ from pathlib import Path
 EMULATED = "emulated"
 """In place of a port: an emulated arm, started for the session."""
 
+VIRTUAL = "virtual"
+"""In place of a port: an emulated arm in virtual time: the same bits each time, however long computing takes."""
+
 
 @dataclass(frozen=True)
 class ArmOptions:
     """Which arm.
 
     Attributes:
-        port: path of a serial port, or :data:`EMULATED`.
+        port: path of a serial port, :data:`EMULATED` or :data:`VIRTUAL`.
         rig: file of the rig; None for the one that comes with the project.
         limits: file of limits, none of them less safe than those that come with the project; None for these.
         lower: limits that are made safer, such as ``contact.speed=0.5``.
@@ -42,4 +45,4 @@ class ArmOptions:
     @property
     def emulated(self) -> bool:
         """No real arm moves."""
-        return self.port == EMULATED
+        return self.port in (EMULATED, VIRTUAL)

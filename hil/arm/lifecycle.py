@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -14,40 +12,36 @@ from pathlib import Path
 
 import numpy as np
 
-from highfive.calibration.registration import load_registration
-from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.emergency_stop import SIGNALS, check_pipe, listening
-from highfive.hil.arm.loop import ArmLoop, first_of
+from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
+from highfive.hil.arm.emergency_stop import SIGNALS, listening
+from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
-from highfive.hil.arm.planner_settings import RetargetSettings
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, READY, ServoArm, default_arm
+from highfive.hil.arm.preconditions import check_arm, check_options, check_person, refuse_unless_ready, room
+from highfive.hil.arm.rig_planner import planner
+from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.control_table import load_table, to_si
 from highfive.hil.drivers.bus.cycle_ring import Mode
-from highfive.hil.drivers.bus.ports import too_slow
-from highfive.hil.drivers.bus.rig import COUNTS, Rig, load_rig, wanted_registers
-from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
-from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
+from highfive.hil.drivers.bus.rig import Rig, wanted_registers
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS, PATIENCE_MS
-from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
+from highfive.hil.drivers.emulator.bus_faults import parse_faults
+from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess, make_bus
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.interrupts import answered_by_a_stop
-from highfive.hil.safety.limits import JOINTS, STALL_CURRENTS, Limits
-from highfive.hil.safety.limits_file import load_limits, load_safer, lowered, parse_changes
+from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.safety.limits import STALL_CURRENTS, Limits
 from highfive.hil.safety.posture import posture_mismatches
-from highfive.hil.safety.startup import Check, Registers, Room, ServoLimits, room_unknown, start_up_check
+from highfive.hil.safety.startup import Check, Registers, ServoLimits, start_up_check
 from highfive.hil.session.session import RATE_HZ
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
-from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.compiled import when_compiling
 from highfive.model.errors import HighFiveError
-from highfive.model.geometry.rotations import Array
 from highfive.scenes import servo_arm as measures
 
 PLANT = "highfive.hil.arm.simulated_driver:mounted_arm"
@@ -58,15 +52,6 @@ START_S = 30.0
 
 STOOD_S, STANDS_WITHIN_S = 0.3, 4.0
 """So long an arm has to stand where it can before it is driven, and so long that is waited for, s."""
-
-ON_THE_WAY = 0.008
-"""s from a command to the servos having it: planning, and half a cycle of the bus."""
-
-EVERYWHERE = 10.0
-"""m: where no point may be faster than near a face, the plan takes the whole room for its zone."""
-
-FULL_GAIN = 885.0 * 128.0
-"""Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
 
 @contextmanager
@@ -92,15 +77,28 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
         advance("starting", 0)
     with when_compiling(lambda: advance and advance("compiling, a minute or two the first time", 0)):
         retarget = planner(rig, limits)
-    estop = Latch()
+    terminal = 0 if sys.stdin.isatty() else None
     with ExitStack() as stack:
+        if options.port == VIRTUAL:
+            clock = stack.enter_context(VirtualClock())
+            virtual = VirtualRig(clock, make_bus(emulator_options(options)))
+            virtual.bus.set_faults(parse_faults(options.faults), virtual.now())
+            estop = Latch(clock)
+            stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
+            stack.enter_context(answered_by_a_stop())
+            stack.enter_context(clock.signals_to_first(SIGNALS))
+            loop = stack.enter_context(virtual_arm(virtual, options, retarget, estop))
+            if advance is not None:
+                advance("", 1)
+            yield loop
+            return
+        estop = Latch()
         port = options.port
         if options.emulated:
             emulator = stack.enter_context(EmulatorProcess(emulator_options(options)))
             emulator.set_faults(options.faults)
             port = emulator.port
-        _refuse_unless_ready(port, rig, limits)
-        terminal = 0 if sys.stdin.isatty() else None
+        refuse_unless_ready(port, rig, limits)
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
         stack.enter_context(answered_by_a_stop())
         if not options.emulated:
@@ -141,7 +139,7 @@ def virtual_arm(
     options, clock = options or ArmOptions(), virtual.clock
     limits, rig = check_options(options)
     estop = Latch(clock) if estop is None else estop
-    _refuse_unless_ready(PATH, rig, limits, virtual.wiring)
+    refuse_unless_ready(PATH, rig, limits, virtual.wiring)
     retarget = planner(rig, limits) if retarget is None else retarget
     arm = virtual.start_arm(weakened(rig, limits), RATE_HZ, estop, ALLOWANCE_MS, has_host)
     try:
@@ -156,102 +154,9 @@ def virtual_arm(
         arm.close()
 
 
-def planner(rig: Rig, limits: Limits) -> Retarget:
-    """Retargeting for the default arm: what may not be sent is not planned either. Compiles where nobody has yet."""
-    slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))
-    return Retarget(slow, READY, retarget_settings(rig, limits))
-
-
 def emulator_options(options: ArmOptions) -> EmulatorOptions:
     """The emulator of an arm's options, without their faults."""
     return EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
-
-
-def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
-    """Looks at what was requested before anything that takes long: limits, rig, pipe, and the servos of a real port.
-
-    Returns:
-        the limits that hold, and the rig.
-
-    Raises:
-        HighFiveError: as :func:`ready_arm`. Nothing has moved.
-    """
-    limits, rig = check_options(options)
-    if not options.emulated:
-        _refuse_unless_ready(options.port, rig, limits)
-    return limits, rig
-
-
-def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
-    """Refuses a real arm beside a live person whose head no marker shows: the face zone would follow trunk or neck.
-
-    Args:
-        options: which arm, and who is beside it.
-        marker_set: that the live person wears; None where nobody is tracked.
-
-    Raises:
-        HighFiveError: nothing shows the head. Nothing has moved.
-    """
-    if options.emulated or not options.person:
-        return
-    if marker_set is None:
-        raise HighFiveError(f"no marker set says where the head of the person from {options.person} is; name one")
-    if not marker_set.on_head:
-        head = marker_set.arm.head
-        carriers = ", ".join(dict.fromkeys(marker_set.joints[marker_set.index(name)] for name in head))
-        raise HighFiveError(
-            f"marker set {marker_set.name} has no marker on the head: {', '.join(head)} stand in for it (carried by "
-            f"{carriers}); a real arm near a live person needs one there: use a set with head markers, such as paper"
-        )
-
-
-def fingerprint(rig: Rig) -> str:
-    """Tells this arm, with its mount, from others: what a registration of it depends on."""
-    parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
-
-
-def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
-    """Who is near the arm, and whether that is known.
-
-    Raises:
-        HighFiveError: the registration cannot be read, or goes with no live person.
-    """
-    if options.registration is None:
-        return Room(options.person, nobody_near=options.nobody_near, slow=options.slow)
-    if not options.person:
-        raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
-    found = load_registration(options.registration)
-    mismatches = found.mismatches(fingerprint(rig), parse_address(options.person).scheme, now)
-    return Room(options.person, True, mismatches, options.nobody_near, options.slow)
-
-
-def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
-    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
-
-    Returns:
-        the limits that hold, and the rig.
-
-    Raises:
-        HighFiveError: as :func:`ready_arm`. The port was not opened.
-    """
-    limits = load_limits()
-    if options.limits is not None:
-        limits = load_safer(options.limits, limits)
-    limits = lowered(limits, parse_changes(options.lower))
-    if options.slow:
-        limits = lowered(limits, {"motion.point_speed": min(limits.motion.point_speed, limits.face.speed)})
-    rig = load_rig(options.rig)
-    if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
-        raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
-    if not options.emulated and not options.armed:
-        raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
-    if troubles := room_unknown(not options.emulated, room(options, rig, datetime.now(UTC))):
-        raise HighFiveError(f"{options.port}: {first_of(troubles)}")
-    if options.estop is not None:
-        check_pipe(options.estop)
-    watchdog = min(rig.settings.watchdog, limits.timing.watchdog_s)
-    return limits, replace(rig, settings=replace(rig.settings, watchdog=watchdog))
 
 
 def weakened(rig: Rig, limits: Limits) -> Rig:
@@ -348,48 +253,9 @@ def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
     return found
 
 
-def full_errors(rig: Rig) -> Array:
-    """(J,) rad, errors at which the position controllers give the full voltage."""
-    return np.array([FULL_GAIN / joint.position_p_gain * math.tau / COUNTS for joint in rig.joints])
-
-
-def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) -> RetargetSettings:
-    """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
-    have a torque–speed line.
-
-    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way``:
-    s that a command takes to the servos. The plan keeps the limits near the person by itself.
-    """
-    full = full_errors(rig)
-    no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
-    stall = np.array([count * servo.stall for servo, count in measures.SERVOS])
-    return RetargetSettings(
-        lag=float(np.median(full / no_load)) + on_the_way,
-        sag=tuple((full / stall).tolist()),
-        contact_speed=limits.contact.speed,
-        face_speed=limits.face.speed,
-        face_radius=EVERYWHERE if limits.motion.point_speed <= limits.face.speed else limits.face.radius,
-        face_braking=limits.face.braking,
-    )
-
-
 def at_their_time(frames: Iterable[MarkerFrame], clock: Clock = MACHINE) -> Iterator[MarkerFrame]:
     """The frames of a recording as they would come from a live system: each at its time, from now on."""
     start = clock.now()
     for frame in frames:
         clock.wait_until(start + frame.source_time_ns)
         yield replace(frame, arrival_time_ns=clock.now())
-
-
-def _refuse_unless_ready(port: str, rig: Rig, limits: Limits, wiring: Wiring = MACHINE_WIRING) -> None:
-    """Looks at every servo before anything is switched on."""
-    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS, wiring)
-    try:
-        if slow := too_slow(port):
-            raise HighFiveError(f"{port}: {slow}; nothing moves")
-        troubles = missing_servos(bus, rig) or [str(one) for one in differences(bus, rig)]
-        troubles = troubles or shadow_gaps(bus, rig, limits.servo.shadow_rest)
-    finally:
-        bus.close()
-    if troubles:
-        raise HighFiveError(f"{first_of(troubles)}; nothing moves (highfive rig check {port} shows all)")

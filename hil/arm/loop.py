@@ -130,7 +130,7 @@ class ArmLoop:
             clock: of the driver.
         """
         self._arm, self.retarget, self._limits = arm, retarget, limits
-        self._checked, self._estop, self._clock = checked, estop, clock
+        self._checked, self._estop, self.clock = checked, estop, clock
         self._human: Human | None = None
         self._estimated_ns = self._frame_ns = self._arrived_ns = clock.now()
         self._head = self._palm = _Seen(self._frame_ns)
@@ -193,7 +193,7 @@ class ArmLoop:
 
     def note_frame(self, arrived_ns: int | None = None) -> None:
         """The next tick's frame is there, and came at ``arrived_ns`` of the loop's clock; None: now."""
-        self._frame_ns = self._clock.now()
+        self._frame_ns = self.clock.now()
         self._arrived_ns = self._frame_ns if arrived_ns is None else min(arrived_ns, self._frame_ns)
 
     def cycles(self) -> list[Cycle]:
@@ -207,7 +207,7 @@ class ArmLoop:
             goal: of this tick.
             run: the arm shall follow; otherwise it goes back to where it rests.
         """
-        started, begun = time.perf_counter_ns(), self._clock.now()
+        started, begun = time.perf_counter_ns(), self.clock.now()
         newest = self._arm.newest()
         arm, health = (None, None) if newest is None else (newest.state, newest.health)
         if self._state is None and arm is not None:
@@ -241,11 +241,11 @@ class ArmLoop:
         self.begin()
         ticks: list[ArmTick] = []
         cycles: list[Cycle] = []
-        due, period = self._clock.now(), round(1e9 * self._limits.timing.period_s)
+        due, period = self.clock.now(), round(1e9 * self._limits.timing.period_s)
         for goal in goals:
-            self._clock.wait_until(due)
+            self.clock.wait_until(due)
             if (
-                now := self._clock.now()
+                now := self.clock.now()
             ) - due > period // 4:  # a pause of the machine: no tick is made up for in a hurry
                 due = now
             self.note_frame()
@@ -262,11 +262,11 @@ class ArmLoop:
         end."""
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
-        due, end = self._clock.now(), self._clock.now() + round(longest_s * 1e9)
+        due, end = self.clock.now(), self.clock.now() + round(longest_s * 1e9)
         while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
             self.tick(goal, run=False)
             due += round(1e9 * self._limits.timing.period_s)
-            self._clock.wait_until(due)
+            self.clock.wait_until(due)
 
     def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
         """The person as estimated last, and when head and hand were last measured."""

@@ -25,10 +25,11 @@ from highfive.hil.arm.contact_outcome import (
     notice,
     with_known_contact,
 )
-from highfive.hil.arm.lifecycle import full_errors, ready_arm, retarget_settings
+from highfive.hil.arm.lifecycle import ready_arm
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
+from highfive.hil.arm.rig_planner import full_errors, retarget_settings
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm
 from highfive.hil.bench.retarget import reference_trajectories

@@ -8,8 +8,10 @@ from functools import cache
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, played_until_stopped
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
-from highfive.hil.arm.lifecycle import check_options, emulator_options, planner, virtual_arm
+from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.preconditions import check_options
+from highfive.hil.arm.rig_planner import planner
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock

@@ -88,7 +88,8 @@ def simulate(
     rig: Annotated[
         str | None,
         typer.Option(
-            help="A servo arm takes part: emulated, or the serial port of a real one, which MOVES (with --arm)."
+            help="A servo arm takes part: emulated, virtual (emulated in virtual time), or the serial port of a real "
+            "one, which MOVES (with --arm)."
         ),
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
@@ -104,6 +105,7 @@ def simulate(
     ] = None,
     nobody_near: cli_rig.NobodyNear = False,
     slow: cli_rig.Slow = False,
+    faults: cli_rig.Faults = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -128,7 +130,7 @@ def simulate(
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
-        arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow),
+        arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
         overwrite=overwrite,
     )
     folder = out or next_folder("session")

@@ -26,6 +26,10 @@ NobodyNear = Annotated[
 Slow = Annotated[
     bool, typer.Option("--slow", help="Beside --arm: every point of the arm at most as fast as near a face, 0.22 m/s.")
 ]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(help="What goes wrong on an emulated arm: dead=4@2-3; may be given again (docs/rig.md)."),
+]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 
 app = typer.Typer(help="The servo arm, and the stand-in that behaves like it.", no_args_is_help=True)
@@ -43,9 +47,7 @@ def emulate(
         Path | None, typer.Option(help="Make this a link to the port, which else has no name.")
     ] = None,
     baud: Annotated[int | None, typer.Option(help="Baud rate of the servos (default: the arm's).")] = None,
-    faults: Annotated[
-        list[str] | None, typer.Option(help="What goes wrong: dead=4@2-3; may be given again (docs/rig.md).")
-    ] = None,
+    faults: Faults = None,
     factory: Annotated[bool, typer.Option("--factory", help="Servos as from the factory, to be configured.")] = False,
     seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
     unpaced: Annotated[bool, typer.Option("--unpaced", help="Bytes take no time.")] = False,
@@ -130,7 +132,12 @@ def reach(
 @app.command()
 def play(
     session: Annotated[Path, typer.Argument(metavar="SESSION", help="Folder of a session, or its session.mcap.")],
-    port: Annotated[str, typer.Option(help="Serial port of a real arm, which MOVES (with --arm).")] = "emulated",
+    port: Annotated[
+        str,
+        typer.Option(
+            help="Serial port of a real arm, which MOVES (with --arm); emulated; or virtual: emulated in virtual time."
+        ),
+    ] = "emulated",
     arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
     trial: Annotated[list[int] | None, typer.Option(help="Only this trial; may be given again.")] = None,
     begin: Annotated[int | None, typer.Option("--from", metavar="TRIAL", min=0, help="Begin with this trial.")] = None,
@@ -141,6 +148,7 @@ def play(
     estop: Estop = None,
     nobody_near: NobodyNear = False,
     slow: Slow = False,
+    faults: Faults = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -150,7 +158,9 @@ def play(
     from highfive.hil.commands.rig.play import ArmOptions, PlayOptions, play, print_played  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
-    which = ArmOptions(port, file, limits, tuple(lower or ()), arm, estop, nobody_near=nobody_near, slow=slow)
+    which = ArmOptions(
+        port, file, limits, tuple(lower or ()), arm, estop, tuple(faults or ()), nobody_near=nobody_near, slow=slow
+    )
     options = PlayOptions(session, which, tuple(trial or ()), begin, trials, overwrite)
     folder = out or next_folder("play")
     with progress_bars() as bar:

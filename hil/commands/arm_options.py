@@ -21,6 +21,7 @@ def arm_options(
     registration: Path | None,
     nobody_near: bool,
     slow: bool,
+    faults: list[str] | None,
 ) -> ArmOptions | None:
     """The arm that takes part in a session, if there is one.
 
@@ -32,7 +33,7 @@ def arm_options(
 
         changes = tuple(lower or ())
         return ArmOptions(
-            port, rig, limits, changes, armed, estop,
+            port, rig, limits, changes, armed, estop, tuple(faults or ()),
             registration=registration, nobody_near=nobody_near, slow=slow,
         )  # fmt: skip
     given = {
@@ -44,6 +45,7 @@ def arm_options(
         "--registration": registration,
         "--nobody-near": nobody_near,
         "--slow": slow,
+        "--faults": faults,
     }
     if said := next((name for name, value in given.items() if value), None):
         raise HighFiveError(f"{said} is about an arm, and none takes part; add --rig emulated, or --rig PORT")

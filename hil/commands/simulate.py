@@ -118,7 +118,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
         stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
             from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
-            from highfive.hil.arm.lifecycle import check_arm  # noqa: PLC0415
+            from highfive.hil.arm.preconditions import check_arm  # noqa: PLC0415
 
             arm = replace(options.arm, person=str(options.source) if live else "")
             check_arm(arm)
@@ -362,7 +362,7 @@ def _trial(
         assert watch is not None
         from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
 
-        frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ)))
+        frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ), watch.loop.clock))
         return run_trial(number, partner, session, playout, frames, watch.watch), ""
     say_aside(f"high five {number + 1}, {style}: raise the right hand")
     live = person.trial()

@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from highfive.hil.arm.arm_options import EMULATED
+from highfive.hil.arm.arm_options import EMULATED, VIRTUAL
 from highfive.hil.report.drawing import Drawing, to_png
 from highfive.hil.report.film import Strip
 from highfive.hil.report.page import figures, jpeg, render, section, table, write_file
@@ -146,8 +146,9 @@ def _badges(summary: dict[str, Any]) -> str:
     badges = [(f"{kind(summary)} person", False)]
     badges.append(("physics" if summary["physics"] else "kinematic play-out", False))
     if summary["rig"]:
-        emulated = summary["rig"] == EMULATED
-        badges.append(("emulated servo arm" if emulated else f"servo arm on {summary['rig']}", not emulated))
+        arms = {EMULATED: "emulated servo arm", VIRTUAL: "emulated servo arm, virtual time"}
+        real = f"servo arm on {summary['rig']}"
+        badges.append((arms.get(summary["rig"], real), summary["rig"] not in arms))
         if summary["arm"] and summary["arm"]["stopped"]:
             badges.append(("the arm was stopped", True))
     if summary["warnings"]:

@@ -8,7 +8,11 @@ says.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 import numpy as np
 from greenlet import greenlet
@@ -125,6 +129,31 @@ class VirtualClock:
     def spend(self, nanoseconds: int) -> None:
         """What the caller computes takes so long."""
         self._wait(None, self._now + nanoseconds)
+
+    @contextmanager
+    def signals_to_first(self, numbers: Iterable[signal.Signals]) -> Iterator[None]:
+        """In here what a signal's handler raises is raised in the first task, whichever one the signal came upon."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        first = self._tasks[0]
+        before = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
+
+        def handle(number: int, frame: FrameType | None) -> None:
+            try:
+                before[signal.Signals(number)](number, frame)
+            except BaseException as error:
+                if first.run is greenlet.getcurrent():
+                    raise
+                first.interrupt(error)
+
+        for number in before:
+            signal.signal(number, handle)
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
     def start(self, name: str, call: Callable[[], object]) -> VirtualTask:
         """A task that begins once the others wait."""

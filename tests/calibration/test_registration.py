@@ -9,7 +9,7 @@ from paths import ROOT
 
 from highfive.calibration.registration import FEWEST_POSES, LONGEST_AGE, load_registration
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.lifecycle import fingerprint, room
+from highfive.hil.arm.preconditions import fingerprint, room
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations

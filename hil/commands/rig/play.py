@@ -18,7 +18,8 @@ from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopp
 from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
-from highfive.hil.arm.lifecycle import check_options, ready_arm
+from highfive.hil.arm.lifecycle import ready_arm
+from highfive.hil.arm.preconditions import check_options
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.recording.recording import SessionRecorder, SessionRecording, read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives

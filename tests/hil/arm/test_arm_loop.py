@@ -15,11 +15,11 @@ from paths import HELPERS
 
 from highfive.hil.arm.arm_trial import arm_summary, arm_trial
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
-from highfive.hil.arm.lifecycle import full_errors, retarget_settings
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.arm.reachability import cell_point, facing
+from highfive.hil.arm.rig_planner import full_errors, retarget_settings
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm, solve
 from highfive.hil.bench.contact import contact_figures, played, played_by, twin_loop

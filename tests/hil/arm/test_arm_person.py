@@ -10,9 +10,11 @@ import pytest
 
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.contact_goal import palm_goal
-from highfive.hil.arm.lifecycle import check_person, full_errors, ready_arm, retarget_settings
+from highfive.hil.arm.lifecycle import ready_arm
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.preconditions import check_person
+from highfive.hil.arm.rig_planner import full_errors, retarget_settings
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.servo_arm import READY, default_arm
 from highfive.hil.commands.simulate import SimulateOptions, simulate
@@ -101,7 +103,7 @@ def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.
             return Partner(ADDRESS, emotion, "", False, none, worn, -1, None, None, ())
 
     replaced: dict[str, Callable[..., object]] = {
-        "hil.arm.lifecycle.check_arm": lambda _: None,
+        "hil.arm.preconditions.check_arm": lambda _: None,
         "hil.trials.live_partner.live_source": lambda *_: nullcontext(),
         "hil.trials.live_partner.LivePerson": lambda *_: Person(),
         "hil.commands.simulate.closing": lambda source: source,

@@ -11,7 +11,8 @@ import pytest
 from command_line import running
 
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.lifecycle import PLANT, check_arm, ready_arm
+from highfive.hil.arm.lifecycle import PLANT, ready_arm
+from highfive.hil.arm.preconditions import check_arm
 from highfive.hil.drivers.bus import ports
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.model.errors import HighFiveError

@@ -1,0 +1,136 @@
+"""What has to hold before a servo arm may move: options, limits, rig, the room, and its servos."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from highfive.calibration.registration import load_registration
+from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
+from highfive.hil.arm.emergency_stop import check_pipe
+from highfive.hil.arm.loop import first_of
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.drivers.bus.ports import too_slow
+from highfive.hil.drivers.bus.rig import Rig, load_rig
+from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
+from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
+from highfive.hil.drivers.bus.servo_bus import ServoBus
+from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
+from highfive.hil.drivers.emulator.bus_faults import parse_faults
+from highfive.hil.safety.limits import JOINTS, Limits
+from highfive.hil.safety.limits_file import load_limits, load_safer, lowered, parse_changes
+from highfive.hil.safety.startup import Room, room_unknown
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.sources.address import parse_address
+from highfive.model.errors import HighFiveError
+from highfive.scenes import servo_arm as measures
+
+
+def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
+    """Looks at what was requested before anything that takes long: limits, rig, pipe, and the servos of a real port.
+
+    Returns:
+        the limits that hold, and the rig.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. Nothing has moved.
+    """
+    limits, rig = check_options(options)
+    if not options.emulated:
+        refuse_unless_ready(options.port, rig, limits)
+    return limits, rig
+
+
+def check_person(options: ArmOptions, marker_set: MarkerSet | None) -> None:
+    """Refuses a real arm beside a live person whose head no marker shows: the face zone would follow trunk or neck.
+
+    Args:
+        options: which arm, and who is beside it.
+        marker_set: that the live person wears; None where nobody is tracked.
+
+    Raises:
+        HighFiveError: nothing shows the head. Nothing has moved.
+    """
+    if options.emulated or not options.person:
+        return
+    if marker_set is None:
+        raise HighFiveError(f"no marker set says where the head of the person from {options.person} is; name one")
+    if not marker_set.on_head:
+        head = marker_set.arm.head
+        carriers = ", ".join(dict.fromkeys(marker_set.joints[marker_set.index(name)] for name in head))
+        raise HighFiveError(
+            f"marker set {marker_set.name} has no marker on the head: {', '.join(head)} stand in for it (carried by "
+            f"{carriers}); a real arm near a live person needs one there: use a set with head markers, such as paper"
+        )
+
+
+def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
+    """Looks at what can be judged without the port: limits, rig, whether the arm may move, and who is near it.
+
+    Returns:
+        the limits that hold, and the rig.
+
+    Raises:
+        HighFiveError: as :func:`ready_arm`. The port was not opened.
+    """
+    if parse_faults(options.faults) and not options.emulated:
+        raise HighFiveError(f"--faults go wrong on an emulated arm; {options.port} may be a real one")
+    if options.port == VIRTUAL and options.person:
+        raise HighFiveError(f"--rig {VIRTUAL} is in virtual time, where no live person is; use --rig {EMULATED}")
+    limits = load_limits()
+    if options.limits is not None:
+        limits = load_safer(options.limits, limits)
+    limits = lowered(limits, parse_changes(options.lower))
+    if options.slow:
+        limits = lowered(limits, {"motion.point_speed": min(limits.motion.point_speed, limits.face.speed)})
+    rig = load_rig(options.rig)
+    if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
+        raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
+    if not options.emulated and not options.armed:
+        raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
+    if troubles := room_unknown(not options.emulated, room(options, rig, datetime.now(UTC))):
+        raise HighFiveError(f"{options.port}: {first_of(troubles)}")
+    if options.estop is not None:
+        check_pipe(options.estop)
+    watchdog = min(rig.settings.watchdog, limits.timing.watchdog_s)
+    return limits, replace(rig, settings=replace(rig.settings, watchdog=watchdog))
+
+
+def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
+    """Who is near the arm, and whether that is known.
+
+    Raises:
+        HighFiveError: the registration cannot be read, or goes with no live person.
+    """
+    if options.registration is None:
+        return Room(options.person, nobody_near=options.nobody_near, slow=options.slow)
+    if not options.person:
+        raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
+    found = load_registration(options.registration)
+    mismatches = found.mismatches(fingerprint(rig), parse_address(options.person).scheme, now)
+    return Room(options.person, True, mismatches, options.nobody_near, options.slow)
+
+
+def fingerprint(rig: Rig) -> str:
+    """Tells this arm, with its mount, from others: what a registration of it depends on."""
+    parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
+
+
+def refuse_unless_ready(port: str, rig: Rig, limits: Limits, wiring: Wiring = MACHINE_WIRING) -> None:
+    """Looks at every servo before anything is switched on.
+
+    Raises:
+        HighFiveError: one is missing, set otherwise, or stands apart from its shadow. Nothing has moved.
+    """
+    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS, wiring)
+    try:
+        if slow := too_slow(port):
+            raise HighFiveError(f"{port}: {slow}; nothing moves")
+        troubles = missing_servos(bus, rig) or [str(one) for one in differences(bus, rig)]
+        troubles = troubles or shadow_gaps(bus, rig, limits.servo.shadow_rest)
+    finally:
+        bus.close()
+    if troubles:
+        raise HighFiveError(f"{first_of(troubles)}; nothing moves (highfive rig check {port} shows all)")

@@ -1,0 +1,56 @@
+"""Retargeting for the arm of a rig: how late and how soft its servos are, and the limits that it keeps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_settings import RetargetSettings
+from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.drivers.bus.rig import COUNTS, Rig
+from highfive.hil.safety.limits import Limits
+from highfive.model.geometry.rotations import Array
+from highfive.scenes import servo_arm as measures
+
+ON_THE_WAY = 0.008
+"""s from a command to the servos having it: planning, and half a cycle of the bus."""
+
+EVERYWHERE = 10.0
+"""m: where no point may be faster than near a face, the plan takes the whole room for its zone."""
+
+FULL_GAIN = 885.0 * 128.0
+"""Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
+
+
+def planner(rig: Rig, limits: Limits) -> Retarget:
+    """Retargeting for the default arm: what may not be sent is not planned either. Compiles where nobody has yet."""
+    slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))
+    return Retarget(slow, READY, retarget_settings(rig, limits))
+
+
+def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) -> RetargetSettings:
+    """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
+    have a torque–speed line.
+
+    A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way``:
+    s that a command takes to the servos. The plan keeps the limits near the person by itself.
+    """
+    full = full_errors(rig)
+    no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
+    stall = np.array([count * servo.stall for servo, count in measures.SERVOS])
+    return RetargetSettings(
+        lag=float(np.median(full / no_load)) + on_the_way,
+        sag=tuple((full / stall).tolist()),
+        contact_speed=limits.contact.speed,
+        face_speed=limits.face.speed,
+        face_radius=EVERYWHERE if limits.motion.point_speed <= limits.face.speed else limits.face.radius,
+        face_braking=limits.face.braking,
+    )
+
+
+def full_errors(rig: Rig) -> Array:
+    """(J,) rad, errors at which the position controllers give the full voltage."""
+    return np.array([FULL_GAIN / joint.position_p_gain * math.tau / COUNTS for joint in rig.joints])

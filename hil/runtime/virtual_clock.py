@@ -101,6 +101,11 @@ class VirtualClock:
         self._tasks = [VirtualTask("main", greenlet.getcurrent())]
         self._after_an_end = greenlet(self._go_on)
 
+    @property
+    def first(self) -> VirtualTask:
+        """Whoever made the clock."""
+        return self._tasks[0]
+
     def __enter__(self) -> VirtualClock:
         """Runs already."""
         return self
@@ -136,7 +141,7 @@ class VirtualClock:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        first = self._tasks[0]
+        first = self.first
         before = {number: handler for number in numbers if callable(handler := signal.getsignal(number))}
 
         def handle(number: int, frame: FrameType | None) -> None:

@@ -6,8 +6,6 @@ PYTHON := python3
 endif
 BIN := .venv/bin
 READY := .venv/.ready
-# What goes by the clock fails now and then on a machine that is busy: once more, and the summary says so.
-CLOCK := --reruns 1 -r R
 # Only files with such tests are read, which takes a while for all of them.
 REALTIME = $(shell grep -rlE --include='test_*.py' 'mark\.realtime' tests)
 SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
@@ -26,11 +24,11 @@ fast: $(READY)  # those of them that do not go by the clock
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow and not realtime"
 
 clock: $(READY)  # those that do, with nothing beside them
-	$(BIN)/python -m pytest $(CLOCK) -m "realtime and not slow" $(REALTIME)
+	$(BIN)/python -m pytest -m "realtime and not slow" $(REALTIME)
 
 slow: $(READY)  ## tests that take long
 	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime" $(SLOW)
-	$(BIN)/python -m pytest $(CLOCK) -m "slow and realtime" $(REALTIME)
+	$(BIN)/python -m pytest -m "slow and realtime" $(REALTIME)
 
 style: $(READY)  ## style and types
 	$(BIN)/ruff check .

@@ -5,12 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from jaxtyping import install_import_hook
-from stall_watch import HOPELESS_S, SILENT, STILL_S, StallWatch
 
 # A shell that starts the tests in the background has them, and whatever they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -90,32 +88,3 @@ def to_learn(captured: Path, tmp_path: Path) -> Path:
         rows.append((row.file, row.emotion, row.cell, "1", "test" if row.cell in {"B1", "B3"} else "train"))
     write_table(folder, rows)
     return folder
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
-    """What a test is given may fail as the test itself may."""
-    return (yield from judged_by_the_clock(item))
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """The test itself."""
-    return (yield from judged_by_the_clock(item))
-
-
-def judged_by_the_clock(item: pytest.Item) -> Generator[None, object, object]:
-    """Where the arm's own rules about time stopped it because the machine stood still, nothing was found out.
-
-    Nor where it stood still for longer than a servo waits, or a command for a servo. Every other failure is one.
-    """
-    if item.get_closest_marker("realtime") is None:
-        return (yield)
-    with StallWatch() as watch:
-        try:
-            return (yield)
-        except Exception as error:
-            longest = watch.longest()
-            if longest > HOPELESS_S or (longest > STILL_S and any(words in str(error) for words in SILENT)):
-                pytest.skip(f"the machine stood still for {1e3 * longest:.0f} ms: {type(error).__name__}")
-            raise

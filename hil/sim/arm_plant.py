@@ -46,21 +46,22 @@ class ArmPlant:
             HighFiveError: torques that are no numbers, or time that runs backwards.
         """
         torques = np.asarray(torques, float)
-        if not (np.all(np.isfinite(torques)) and torques.shape == self._twin.dofs.shape and seconds >= 0.0):
+        if not (np.isfinite(torques).all() and torques.shape == self._twin.dofs.shape and seconds >= 0.0):
             raise HighFiveError(f"got torques {torques} for {seconds} s; six finite numbers and a time are expected")
         model, data = self._twin.model, self._data
         self._left += seconds
         steps = int(self._left / model.opt.timestep + 1e-9)
         self._left -= steps * model.opt.timestep
         data.ctrl[self._twin.actuators] = torques
-        for _ in range(steps):
-            if np.any(self.force):
+        if self.force.any():
+            for _ in range(steps):
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
                 data.qfrc_applied[self._twin.dofs] = self._twin.jacobian(data).T @ self.force
-            else:
-                data.qfrc_applied[:] = 0.0
-            mujoco.mj_step(model, data)
+                mujoco.mj_step(model, data)
+        elif steps:
+            data.qfrc_applied[:] = 0.0
+            mujoco.mj_step(model, data, steps)
         return data.qpos[self._twin.qpos].copy(), data.qvel[self._twin.dofs].copy()
 
     def plate(self) -> PalmPose:

@@ -96,7 +96,8 @@ class ArmHost:
                 except EOFError:
                     break
             if self.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
-                raise HighFiveError(self.trouble or "the arm was stopped before it was switched on")
+                pulled = "the emergency stop was pulled" if self.estop.pulled_ns is not None else "the arm was stopped"
+                raise HighFiveError(self.trouble or f"{pulled} before the arm was made ready")
             self._look_again()
         raise HighFiveError(self.trouble or f"the arm's servos were not switched on within {timeout_s:g} s")
 

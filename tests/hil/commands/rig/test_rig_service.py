@@ -17,8 +17,6 @@ from highfive.hil.drivers.bus import ports
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.model.errors import HighFiveError
 
-pytestmark = pytest.mark.realtime
-
 ASYNC_LOW_LATENCY = 0x2000
 """Flag of Linux's ``serial_struct`` (linux/tty_flags.h)."""
 
@@ -32,9 +30,17 @@ def factory() -> Iterator[EmulatorProcess]:
         yield emulator
 
 
-def test_servos_are_checked_configured_after_asking_and_checked_again(
+@pytest.mark.realtime
+def test_servos_are_found_checked_configured_after_asking_checked_again_and_released(
     run, factory: EmulatorProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    code, out, _ = run("scan", factory.port, "--json")
+    assert code == 0
+    (row,) = json.loads(out)["ports"]
+    assert row["baud"] == 1_000_000
+    assert [servo["id"] for servo in row["servos"]] == [1, 2, 3, 4, 5, 6, 7, 8]
+    code, out, _ = run("scan", factory.port)
+    assert "XM430-W350" in out
     code, out, _ = run("check", factory.port)
     assert code == 1
     assert "NOT ready" in out and "return_delay_time is 250, not 0" in out
@@ -50,16 +56,12 @@ def test_servos_are_checked_configured_after_asking_and_checked_again(
     assert said["ready"] and len(said["servos"]) == 8
     code, out, _ = run("configure", factory.port)
     assert code == 0 and "nothing was written" in out
-
-
-def test_a_scan_finds_the_rate_and_everyone(run, factory: EmulatorProcess) -> None:
-    code, out, _ = run("scan", factory.port, "--json")
-    assert code == 0
-    (row,) = json.loads(out)["ports"]
-    assert row["baud"] == 1_000_000
-    assert [servo["id"] for servo in row["servos"]] == [1, 2, 3, 4, 5, 6, 7, 8]
-    code, out, _ = run("scan", factory.port)
-    assert "XM430-W350" in out
+    code, out, _ = run("release", factory.port, "--yes")
+    assert code == 0 and "torque is off" in out
+    factory.set_faults("dead=4")
+    code, out, _ = run("release", factory.port, "--yes")
+    assert code == 1
+    assert "MAY STILL BE ON, servos 4 did not" in out
 
 
 @pytest.fixture
@@ -76,6 +78,7 @@ def latency_timer(adapters: Path, port: str, ms: int) -> Path:
     return timer
 
 
+@pytest.mark.realtime
 def test_an_adapter_that_stays_slow_is_refused_with_the_line_that_mends_it(run, adapters: Path, tmp_path: Path) -> None:
     """A pseudo-terminal cannot be set to low latency, so whatever the system shows stays."""
     with EmulatorProcess(EmulatorOptions(plant=PLANT, link=str(tmp_path / "arm"))) as emulator:
@@ -97,6 +100,7 @@ def test_an_adapter_that_stays_slow_is_refused_with_the_line_that_mends_it(run, 
         check_arm(ArmOptions(emulator.port, armed=True, nobody_near=True))
 
 
+@pytest.mark.realtime
 def test_an_adapter_is_set_to_low_latency_whenever_its_port_is_opened(
     run, adapters: Path, monkeypatch: pytest.MonkeyPatch, factory: EmulatorProcess
 ) -> None:
@@ -118,15 +122,6 @@ def test_an_adapter_is_set_to_low_latency_whenever_its_port_is_opened(
     assert code == 0 and timer.read_text(encoding="ascii") == "1\n"
     (row,) = json.loads(out)["ports"]
     assert row["latency_ms"] == 1 and row["advice"] == ""
-
-
-def test_release_asks_first(run, factory: EmulatorProcess, monkeypatch: pytest.MonkeyPatch) -> None:
-    code, out, _ = run("release", factory.port, "--yes")
-    assert code == 0 and "torque is off" in out
-    factory.set_faults("dead=4")
-    code, out, _ = run("release", factory.port, "--yes")
-    assert code == 1
-    assert "MAY STILL BE ON, servos 4 did not" in out
 
 
 def test_bad_ports_and_rigs_are_one_line(run, tmp_path: Path, factory: EmulatorProcess) -> None:

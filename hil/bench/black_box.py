@@ -22,7 +22,8 @@ class BlackBox:
         goals: (J,) rad, of the first servo of each joint.
         allowed: (J,) A, goal currents.
         positions, velocities: (J,) rad and rad/s of the body.
-        powered: (J,) bool, torque is on.
+        powered: (J,) bool, torque is on in every servo of the joint.
+        trips: watchdogs that have tripped; a servo whose watchdog trips makes its place its goal.
     """
 
     bus: EmulatedBus
@@ -33,11 +34,13 @@ class BlackBox:
     positions: list[Array] = field(default_factory=list)
     velocities: list[Array] = field(default_factory=list)
     powered: list[list[bool]] = field(default_factory=list)
+    trips: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Finds the servos."""
         by_id = {servo.id: servo for servo in self.bus.servos}
         self._servos = [by_id[joint.id] for joint in self.rig.joints]
+        self._all = [[by_id[servo] for servo in joint.ids] for joint in self.rig.joints]
 
     def look(self, now_ns: int) -> None:
         """Adds a row."""
@@ -47,7 +50,8 @@ class BlackBox:
             [angle(joint, s.values["goal_position"]) for joint, s in zip(joints, self._servos, strict=True)]
         )
         self.allowed.append([to_si(s.table["goal_current"], s.values["goal_current"]) for s in self._servos])
-        self.powered.append([bool(s.values["torque_enable"]) for s in self._servos])
+        self.powered.append([all(s.values["torque_enable"] for s in servos) for servos in self._all])
+        self.trips.append(self.bus.watchdog_trips)
         positions, velocities = self.bus.body
         self.positions.append(np.array(positions))
         self.velocities.append(np.array(velocities))
@@ -57,6 +61,17 @@ class BlackBox:
         goals, times = np.array(self.goals), np.array(self.times)
         changed = times[1:][(np.diff(goals, axis=0) != 0.0).any(axis=1)]
         return int(max(changed.max(initial=since_ns), since_ns))
+
+    def told_after_ms(self, since_ns: int, until_ns: int | None = None) -> float:
+        """When a servo was last told another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
+
+        What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count.
+        """
+        times, powered = np.array(self.times), np.array(self.powered)
+        own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
+        told = (np.diff(np.array(self.goals), axis=0) != 0.0).any(axis=1) & ~own
+        told &= (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
+        return 1e-6 * float(times[1:][told].max(initial=since_ns) - since_ns)
 
     def stands_since_ns(self, slower: float = 0.05) -> int:
         """Since when every joint of the body has been slower than that, rad/s."""

@@ -122,6 +122,16 @@ def bench_contact(
     )
 
 
+@app.command("faults")
+def bench_faults(
+    seeds: Annotated[int, typer.Option(min=1, help="Number of schedules.")] = 1000,
+    first: Annotated[int, typer.Option(min=0, help="Seed of the first one: with --seeds 1 one is replayed.")] = 0,
+    json: Json = False,
+) -> None:
+    """Let things go wrong in high fives with the emulated rig, in virtual time, and hold the arm to its laws."""
+    _run(json, lambda bar: bench.faults(seeds, first, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

@@ -94,6 +94,13 @@ def contact(
     return Measured(bench_contact(options, load_model(DEFAULT_MODEL), bar), print_contact)
 
 
+def faults(seeds: int, first: int, bar: Bar) -> Measured:
+    """Schedules of faults against laws; see :mod:`highfive.hil.bench.faults`."""
+    from highfive.hil.bench.faults import FaultsOptions, bench_faults, print_faults
+
+    return Measured(bench_faults(FaultsOptions(seeds, first), bar), print_faults)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked

@@ -118,6 +118,10 @@ class EmulatedBus:
         """From now on only these, and their times count from now."""
         self._faults = [fault.after(now_ns * 1e-9) for fault in faults]
 
+    def add_faults(self, faults: Iterable[BusFault], now_ns: int) -> None:
+        """These, too; their times count from ``now_ns``."""
+        self._faults += [fault.after(now_ns * 1e-9) for fault in faults]
+
     def unplugged(self, now_ns: int) -> bool:
         """Whether the cable is out."""
         return any(fault.kind == "unplug" and fault.on(now_ns * 1e-9) for fault in self._faults)

@@ -192,7 +192,10 @@ class VirtualArm(ArmHost):
             super().drive(command)
 
     def close(self, timeout_s: float = 3.0) -> None:
-        """Ends the driver; see :meth:`highfive.hil.drivers.bus.arm_host.ArmHost.close`."""
+        """Ends the driver; see :meth:`highfive.hil.drivers.bus.arm_host.ArmHost.close`. A host that was killed does
+        not."""
+        if not self._has_host():
+            return
         self._shared.head["end"][0] = 1
         deadline = self._clock.now() + round(1e9 * timeout_s)
         while self.alive and self._clock.now() < deadline:

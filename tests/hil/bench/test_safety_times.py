@@ -1,6 +1,5 @@
 """How long the emulated rig takes to stop, at every phase of the driver's cycle; exact, in virtual time."""
 
-
 import numpy as np
 import pytest
 from trial_results import simulated_result

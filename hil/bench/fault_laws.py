@@ -1,0 +1,161 @@
+"""Laws that an arm keeps whatever goes wrong, judged by what was told to its servos and where its body was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from highfive.hil.arm.arm_trial import ArmTrial
+from highfive.hil.arm_model.servo_arm import ServoArm
+from highfive.hil.bench.black_box import BlackBox
+from highfive.hil.bench.fault_schedule import FaultSchedule
+from highfive.hil.drivers.bus.cycle_ring import Mode
+from highfive.hil.drivers.bus.rig import COUNTS
+from highfive.hil.safety.limits import MECHANICAL, Limits
+from highfive.hil.safety.rules import Rule
+from highfive.hil.safety.speeds import closing_speed, face_speed
+from highfive.hil.safety.states import HALTED
+
+ESTOP_MS, HELD_MS = 20.0, 100.0
+"""From an emergency stop to the last goal; from when nobody leads the arm any more to the last goal."""
+
+STANDS = 0.05
+"""rad/s: a slower joint stands."""
+
+_FOR_THE_PERSON = {Rule.CONTACT_SPEED, Rule.FACE_ZONE}
+_FEWEST, _ROUNDING = 3, 1.02  # ticks; the ticks' own times jitter by some µs
+_COUNT = 2.0 * np.pi / COUNTS
+_LONG_S = 0.15  # a stall of so long has to be noticed
+_SETTLED = 150  # rows of the box, ms, at its end in which the body stands
+
+
+@dataclass
+class Laws:
+    """The worst value of each law that was judged, and those that were broken.
+
+    Attributes:
+        worst: law → value.
+        broken: law and value.
+    """
+
+    worst: dict[str, float] = field(default_factory=dict)
+    broken: list[tuple[str, float]] = field(default_factory=list)
+
+    def judge(self, law: str, value: float, most: float) -> None:
+        """``value`` may be ``most`` at most; NaN is no value that is right."""
+        self.worst[law] = max(self.worst.get(law, -np.inf), float(value))
+        if not value <= most:
+            self.broken.append((law, float(value)))
+
+
+def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:
+    """Positions, speeds and accelerations that were commanded, near the person and anywhere.
+
+    Args:
+        laws: added to.
+        trial: what the arm did.
+        limits: of the envelope.
+        arm: the arm's kinematics.
+    """
+    sent = [it for it in trial.cycles if it.sent is not None]
+    goals = np.array([it.sent.positions for it in sent if it.sent is not None])
+    if len(goals):
+        beyond = np.maximum(goals - limits.highest, limits.lowest - goals)
+        laws.judge("wire: position beyond its limit, rad", beyond.max() - limits.feed_forward.largest, _COUNT)
+    steps = [0.0]
+    for before, then in pairwise(trial.cycles):
+        if before.sent is not None and then.sent is not None and before.mode is then.mode is Mode.DRIVING:
+            seconds = 1e-9 * (then.begun_ns - before.begun_ns)
+            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * _COUNT
+            steps.append(float((np.abs(then.sent.positions - before.sent.positions) / most).max()))
+    laws.judge("wire: speed, of what is allowed", max(steps), 1.0)
+    _judge_references(laws, trial, limits, arm)
+
+
+def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:
+    """Where the joints were to be, without what goals lead it by, and without the rounding of the servos' counts."""
+    pairs = zip(trial.ticks, trial.plates, strict=True)
+    follow = [
+        (tick, reference, plate)
+        for tick, plate in pairs
+        if (reference := tick.report.reference) is not None and tick.report.state not in HALTED
+    ]
+    if len(follow) < _FEWEST:
+        return
+    ticks, references = [it for it, _, _ in follow], np.array([it for _, it, _ in follow])
+    times, period = 1e-9 * np.array([it.report.time_ns for it in ticks]), limits.timing.period_s
+    velocities = np.diff(references, axis=0) / period
+    laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), 1.001)
+    # Near a person an arm slows down as fast as it has to.
+    person = np.array([bool(it.report.acted & _FOR_THE_PERSON) for it in ticks])
+    even = (np.abs(np.diff(times) - period) < 0.5 * period)[1:] & ~person[2:] & ~person[1:-1]
+    change = np.abs(np.diff(velocities, axis=0)) / period / limits.acceleration
+    laws.judge("reference: acceleration, of what is allowed", float(change[even].max(initial=0.0)), 1.001)
+    none = np.full(3, np.nan)
+    heads = np.array([none if it.goal.head is None else it.goal.head for it in ticks])
+    palms = [it.goal.person for it in ticks]
+    hands = np.array([none if it is None else it.position for it in palms])
+    speeds = np.array([none if it is None else it.velocity for it in palms])
+    points = np.array([arm.points(pose)[0] for pose in references])
+    bodies = np.array([it.position for _, _, it in follow])
+    closing = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
+    laws.judge("reference: closing speed near the hand, m/s", closing, limits.contact.speed * _ROUNDING)
+    face = face_speed(times, points, heads, limits.face)
+    laws.judge("reference: speed near the head, m/s", face, limits.face.speed * _ROUNDING)
+
+
+def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
+    """Currents that the servos may draw, where the body was, and whether it stands in the end."""
+    powered = np.array(box.powered).all(axis=1)
+    current = np.array([it.current for it in limits.joints])
+    allowed = np.array(box.allowed)[powered]
+    if len(allowed):
+        laws.judge("goal current, of what is allowed", float((allowed / current).max()), 1.0 + 1e-3)
+    positions, velocities = np.array(box.positions), np.abs(np.array(box.velocities))
+    beyond = np.maximum(positions - MECHANICAL[:, 1], MECHANICAL[:, 0] - positions)
+    laws.judge("body: position beyond its stop, rad", float(beyond.max()), 0.05)
+    if powered.any():
+        moving = (velocities / limits.speed)[powered]
+        laws.judge("body: speed, of what is allowed", float(moving.max()), 1.25)
+    if powered[-_SETTLED:].all():
+        laws.judge("body: speed in the end, rad/s", float(velocities[-_SETTLED:].max()), STANDS)
+
+
+def judge_times(laws: Laws, schedule: FaultSchedule, box: BlackBox, begun_ns: int, pulled_ns: int | None) -> None:
+    """When the last goal went out after the arm was stopped, or nobody led it any more.
+
+    Args:
+        laws: added to.
+        schedule: what went wrong.
+        box: what the servos were told.
+        begun_ns: from when the schedule's times count.
+        pulled_ns: when the emergency stop was pulled; None where it was not.
+    """
+    standstills = schedule.of("driver stall", "machine stall")
+    if pulled_ns is not None:
+        away = [it for it in standstills if _meets(it.at_s, it.lasts_s, 1e-9 * (pulled_ns - begun_ns), 0.05)]
+        if not away:
+            laws.judge("emergency stop to the last goal, ms", box.told_after_ms(pulled_ns), ESTOP_MS)
+    for it in schedule.of("host killed", "driver killed"):
+        at = begun_ns + round(1e9 * it.at_s)
+        if at < box.times[-1]:
+            others = [one for one in standstills if one.at_s + one.lasts_s > it.at_s]
+            if not others:
+                laws.judge(f"{it.kind} to the last goal, ms", box.told_after_ms(at), HELD_MS)
+    for it in schedule.of("host stall", "machine stall", "stall", "burst"):
+        if it.lasts_s > _LONG_S and len(schedule.happenings) == 1:
+            at = begun_ns + round(1e9 * it.at_s)
+            told = box.told_after_ms(at, at + round(1e9 * it.lasts_s) - 1)
+            laws.judge("nobody leads the arm to the last goal, ms", told, HELD_MS)
+
+
+def _meets(start: float, lasts: float, other: float, other_lasts: float) -> bool:
+    return start < other + other_lasts and other < start + lasts + other_lasts
+
+
+def largest(worst: list[dict[str, float]]) -> dict[str, float]:
+    """Of several runs."""
+    laws = {law for one in worst for law in one}
+    return {law: max(one[law] for one in worst if law in one) for law in laws}

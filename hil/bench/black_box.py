@@ -11,6 +11,9 @@ from highfive.hil.drivers.bus.rig import Rig, angle
 from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
 from highfive.hil.drivers.values import Array
 
+HERE, STANDS = 0.03, 0.05
+"""rad: a goal so near is where a joint stands that sags by its own load; rad/s: a slower joint stands."""
+
 
 @dataclass
 class BlackBox:
@@ -65,15 +68,18 @@ class BlackBox:
     def told_after_ms(self, since_ns: int, until_ns: int | None = None) -> float:
         """When a servo was last told another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
 
-        What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count.
+        What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count, nor
+        does a joint that stands and is told to stay there.
         """
         times, powered = np.array(self.times), np.array(self.powered)
         own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
-        told = (np.diff(np.array(self.goals), axis=0) != 0.0).any(axis=1) & ~own
+        goals, positions = np.array(self.goals), np.array(self.positions)
+        stays = (np.abs(goals - positions) < HERE) & (np.abs(np.array(self.velocities)) < STANDS)
+        told = ((np.diff(goals, axis=0) != 0.0) & ~stays[1:]).any(axis=1) & ~own
         told &= (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
         return 1e-6 * float(times[1:][told].max(initial=since_ns) - since_ns)
 
-    def stands_since_ns(self, slower: float = 0.05) -> int:
+    def stands_since_ns(self, slower: float = STANDS) -> int:
         """Since when every joint of the body has been slower than that, rad/s."""
         moves = (np.abs(np.array(self.velocities)) > slower).any(axis=1)
         return self.times[min(int(np.flatnonzero(moves)[-1]) + 1, len(self.times) - 1)] if moves.any() else 0

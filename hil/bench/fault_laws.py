@@ -9,10 +9,11 @@ import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm_model.servo_arm import ServoArm
-from highfive.hil.bench.black_box import BlackBox
+from highfive.hil.bench.black_box import STANDS, BlackBox
 from highfive.hil.bench.fault_schedule import FaultSchedule
 from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import COUNTS
+from highfive.hil.safety.envelope import LATE_TICK
 from highfive.hil.safety.limits import MECHANICAL, Limits
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.speeds import closing_speed, face_speed
@@ -21,10 +22,8 @@ from highfive.hil.safety.states import HALTED
 ESTOP_MS, HELD_MS = 20.0, 100.0
 """From an emergency stop to the last goal; from when nobody leads the arm any more to the last goal."""
 
-STANDS = 0.05
-"""rad/s: a slower joint stands."""
 
-_FOR_THE_PERSON = {Rule.CONTACT_SPEED, Rule.FACE_ZONE}
+_FIRST = {Rule.CONTACT_SPEED, Rule.FACE_ZONE, Rule.POSITION}
 _FEWEST, _ROUNDING = 3, 1.02  # ticks; the ticks' own times jitter by some µs
 _COUNT = 2.0 * np.pi / COUNTS
 _LONG_S = 0.15  # a stall of so long has to be noticed
@@ -86,13 +85,15 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
         return
     ticks, references = [it for it, _, _ in follow], np.array([it for _, it, _ in follow])
     times, period = 1e-9 * np.array([it.report.time_ns for it in ticks]), limits.timing.period_s
-    velocities = np.diff(references, axis=0) / period
-    laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), 1.001)
-    # Near a person an arm slows down as fast as it has to.
-    person = np.array([bool(it.report.acted & _FOR_THE_PERSON) for it in ticks])
-    even = (np.abs(np.diff(times) - period) < 0.5 * period)[1:] & ~person[2:] & ~person[1:-1]
-    change = np.abs(np.diff(velocities, axis=0)) / period / limits.acceleration
-    laws.judge("reference: acceleration, of what is allowed", float(change[even].max(initial=0.0)), 1.001)
+    steps = np.clip(np.diff(times), 0.5 * period, LATE_TICK * period)  # what a tick moves by after a pause
+    velocities = np.diff(references, axis=0) / steps[:, None]
+    laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), _ROUNDING)
+    # Person and position come before acceleration: near them an arm slows down as fast as it has to.
+    first = np.array([bool(it.report.acted & _FIRST) or it.report.fraction < 1.0 for it in ticks])
+    whole = np.diff(times) > 0.5 * period  # of two ticks in a hurry neither tells a velocity
+    judged = whole[1:] & whole[:-1] & ~first[2:] & ~first[1:-1]
+    change = np.abs(np.diff(velocities, axis=0)) / steps[1:, None] / limits.acceleration
+    laws.judge("reference: acceleration, of what is allowed", float(change[judged].max(initial=0.0)), _ROUNDING)
     none = np.full(3, np.nan)
     heads = np.array([none if it.goal.head is None else it.goal.head for it in ticks])
     palms = [it.goal.person for it in ticks]

@@ -11,8 +11,11 @@ from highfive.hil.drivers.bus.rig import Rig, angle
 from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
 from highfive.hil.drivers.values import Array
 
-HERE, STANDS = 0.03, 0.05
-"""rad: a goal so near is where a joint stands that sags by its own load; rad/s: a slower joint stands."""
+STANDS = 0.05
+"""rad/s: a slower joint stands."""
+
+HERE, SAGS = 0.012, 0.2
+"""rad and rad/s: a goal so near is where a joint is that sags no faster by its own load."""
 
 
 @dataclass
@@ -69,12 +72,12 @@ class BlackBox:
         """When a servo was last told another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
 
         What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count, nor
-        does a joint that stands and is told to stay there.
+        does a joint that is told to stay where it is.
         """
         times, powered = np.array(self.times), np.array(self.powered)
         own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
         goals, positions = np.array(self.goals), np.array(self.positions)
-        stays = (np.abs(goals - positions) < HERE) & (np.abs(np.array(self.velocities)) < STANDS)
+        stays = (np.abs(goals - positions) < HERE) & (np.abs(np.array(self.velocities)) < SAGS)
         told = ((np.diff(goals, axis=0) != 0.0) & ~stays[1:]).any(axis=1) & ~own
         told &= (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
         return 1e-6 * float(times[1:][told].max(initial=since_ns) - since_ns)

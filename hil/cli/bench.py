@@ -132,6 +132,17 @@ def bench_faults(
     _run(json, lambda bar: bench.faults(seeds, first, bar))
 
 
+@app.command("arms")
+def bench_arms(
+    arms: Annotated[int, typer.Option(min=1, help="Number of arms.")] = 50,
+    first: Annotated[int, typer.Option(min=0, help="Seed of the first one.")] = 0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Let arms whose masses, friction, zeros and delays are off meet hands, in virtual time: contact and laws."""
+    _run(json, lambda bar: bench.arms(arms, first, seed, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

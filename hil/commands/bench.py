@@ -101,6 +101,15 @@ def faults(seeds: int, first: int, bar: Bar) -> Measured:
     return Measured(bench_faults(FaultsOptions(seeds, first), bar), print_faults)
 
 
+def arms(count: int, first: int, seed: int, bar: Bar) -> Measured:
+    """Arms that are not as their model says; see :mod:`highfive.hil.bench.arms`."""
+    from highfive.hil.bench.arms import ArmsOptions, bench_arms, print_arms
+    from highfive.model import DEFAULT_MODEL
+    from highfive.model.hgpdm.store import load_model
+
+    return Measured(bench_arms(ArmsOptions(count, first, seed), load_model(DEFAULT_MODEL), bar), print_arms)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 
@@ -18,14 +20,19 @@ class ArmPlant:
     Friction, gear inertia, gravity and the joint stops are in it; what a servo makes of its supply is the servo's.
     """
 
-    def __init__(self, mount: Mount, joints: Array) -> None:
+    def __init__(
+        self, mount: Mount, joints: Array, change: Callable[[mujoco.MjModel], object] = lambda model: None
+    ) -> None:
         """Starts at rest.
 
         Args:
             mount: where the arm stands.
             joints: (J,) rad.
+            change: makes masses and friction other than those of the arm's model.
         """
         self._twin = arm_alone(mount)
+        change(self._twin.model)
+        mujoco.mj_setConst(self._twin.model, mujoco.MjData(self._twin.model))
         self._data = mujoco.MjData(self._twin.model)
         self._left = 0.0
         self.force = np.zeros(3)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -40,6 +41,8 @@ SILENCE_NS = 20_000_000
 _READS = {Instruction.SYNC_READ, Instruction.BULK_READ}
 _FAST = {Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ}
 _WRITES = {Instruction.SYNC_WRITE, Instruction.BULK_WRITE}
+
+Servo = TypeVar("Servo", bound=EmulatedServo)
 
 
 @dataclass(frozen=True)
@@ -374,8 +377,8 @@ def garbled(data: bytes) -> bytes:
 
 
 def build_servos(
-    rig: Rig, *, configured: bool = True, baud_rate: int | None = None
-) -> tuple[list[EmulatedServo], list[int]]:
+    rig: Rig, *, configured: bool = True, baud_rate: int | None = None, kind: type[Servo] = EmulatedServo
+) -> tuple[list[Servo], list[int]]:
     """The servos of an arm, and for each the joint that it drives.
 
     Args:
@@ -383,6 +386,7 @@ def build_servos(
         configured: they hold what the rig wants of them, EEPROM and RAM; otherwise what they left the factory with, but
             for ID, baud rate, drive mode and whom they shadow, without which the arm could not have been put together.
         baud_rate: what they listen at; None for the rig's.
+        kind: class of the servos.
     """
     servos, joints = [], []
     rig = rig if baud_rate is None else replace(rig, baud_rate=baud_rate)
@@ -390,6 +394,6 @@ def build_servos(
         joint = rig.servos[servo]
         kept = wanted if configured else {name: wanted[name] for name in ("id", "baud_rate", "drive_mode", "shadow_id")}
         sign = -1 if wanted["drive_mode"] & REVERSE else 1
-        servos.append(EmulatedServo(load_table(joint.model), kept, sign=sign, zero=joint.zero))
+        servos.append(kind(load_table(joint.model), kept, sign=sign, zero=joint.zero))
         joints.append(rig.joints.index(joint))
     return servos, joints

@@ -17,10 +17,8 @@ from highfive.hil.drivers.bus.control_table import Table, encode, load_table
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.drivers.servo_errors import ALERT, Error
 
-pytestmark = pytest.mark.realtime
-
 BAUD = 1_000_000
-PATIENCE_S = 2.0
+PATIENCE_S = 5.0
 BOOT_S = 0.3
 CONTROLLERS = {"XL430-W250": rustypot.Xl430PyController, "XL330-M288": rustypot.Xl330PyController}
 
@@ -273,7 +271,7 @@ def test_a_shadow_follows_and_does_not_reply(arm) -> None:
 def test_an_alert_is_in_every_reply(arm) -> None:
     emulator, client = arm
     emulator.set_faults("overload=7")
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while client.read(7, 70, 1) != (b"\x20", ALERT):
         assert time.monotonic() < deadline
     assert client.write(7, 65, b"\1") == ALERT

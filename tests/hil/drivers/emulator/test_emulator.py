@@ -1,4 +1,7 @@
-"""The emulator on a pseudo-terminal: real time, real baud rate, a cable that comes out, a process that ends."""
+"""The emulator on a pseudo-terminal: real baud rate, a cable that comes out, a process that ends.
+
+Nothing here asks how soon: what has to happen is waited for, for a minute.
+"""
 
 import os
 import select
@@ -18,12 +21,11 @@ from highfive.hil.drivers.emulator.emulator import Emulator
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess, make_bus
 from highfive.model.errors import HighFiveError
 
-pytestmark = pytest.mark.realtime
-
 BAUD = 1_000_000
+PATIENCE_S = 60.0
 
 
-def reply(line: serial.Serial, said: bytes, seconds: float = 2.0) -> list[int]:
+def reply(line: serial.Serial, said: bytes, seconds: float = PATIENCE_S) -> list[int]:
     """IDs that answered, until somebody has and then nothing more comes."""
     os.write(line.fileno(), said)
     decoder, found = Decoder(), []
@@ -59,7 +61,7 @@ def test_bytes_are_never_early(baud: int) -> None:
         start = time.monotonic()
         os.write(line.fileno(), said)
         got = b""
-        while len(got) < length and time.monotonic() - start < 5.0:
+        while len(got) < length and time.monotonic() - start < PATIENCE_S:
             if select.select([line.fileno()], [], [], 1.0)[0]:
                 got += os.read(line.fileno(), 4096)
         assert len(got) == length
@@ -68,22 +70,24 @@ def test_bytes_are_never_early(baud: int) -> None:
 
 def test_the_cable_comes_out_and_goes_in_again(tmp_path: Path) -> None:
     link = tmp_path / "arm"
-    with EmulatorProcess(EmulatorOptions(link=str(link), faults=("unplug@1.5-2.5",))) as emulator:
+    with EmulatorProcess(EmulatorOptions(link=str(link))) as emulator:
         assert emulator.port == str(link)
         with serial.Serial(str(link), BAUD, timeout=0) as line:
             assert reply(line, wire.ping(1)) == [1]
+            emulator.set_faults("unplug")
             wait_for(lambda: not link.is_symlink())
             with pytest.raises((OSError, serial.SerialException)):
                 for _ in range(2):
                     os.write(line.fileno(), wire.ping(1))
                     os.read(line.fileno(), 1)
+        emulator.set_faults("")
         wait_for(link.is_symlink)
         with serial.Serial(str(link), BAUD, timeout=0) as line:
             assert reply(line, wire.ping(1)) == [1]
     assert not link.is_symlink()
 
 
-def wait_for(what, seconds: float = 10.0) -> None:
+def wait_for(what, seconds: float = PATIENCE_S) -> None:
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end

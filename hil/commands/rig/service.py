@@ -16,6 +16,7 @@ from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports, too_slow
 from highfive.hil.drivers.bus.rig import LAST_ID, Rig, load_rig
 from highfive.hil.drivers.bus.rig_setup import Difference, configure, differences, missing_servos, shadow_gaps
+from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import Found, ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS, PortError
 from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED, hardware_errors
@@ -105,27 +106,27 @@ def _described(found: Found) -> dict[str, Any]:
 
 
 @contextmanager
-def opened(port: str, rig: Rig) -> Iterator[ServoBus]:
+def opened(port: str, rig: Rig, wiring: Wiring = MACHINE_WIRING) -> Iterator[ServoBus]:
     """A rig's bus, closed in the end.
 
     Raises:
         HighFiveError: the port cannot be opened.
     """
-    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
+    bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS, wiring)
     try:
         yield bus
     finally:
         bus.close()
 
 
-def check(port: str, rig_file: Path | None) -> dict[str, Any]:
+def check(port: str, rig_file: Path | None, wiring: Wiring = MACHINE_WIRING) -> dict[str, Any]:
     """Everything that the rig's servos hold, against what it wants; ``ready`` says whether they may be used.
 
     Raises:
         HighFiveError: the rig's file or the port cannot be used.
     """
     rig = load_rig(rig_file)
-    with opened(port, rig) as bus:
+    with opened(port, rig, wiring) as bus:
         slow = too_slow(port)
         troubles = missing_servos(bus, rig)
         wrong: list[Difference] = []

@@ -1,0 +1,71 @@
+"""The memory that host and driver share: a million exchanges between two processes, none of them torn."""
+
+import multiprocessing
+from typing import Any
+
+import numpy as np
+import pytest
+
+from highfive.hil.drivers.bus.cycle_ring import CycleRing, Mode, ring_size
+from highfive.hil.drivers.values import JointCommand
+
+JOINTS, EXCHANGES, READ_EVERY = 6, 1_000_000, 64
+
+
+def row(number: int) -> tuple[Any, ...]:
+    """A cycle of which every value says its number."""
+    each = np.full(JOINTS, float(number))
+    whole = np.full(JOINTS, number)
+    return (number, number, number, True, each, each, number, each, each, each, whole, whole, whole, each, number,
+            each, each)  # fmt: skip
+
+
+def drive(raw: Any, lock: Any, found: Any) -> None:
+    """The driver's side: takes commands and notes cycles until it is told to end."""
+    ring, newest, strange, taken = CycleRing(raw, JOINTS, lock), 0, 0, 0
+    number = 0
+    while not ring.head["end"][0]:
+        if (got := ring.command()) is not None and got[0] is not None:
+            command, given = got
+            strange += not ((command.positions == given).all() and (command.currents == -given).all())
+            strange += given < newest
+            taken += given > newest
+            newest = given
+        ring.note(Mode.DRIVING, *row(number))
+        number = ring.count
+    found.send((strange, taken, newest))
+
+
+@pytest.mark.slow
+def test_a_million_exchanges_tear_lose_and_reorder_nothing() -> None:
+    context = multiprocessing.get_context("spawn")
+    raw, lock = context.RawArray("b", ring_size(JOINTS)), context.Lock()
+    ours, theirs = context.Pipe(duplex=False)
+    driver = context.Process(target=drive, args=(raw, lock, theirs))
+    driver.start()
+    ring, start, seen = CycleRing(raw, JOINTS, lock), 0, 0
+    try:
+        number = 0
+        while number + 2 * ring.count < EXCHANGES:  # commands given; commands taken and cycles noted
+            number += 1
+            value = np.full(JOINTS, float(number))
+            ring.give(JointCommand(value, -value), number)
+            if number % READ_EVERY == 0:
+                cycles = ring.cycles(start)
+                for cycle in cycles:
+                    assert cycle.sent is not None
+                    whole = (cycle.sent.positions, cycle.state.velocities, cycle.state.errors, cycle.health.voltages)
+                    assert cycle.begun_ns == cycle.took_ns == cycle.health.time_ns == cycle.number
+                    assert all((part == cycle.number).all() for part in whole), cycle
+                    assert cycle.number >= start
+                    start = cycle.number + 1
+                seen += len(cycles)
+        while (last := ring.command()) is None:  # the lock was not had in time
+            pass
+        assert last[1] == number
+    finally:
+        ring.head["end"][0] = 1
+        driver.join(30.0)
+    strange, taken, newest = ours.recv()
+    assert strange == 0
+    assert newest <= number and taken > 1000 and seen > 1000

@@ -10,7 +10,6 @@ import numpy as np
 from highfive.hil.bench.fault_schedule import FaultSchedule
 from highfive.hil.runtime.clock import Clock
 from highfive.mocap_bridge.frames import MarkerFrame
-from highfive.model.geometry.rotations import Array
 
 
 def faulty_frames(
@@ -55,7 +54,7 @@ def faulty_frames(
         )
 
 
-def _exchanged(rows: Array, pair: Array) -> Array:
+def _exchanged(rows: np.ndarray, pair: np.ndarray) -> np.ndarray:
     found = rows.copy()
     found[pair] = rows[pair[::-1]]
     return found

@@ -6,7 +6,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
@@ -100,7 +99,7 @@ class PerturbedServo(EmulatedServo):
 def perturbed_bus(it: Perturbation, rig: Rig) -> EmulatedBus:
     """The arm on its default mount, where it rests, on a bus that was just switched on."""
 
-    def change(model: mujoco.MjModel) -> None:
+    def change(model: Any) -> None:  # MuJoCo's stubs lack what it changes
         for name, mass, friction in zip(JOINTS, it.masses, it.friction, strict=True):
             joint = model.joint(PREFIX + name)
             model.body_mass[joint.bodyid] *= mass

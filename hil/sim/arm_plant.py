@@ -32,7 +32,7 @@ class ArmPlant:
         """
         self._twin = arm_alone(mount)
         change(self._twin.model)
-        mujoco.mj_setConst(self._twin.model, mujoco.MjData(self._twin.model))
+        mujoco.mj_setConst(self._twin.model, mujoco.MjData(self._twin.model))  # pyright: ignore[reportAttributeAccessIssue]
         self._data = mujoco.MjData(self._twin.model)
         self._left = 0.0
         self.force = np.zeros(3)

@@ -109,7 +109,7 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
 
 def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
     """Currents that the servos may draw, where the body was, and whether it stands in the end."""
-    powered: np.ndarray = np.array(box.powered).all(axis=1)
+    powered = np.array([all(row) for row in box.powered])
     current = np.array([it.current for it in limits.joints])
     allowed = np.array(box.allowed)[powered]
     if len(allowed):

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
     from highfive.hil.trials.live_partner import LivePerson
+    from highfive.hil.trials.live_wiring import LiveWiring
 
 # What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
@@ -104,10 +105,16 @@ class _Played:
     interrupted: bool = False
 
 
-def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]:
+def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWiring | None = None) -> dict[str, Any]:
     """Runs the session into ``folder`` and returns the summary; Ctrl-C ends it early and writes what there is.
 
     With an arm only the first Ctrl-C interrupts: who stops an arm presses more than once.
+
+    Args:
+        options: what to simulate.
+        folder: for the results.
+        bar: shows how far it is.
+        wiring: of a live person; None for this computer's.
 
     Raises:
         HighFiveError: something requested does not exist or does not fit; the folder holds something already or
@@ -126,7 +133,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar) -> dict[str, Any]
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         model, person = _model(options, bar), None
         if live:
-            person = _live_person(options, stack)
+            person = _live_person(options, stack, wiring)
         return _simulate(options, model, folder, bar, person)
 
 
@@ -146,14 +153,16 @@ def _training_trials(data: Path, bar: Bar) -> list[Trial]:
     return [pair.trial for pair in pairs]
 
 
-def _live_person(options: SimulateOptions, stack: ExitStack) -> LivePerson:
+def _live_person(options: SimulateOptions, stack: ExitStack, wiring: LiveWiring | None) -> LivePerson:
     from highfive.calibration.registration import load_registration  # noqa: PLC0415
     from highfive.hil.trials.live_partner import LivePerson, live_source  # noqa: PLC0415
+    from highfive.hil.trials.live_wiring import MACHINE_WIRING  # noqa: PLC0415
 
-    source = stack.enter_context(closing(live_source(str(options.source), options.human)))
+    wiring = wiring or MACHINE_WIRING
+    source = stack.enter_context(closing(live_source(str(options.source), options.human, wiring)))
     file = None if options.arm is None else options.arm.registration
     registered = None if file is None else load_registration(file).placement
-    return LivePerson(source, str(options.source), _marker_set(options), registered)
+    return LivePerson(source, str(options.source), _marker_set(options), registered, wiring.clock)
 
 
 def _simulate(

@@ -17,7 +17,7 @@ class EndRequest:
     """Whether an end of the command was requested. May be set from a signal's handler, at any instruction.
 
     ``threading.Event`` may not: its lock is not re-entrant, and a signal that comes while it is held waits for itself.
-    Here a flag is raised and a byte goes down a pipe.
+    Here a flag is raised and a byte goes down a pipe. It is an :class:`~highfive.hil.runtime.clock.Event`, too.
     """
 
     def __init__(self) -> None:
@@ -31,6 +31,15 @@ class EndRequest:
         self._is_set = True
         with suppress(OSError):  # full: whoever waits has enough to read; closed: nobody waits
             os.write(self._write, b"!")
+
+    def fileno(self) -> int:
+        """Readable once an end was requested."""
+        return self._read
+
+    @property
+    def due_ns(self) -> int | None:
+        """0 once an end was requested."""
+        return 0 if self._is_set else None
 
     def is_set(self) -> bool:
         """Whether an end was requested."""

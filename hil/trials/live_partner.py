@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -11,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.calibration.placement import Placement, place_person
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.reach import Phase
 from highfive.hil.session.session import RATE_HZ, Tick
+from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.hil.trials.partners import Partner
 from highfive.mocap_bridge.files.recording import Recording, make_recording
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -51,9 +52,9 @@ LONGEST_STEP_NS = 500_000_000
 """A system's clock that goes on by more from frame to frame was set, ns."""
 
 
-def live_source(address: str, person: str | None) -> LiveSource:
+def live_source(address: str, person: str | None, wiring: LiveWiring = MACHINE_WIRING) -> LiveSource:
     """The source at an address of a live system."""
-    source = open_source(address, person)
+    source = open_source(address, person, scheduler=wiring.scheduler, connects=wiring.connects)
     if not isinstance(source, LiveSource):
         raise HighFiveError(f"{address} is no live system")
     return source
@@ -68,6 +69,7 @@ class LivePerson:
         address: str,
         marker_set: MarkerSet | None = None,
         registered: Placement | None = None,
+        clock: Clock = MACHINE,
     ):
         """Waits for the first frame, finds the marker set, and watches the person for :data:`PRACTICE_S`.
 
@@ -76,7 +78,7 @@ class LivePerson:
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
-        self._source, self._address = source, address
+        self._source, self._address, self._clock = source, address, clock
         first = source.first()
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
@@ -102,8 +104,9 @@ class LivePerson:
     def trial(self) -> LiveTrial:
         """The frames of the next trial, once the hand rests; it is not waited for longer than :data:`LONGEST_S`."""
         hand = self._set.indices((*self._set.arm.wrist, *self._set.arm.hand))
-        end, before, since = time.monotonic() + LONGEST_S, None, time.monotonic()
-        while time.monotonic() < end and time.monotonic() - since < RESTING_S:
+        since = self._clock.now()
+        end, before = since + 1e9 * LONGEST_S, None
+        while self._clock.now() < end and self._clock.now() - since < 1e9 * RESTING_S:
             frame = self._source.wait(before, 0.2)
             if frame is None:
                 break
@@ -114,9 +117,9 @@ class LivePerson:
                 seconds = 1e-9 * (frame.source_time_ns - before.source_time_ns)
                 steps = np.linalg.norm(points[both] - earlier[both], axis=1)
                 if seconds <= 0.0 or (len(both) and float(np.median(steps)) > RESTING_SPEED * seconds):
-                    since = time.monotonic()
+                    since = self._clock.now()
             before = frame
-        return LiveTrial(self._source, self._placement)
+        return LiveTrial(self._source, self._placement, self._clock)
 
     def _height(self, names: tuple[str, ...], points: Array, valid: NDArray[np.bool_]) -> str:
         """How high the right hand comes, in words, in points (T, M, 3), m, where they are ``valid``; '' for never."""
@@ -127,9 +130,9 @@ class LivePerson:
 
     def _watched(self, first: MarkerFrame) -> Recording:
         """What the person did for some seconds, in the system's own frame."""
-        frames, newest, end = [first], first, time.monotonic() + PRACTICE_S
+        frames, newest, end = [first], first, self._clock.now() + round(1e9 * PRACTICE_S)
         said = math.ceil(PRACTICE_S)
-        while (left := end - time.monotonic()) > 0.0:
+        while (left := 1e-9 * (end - self._clock.now())) > 0.0:
             if math.ceil(left) < said:
                 said = math.ceil(left)
                 height = self._height(newest.names, newest.positions[None], newest.valid[None])
@@ -137,7 +140,7 @@ class LivePerson:
             frame = self._source.wait(newest, min(left, 0.1))
             if frame is not None and frame.names == first.names:
                 frames.append(newest := frame)
-            elif frame is None and (health := self._source.health(time.monotonic_ns())).age_ns > SILENT_S * 1e9:
+            elif frame is None and (health := self._source.health(self._clock.now())).age_ns > SILENT_S * 1e9:
                 raise HighFiveError(f"{self._address}: nothing comes any more ({health.trouble or 'it is silent'})")
         points, valid = np.array([f.positions for f in frames]), np.array([f.valid for f in frames])
         return replace(make_recording(RATE_HZ, first.names, points, valid), source=self._address)
@@ -153,16 +156,15 @@ class LiveTrial:
         trouble: why the trial ended early, '' if it did not: nothing has come for :data:`GONE_S`.
     """
 
-    def __init__(self, source: LiveSource, placement: Placement):
+    def __init__(self, source: LiveSource, placement: Placement, clock: Clock = MACHINE):
         """Begins with the first frame that is requested."""
-        self._source, self._placement = source, placement
+        self._source, self._placement, self._clock = source, placement, clock
         self.late, self.stale, self.trouble = 0, 0, ""
         self._reached, self._idle, self.count = False, 0, 0
 
     def begins(self) -> bool:
         """Whether there is a source to play with; if not, ``trouble`` says why."""
-        now = time.monotonic_ns()
-        return not self._is_gone(now)
+        return not self._is_gone(self._clock.now())
 
     def _is_gone(self, now: int) -> bool:
         health = self._source.health(now)
@@ -173,14 +175,12 @@ class LiveTrial:
 
     def __iter__(self) -> Iterator[MarkerFrame]:
         """A frame each tick, in the avatar's world; one without markers where there is nothing new."""
-        start, last, first, stamp = time.monotonic_ns(), None, 0, -TICK_NS
+        start, last, first, stamp = self._clock.now(), None, 0, -TICK_NS
         while not self._is_over():
             due = start + self.count * TICK_NS
-            wait_ns = due - time.monotonic_ns()
-            if wait_ns > 0:
-                time.sleep(1e-9 * wait_ns)
-            self.late += wait_ns < -1_000_000
-            now = time.monotonic_ns()
+            self.late += due - self._clock.now() < -1_000_000
+            self._clock.wait_until(due)
+            now = self._clock.now()
             newest = self._source.newest(now)
             health = self._source.health(now)
             if newest is None or self._is_gone(now):

@@ -80,6 +80,7 @@ def serve(
     loop: bool = False,
     stop: Stop | None = None,
     sent: Callable[[MarkerFrame], None] = lambda frame: None,
+    clock: Callable[[], int] = time.monotonic_ns,
 ) -> None:
     """Sends the frames of ``recording`` at their times until its end, or until ``stop``.
 
@@ -90,11 +91,12 @@ def serve(
         loop: begin again at the end.
         stop: ends it from another thread.
         sent: called after each frame that was sent.
+        clock: monotonic, ns; the one that ``stop`` waits by.
     """
     stop, faults = stop or threading.Event(), faults or Faults(())
-    start, up = time.monotonic_ns(), True
+    start, up = clock(), True
     for frame in frames_of(recording, loop):
-        wait_s = (start + frame.source_time_ns - time.monotonic_ns()) * 1e-9
+        wait_s = (start + frame.source_time_ns - clock()) * 1e-9
         if (wait_s > 0.0 and stop.wait(wait_s)) or stop.is_set():
             return
         if faults.connected(frame.source_time_ns) != up:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.sources.live import Link, LiveSource
 from highfive.mocap_bridge.sources.registry import examples, is_known, scheme_named
+from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
 from highfive.mocap_bridge.sources.scheme import FILE, Address, Scheme
 from highfive.mocap_bridge.sources.source import C3DSource, Source
 from highfive.mocap_bridge.sources.tap import Tap, tapped
@@ -82,8 +82,20 @@ def _lower(message: str) -> str:
     return message[:1].lower() + message[1:]
 
 
+def connector(address: Address) -> Callable[[], Link]:
+    """What connects to a live system; each protocol's library is imported only where it is needed."""
+    if address.scheme == FILE:
+        raise HighFiveError(f"{address} is no live system")
+    return scheme_named(address.scheme).connector(address)
+
+
 def open_source(
-    address: Address | str, person: str | None = None, rate_hz: float | None = None, tap: Tap | None = None
+    address: Address | str,
+    person: str | None = None,
+    rate_hz: float | None = None,
+    tap: Tap | None = None,
+    scheduler: Scheduler = THREADS,
+    connects: Callable[[Address], Callable[[], Link]] = connector,
 ) -> Source:
     """Starts to listen to a live system, or to replay a file in real time from now.
 
@@ -92,6 +104,8 @@ def open_source(
         person: prefix of the person's markers; None takes the only one there is.
         rate_hz: frames per second: of a file, resampled (default: its own); of a live system that does not say its own.
         tap: gets every frame of a live system as it came, of all persons.
+        scheduler: time, and what a live system is followed by.
+        connects: gives what connects to a live system.
 
     Raises:
         HighFiveError: a bad address; no such file; no such person in it; a tap on a file.
@@ -101,13 +115,8 @@ def open_source(
         if tap is not None:
             raise HighFiveError(f"{address} is a recording already; recording goes with a live system")
         recording = read_c3d(address.host).person(person)
-        return C3DSource(recording, rate_hz or recording.rate_hz, start_ns=time.monotonic_ns())
-    connect = connector(address)
-    return LiveSource(str(address), connect if tap is None else tapped(connect, tap), person, rate_hz or 120.0)
-
-
-def connector(address: Address) -> Callable[[], Link]:
-    """What connects to a live system; each protocol's library is imported only where it is needed."""
-    if address.scheme == FILE:
-        raise HighFiveError(f"{address} is no live system")
-    return scheme_named(address.scheme).connector(address)
+        return C3DSource(recording, rate_hz or recording.rate_hz, start_ns=scheduler.now())
+    connect = connects(address)
+    if tap is not None:
+        connect = tapped(connect, tap, scheduler.now)
+    return LiveSource(str(address), connect, person, rate_hz or 120.0, scheduler)

@@ -6,7 +6,6 @@ What is the same for every protocol is here; what differs, one connection and wh
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -15,6 +14,7 @@ import numpy as np
 
 from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_person
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
 from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, spans
@@ -73,7 +73,7 @@ class LiveSource:
         connect: Callable[[], Link],
         person: str | None = None,
         rate_hz: float = 120.0,
-        clock: Callable[[], int] = time.monotonic_ns,
+        scheduler: Scheduler = THREADS,
     ):
         """Starts to connect, in a thread of its own.
 
@@ -82,11 +82,11 @@ class LiveSource:
             connect: makes a connection, or raises :class:`LinkError`, within a second or two.
             person: prefix of the person's markers; None takes the only one there is.
             rate_hz: frames per second where the system does not say.
-            clock: this process's monotonic clock, ns.
+            scheduler: this process's monotonic clock, and what starts the thread.
         """
-        self._title, self._connect, self._person, self._clock = title, connect, person, clock
+        self._title, self._connect, self._person, self._now = title, connect, person, scheduler.now
         self._rate_hz = rate_hz
-        self._changed = threading.Condition()
+        self._changed = scheduler.condition()
         self._newest: MarkerFrame | None = None
         self._number: int | None = None  # of the newest frame that came, whether it could be used or not
         self._received = self._lost = self._refused = self._impossible = 0
@@ -94,12 +94,11 @@ class LiveSource:
         self._hopeless = False
         self._linked = False
         self._trouble = "connecting"
-        self._closing = threading.Event()
+        self._closing = False
         self._names: tuple[str, ...] | None = None  # as they come, with their prefixes
         self._own_names: tuple[str, ...] = ()
         self._columns = np.zeros(0, dtype=np.intp)
-        self._thread = threading.Thread(target=self._run, name=f"source {title}", daemon=True)
-        self._thread.start()
+        self._task = scheduler.start(f"source {title}", self._run)
 
     @property
     def rate_hz(self) -> float:
@@ -113,7 +112,7 @@ class LiveSource:
     def wait(self, seen: MarkerFrame | None, timeout_s: float) -> MarkerFrame | None:
         """The newest frame as soon as it is another than ``seen``; None if that takes longer than ``timeout_s``."""
         with self._changed:
-            self._changed.wait_for(lambda: self._newest is not seen or self._closing.is_set(), timeout_s)
+            self._changed.wait_for(lambda: self._newest is not seen or self._closing, timeout_s)
             return self._newest if self._newest is not seen else None
 
     def first(self, timeout_s: float = 5.0) -> MarkerFrame:
@@ -123,9 +122,7 @@ class LiveSource:
             HighFiveError: none came in time, or there is nothing to wait for; the message says what stood in the way.
         """
         with self._changed:
-            self._changed.wait_for(
-                lambda: self._newest is not None or self._hopeless or self._closing.is_set(), timeout_s
-            )
+            self._changed.wait_for(lambda: self._newest is not None or self._hopeless or self._closing, timeout_s)
             frame = self._newest
         if frame is None and self._hopeless:
             raise HighFiveError(self._trouble)
@@ -139,7 +136,7 @@ class LiveSource:
         """State of the connection."""
         newest = self._newest
         age_ns = -1 if newest is None else max(0, now_ns - newest.arrival_time_ns)
-        if self._closing.is_set():
+        if self._closing:
             state = Connection.ENDED
         elif newest is None or not self._linked:
             state = Connection.CONNECTING
@@ -160,15 +157,15 @@ class LiveSource:
 
     def close(self) -> None:
         """Ends the thread and the connection."""
-        self._closing.set()
         with self._changed:
+            self._closing = True
             self._changed.notify_all()
-        if self._thread is not threading.current_thread():
-            self._thread.join(timeout=5.0)
+        if self._task is not threading.current_thread():
+            self._task.join(timeout=5.0)
 
     def _run(self) -> None:
         pause = BACK_OFF_S[0]
-        while not self._closing.is_set():
+        while not self._closing:
             before = self._received
             try:
                 self._follow()
@@ -177,16 +174,17 @@ class LiveSource:
                 self._trouble, self._hopeless = reason, False
             self._linked = False
             pause = BACK_OFF_S[0] if self._received > before else min(2.0 * pause, BACK_OFF_S[1])
-            self._closing.wait(pause)
+            with self._changed:
+                self._changed.wait_for(lambda: self._closing, pause)
 
     def _follow(self) -> None:
         """Takes frames from one connection until it is lost."""
         link = self._connect()
         try:
-            self._linked, last = True, self._clock()
-            while not self._closing.is_set():
+            self._linked, last = True, self._now()
+            while not self._closing:
                 frames = link.receive(0.1)
-                now = self._clock()
+                now = self._now()
                 if frames:
                     last = now
                     self._rate_hz = link.rate_hz or self._rate_hz

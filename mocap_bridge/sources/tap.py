@@ -17,8 +17,8 @@ It is called in the thread that receives, and must neither wait nor raise.
 
 
 class _TappedLink:
-    def __init__(self, link: Link, tap: Tap):
-        self._link, self._tap = link, tap
+    def __init__(self, link: Link, tap: Tap, clock: Callable[[], int]):
+        self._link, self._tap, self._clock = link, tap, clock
 
     @property
     def rate_hz(self) -> float:
@@ -27,7 +27,7 @@ class _TappedLink:
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
         frames = self._link.receive(timeout_s)
         if frames:
-            now = time.monotonic_ns()
+            now = self._clock()
             self._tap([replace(frame, arrival_time_ns=now) for frame in frames], self._link.rate_hz)
         return frames
 
@@ -35,6 +35,6 @@ class _TappedLink:
         self._link.close()
 
 
-def tapped(connect: Callable[[], Link], tap: Tap) -> Callable[[], Link]:
-    """Connects as ``connect`` does, and tells ``tap`` of every frame."""
-    return lambda: _TappedLink(connect(), tap)
+def tapped(connect: Callable[[], Link], tap: Tap, clock: Callable[[], int] = time.monotonic_ns) -> Callable[[], Link]:
+    """Connects as ``connect`` does, and tells ``tap`` of every frame; ``clock`` is this process's monotonic one, ns."""
+    return lambda: _TappedLink(connect(), tap, clock)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from highfive.mocap_bridge.frames import HumanArm, MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.markers.recognise import find_marker_set
+from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.compiled import when_compiling
@@ -90,30 +90,29 @@ def prepare_tracker(say: Callable[[str], None]) -> None:
 class ArmThread:
     """Follows the arm beside whoever receives, so that neither waits for the other."""
 
-    def __init__(self, follow: Callable[[MarkerFrame], ArmView]):
-        """Args: ``follow`` gives the arm in a frame."""
+    def __init__(self, follow: Callable[[MarkerFrame], ArmView], scheduler: Scheduler = THREADS):
+        """Args: ``follow`` gives the arm in a frame; ``scheduler`` starts the thread."""
         self._follow = follow
         self.newest: ArmView | None = None
         self.rejected = Counter[str]()  # frames so far in which a label was not believed
         self.trouble = ""
-        self._changed = threading.Condition()
+        self._changed = scheduler.condition()
         self._frame: MarkerFrame | None = None
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name="arm", daemon=True)
-        self._thread.start()
+        self._task = scheduler.start("arm", self._run)
 
     def offer(self, frame: MarkerFrame) -> None:
         """The newest frame; takes the place of one that was not looked at yet."""
         with self._changed:
             self._frame = frame
-            self._changed.notify()
+            self._changed.notify_all()
 
     def close(self) -> None:
         """Ends the thread."""
         with self._changed:
             self._closing = True
-            self._changed.notify()
-        self._thread.join(timeout=5.0)
+            self._changed.notify_all()
+        self._task.join(timeout=5.0)
 
     def _run(self) -> None:
         while True:

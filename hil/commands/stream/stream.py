@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
-import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ from highfive.hil.commands.stream.screen import StreamView, arm_text, plain_line
 from highfive.hil.commands.stream.statistics import StreamStatistics
 from highfive.hil.runtime.console import STDERR
 from highfive.hil.runtime.shutdown import EndRequest, until_ended
+from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.address import open_source, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
@@ -61,8 +60,13 @@ class StreamOptions:
     overwrite: bool = False
 
 
-def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]:
+def stream(options: StreamOptions, say: Callable[[str], None], wiring: LiveWiring = MACHINE_WIRING) -> dict[str, Any]:
     """Listens until the time is over, the file has ended, or it is ended; ``say`` gets lines about it.
+
+    Args:
+        options: what to listen to.
+        say: shows a line.
+        wiring: clock, threads and network.
 
     Returns:
         The summary. Its ``frames`` is 0 if none came; ``trouble`` then says why.
@@ -83,8 +87,8 @@ def stream(options: StreamOptions, say: Callable[[str], None]) -> dict[str, Any]
     try:
         sys.setswitchinterval(SWITCH_S)
         with until_ended() as end:
-            source = open_source(address, options.person, tap=recorder)
-            listener = _Listener(options, source)
+            source = open_source(address, options.person, None, recorder, wiring.scheduler, wiring.connects)
+            listener = _Listener(options, source, wiring)
             try:
                 listener.run(end, recorder)
             finally:
@@ -113,36 +117,36 @@ def _finished(recorder: Recorder, say: Callable[[str], None]) -> str:
 class _Listener:
     """Takes frames in one thread, follows the arm in another, shows both in the main one."""
 
-    def __init__(self, options: StreamOptions, source: Source):
+    def __init__(self, options: StreamOptions, source: Source, wiring: LiveWiring):
         self._options, self._source = options, source
+        self._clock, self._scheduler = wiring.clock, wiring.scheduler
         self._statistics = StreamStatistics()
         self._arm: ArmThread | None = None
         self._marker_set: str | None = None  # not looked for yet; '' where none fits
         self._first: tuple[MarkerFrame, SourceHealth] | None = None  # and how the source was then
         self._reported: str | None = None  # why nothing comes
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._take, name="statistics", daemon=True)
-        self._thread.start()
+        self._changed, self._closing = wiring.scheduler.condition(), False
+        self._task = wiring.scheduler.start("statistics", self._take)
 
     def run(self, end: EndRequest, recorder: Recorder | None) -> None:
         """Shows what comes until it is over."""
         on_screen = STDERR.is_terminal
         pause = 1.0 / _SCREENS_A_SECOND
-        next_line = time.monotonic() + 1.0
-        start = time.monotonic()
+        start = self._clock.now()
+        next_line = start + 10**9
         live = Live(console=STDERR, auto_refresh=False, transient=False) if on_screen else None
         if live is not None:
             live.start()
         try:
-            while not end.wait(min(pause, self._left())):
+            while not self._clock.wait_for(end, self._clock.now() + round(1e9 * min(pause, self._left()))):
                 self._follow_arm()
                 if self._over(start):
                     break
                 if live is not None:
                     live.update(screen(self._view(recorder), STDERR.width, STDERR.height), refresh=True)
-                elif not self._options.quiet and time.monotonic() >= next_line:
-                    next_line += 1.0
-                    self._tell(self._view(recorder), time.monotonic() - start)
+                elif not self._options.quiet and self._clock.now() >= next_line:
+                    next_line += 10**9
+                    self._tell(self._view(recorder), 1e-9 * (self._clock.now() - start))
         finally:
             if live is not None:
                 live.update(screen(self._view(recorder), STDERR.width, STDERR.height), refresh=True)
@@ -158,15 +162,17 @@ class _Listener:
 
     def close(self) -> None:
         """Ends the threads and the source."""
-        self._closing.set()
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
         if self._arm is not None:
             self._arm.close()
         self._source.close()
-        self._thread.join(timeout=5.0)
+        self._task.join(timeout=5.0)
 
     def summary(self, address: Address) -> dict[str, Any]:
         """The figures for machines."""
-        now = time.monotonic_ns()
+        now = self._clock.now()
         health, seen = self._source.health(now), self._statistics.snapshot(now)
         arm = self._arm.newest if self._arm is not None else None
         return {
@@ -197,9 +203,9 @@ class _Listener:
 
     def _take(self) -> None:
         seen = None
-        while not self._closing.is_set():
+        while not self._closing:
             frame = self._wait(seen)
-            now = time.monotonic_ns()
+            now = self._clock.now()
             if frame is None:
                 continue
             seen = frame
@@ -214,11 +220,12 @@ class _Listener:
         if isinstance(self._source, LiveSource):
             return self._source.wait(seen, 0.1)
         for _ in range(round(0.1 / _POLL_S)):
-            frame = self._source.newest(time.monotonic_ns())
+            frame = self._source.newest(self._clock.now())
             if frame is not None and (seen is None or frame.number != seen.number):
                 return frame
-            if self._closing.wait(_POLL_S):
-                return None
+            with self._changed:
+                if self._changed.wait_for(lambda: self._closing, _POLL_S):
+                    return None
         return None
 
     def _follow_arm(self) -> None:
@@ -228,21 +235,21 @@ class _Listener:
         marker_set = choose_marker_set(self._first[0].names, self._options.marker_set)
         self._marker_set = "" if marker_set is None else marker_set.name
         if marker_set is not None:
-            self._arm = ArmThread(arm_follower(marker_set, self._source.rate_hz))
+            self._arm = ArmThread(arm_follower(marker_set, self._source.rate_hz), self._scheduler)
 
     def _left(self) -> float:
         """Seconds until the end, where that is known; never none."""
         if self._options.seconds is None or self._first is None:
             return 1.0
-        return max(1e-3, self._options.seconds - (time.monotonic_ns() - self._first[0].arrival_time_ns) * 1e-9)
+        return max(1e-3, self._options.seconds - (self._clock.now() - self._first[0].arrival_time_ns) * 1e-9)
 
-    def _over(self, start: float) -> bool:
+    def _over(self, start: int) -> bool:
         """Whether there is nothing more to wait for.
 
         Raises:
             HighFiveError: frames come, but cannot be used.
         """
-        now = time.monotonic_ns()
+        now = self._clock.now()
         health = self._source.health(now)
         if health.connection is Connection.ENDED:
             return True
@@ -252,7 +259,7 @@ class _Listener:
             return False
         if self._first is not None:
             return (now - self._first[0].arrival_time_ns) * 1e-9 >= self._options.seconds
-        if time.monotonic() - start < max(self._options.seconds, FIRST_FRAME_S):
+        if 1e-9 * (self._clock.now() - start) < max(self._options.seconds, FIRST_FRAME_S):
             return False
         if health.received and health.trouble:
             raise HighFiveError(health.trouble)
@@ -266,7 +273,7 @@ class _Listener:
         return (health.received - self._first[1].received) / elapsed if elapsed > 0.0 else 0.0
 
     def _view(self, recorder: Recorder | None) -> StreamView:
-        health = self._source.health(time.monotonic_ns())
+        health = self._source.health(self._clock.now())
         notes = []
         if recorder is not None:
             notes.append(recorder.trouble or f"recording to {self._options.record}: {recorder.frames} frames")
@@ -276,7 +283,7 @@ class _Listener:
             title=self._options.address,
             health=health,
             nominal_hz=self._source.rate_hz,
-            seen=self._statistics.snapshot(time.monotonic_ns()),
+            seen=self._statistics.snapshot(self._clock.now()),
             marker_set=self._marker_set or "",
             arm=self._arm.newest if self._arm is not None and health.connection in _CURRENT else None,
             notes=tuple(notes),

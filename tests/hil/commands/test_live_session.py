@@ -1,23 +1,33 @@
-"""The session from a live system: a person who raises her hand again and again, over the wire."""
+"""The session from a live system: a person who raises her hand again and again, over the wire.
+
+In virtual time what comes over the wire is handed over at its time; two sessions are real ones, over sockets.
+"""
 
 import json
-import signal
-import time
+import logging
+from collections.abc import Iterator
 from contextlib import closing
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from live_commands import ended, lab_recording, serving, start, stop
+from virtual_system import VirtualSystem
 
 from highfive.calibration.placement import Placement
-from highfive.hil.trials.live_partner import PRACTICE_S, LivePerson, live_source
+from highfive.hil.commands.simulate import SimulateOptions, simulate
+from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.trials.live_partner import GONE_S, SILENT_S, TICK_NS, LivePerson, live_source
 from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
-pytestmark = [pytest.mark.slow, pytest.mark.realtime]
+ADDRESS = "vicon://lab"
+IN_THE_FIRST_S, IN_THE_SECOND_S = 7.0, 13.5
+PATIENCE_S = 300.0
 
 
 @pytest.fixture(scope="module")
@@ -28,47 +38,114 @@ def greeting(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("where", [("vicon", "--port", 0), ("lsl",)], ids=["vicon", "lsl"])
-def test_a_hand_that_is_raised_before_a_live_system_is_met(where: tuple, greeting: Path, tmp_path: Path) -> None:
-    server, address, _ = serving(where[0], greeting, "--loop", *where[1:])
-    try:
-        words = ("--source", address, "--emotion", "neutral", "--trials", 2, "--no-pictures", "--json")
-        code, out, err = ended(start("simulate", *words, "--out", tmp_path / "session"), within=90.0)
-        rows = json.loads(out)["rows"]
-        assert any(row["met"] and row["contact_error_mm"] < 5.0 for row in rows), (err, rows)
-        assert code in (0, 1) and (tmp_path / "session" / "session.mcap").stat().st_size > 10_000
-        assert all("without a new frame" in row["notes"][-1] for row in rows)
-    finally:
-        stop(server)
+@pytest.fixture
+def clock() -> Iterator[VirtualClock]:
+    with VirtualClock() as clock:
+        yield clock
 
 
-def test_a_system_that_dies_costs_no_more_than_the_rest(greeting: Path, tmp_path: Path) -> None:
-    server, address, _ = serving("vicon", greeting, "--loop", "--port", 0)
-    words = ("--source", address, "--emotion", "neutral", "--trials", 9, "--no-pictures", "--json")
-    session = start("simulate", *words, "--out", tmp_path / "session")
-    time.sleep(20.0)
-    server.send_signal(signal.SIGKILL)
-    code, out, err = ended(session, within=90.0)
-    result = json.loads(out)
-    assert code == 1 and result["interrupted"] and 1 <= len(result["rows"]) < 9
-    assert "nothing has come" in err
+def session(system: VirtualSystem, folder: Path, trials: int) -> dict[str, Any]:
+    options = SimulateOptions(trials=trials, emotions=("neutral",), source=ADDRESS, pictures=False)
+    return simulate(options, folder, lambda *_: lambda *_: None, system.wiring)
+
+
+def dies(system: VirtualSystem, at_s: float) -> None:
+    """Has the system switched off so long after now."""
+    at = system.clock.now() + round(1e9 * at_s)
+    system.clock.start("switch", lambda: (system.clock.wait_until(at), system.hang_up()))
+
+
+@pytest.mark.slow
+def test_a_hand_that_is_raised_before_a_live_system_is_met_and_is_again(greeting: Path, tmp_path: Path) -> None:
+    """Every tick has its new frame, and who goes first where two tasks have one time decides nothing."""
+    rows = []
+    for seed, trials in ((0, 2), (1, 1)):
+        with VirtualClock(seed) as clock:
+            system = VirtualSystem(clock, read_c3d(greeting), begins_s=0.3 * seed)
+            folder = tmp_path / f"session{seed}"
+            rows.append(session(system, folder, trials)["rows"])
+            assert (folder / "session.mcap").stat().st_size > 10_000
+    assert all(row["met"] and row["contact_error_mm"] < 0.1 for row in rows[0])
+    assert all(row["notes"][-1].endswith(" ticks, 0 late, 0 without a new frame") for row in rows[0])
+    assert [len(found) for found in rows] == [2, 1]
+    assert rows[0][0] == rows[1][0]
+
+
+@pytest.mark.slow
+def test_a_system_that_dies_costs_no_more_than_the_rest(
+    greeting: Path, tmp_path: Path, clock: VirtualClock, caplog: pytest.LogCaptureFixture
+) -> None:
+    system, begun = VirtualSystem(clock, read_c3d(greeting)), clock.now()
+    dies(system, IN_THE_SECOND_S)
+    result = session(system, tmp_path / "session", 9)
+    assert clock.now() - begun == pytest.approx(1e9 * (IN_THE_SECOND_S + GONE_S), abs=2 * TICK_NS)
+    assert result["interrupted"] and len(result["rows"]) == 1 and result["rows"][0]["met"]
+    (said,) = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+    assert said.startswith("high five 2 was broken off") and "nothing has come for 5 s (nothing listens)" in said
     assert (tmp_path / "session" / "report.html").exists()
 
 
-def test_a_system_that_dies_in_the_first_high_five_leaves_nothing_behind(greeting: Path, tmp_path: Path) -> None:
-    server, address, _ = serving("vicon", greeting, "--loop", "--port", 0)
-    folder = tmp_path / "session"
-    session = start("simulate", "--source", address, "--emotion", "neutral", "--no-pictures", "--out", folder)
-    end = time.monotonic() + 60.0
-    while not (folder.exists() and any(folder.iterdir())):  # the recording is begun, and with it the first high five
-        assert session.poll() is None and time.monotonic() < end
-        time.sleep(0.01)
-    server.send_signal(signal.SIGKILL)
-    code, _, err = ended(session, within=60.0)
-    assert code == 2 and "no high five could be played" in err
+@pytest.mark.slow
+def test_a_system_that_dies_in_the_first_high_five_leaves_nothing_behind(
+    greeting: Path, tmp_path: Path, clock: VirtualClock
+) -> None:
+    system, begun, folder = VirtualSystem(clock, read_c3d(greeting)), clock.now(), tmp_path / "session"
+    dies(system, IN_THE_FIRST_S)
+    with pytest.raises(HighFiveError, match="no high five could be played: nothing has come"):
+        session(system, folder, 2)
+    assert clock.now() - begun == pytest.approx(1e9 * (IN_THE_FIRST_S + GONE_S), abs=2 * TICK_NS)
     assert not folder.exists()
 
 
+def test_a_system_that_dies_while_the_person_is_watched_is_given_up(greeting: Path, clock: VirtualClock) -> None:
+    system, begun = VirtualSystem(clock, read_c3d(greeting)), clock.now()
+    dies(system, 2.0)
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        with pytest.raises(HighFiveError, match=r"nothing comes any more \(nothing listens\)"):
+            LivePerson(source, ADDRESS, clock=clock)
+        assert clock.now() - begun == pytest.approx(1e9 * (2.0 + SILENT_S), abs=0.1e9)
+
+
+def test_at_every_phase_of_the_frames_a_trial_has_a_new_one_a_tick(greeting: Path, clock: VirtualClock) -> None:
+    system = VirtualSystem(clock, read_c3d(greeting))
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        person = LivePerson(source, ADDRESS, clock=clock)
+        for phase in np.arange(0.5, 8.0) / 8.0:
+            trial = person.trial()
+            clock.wait_until(clock.now() + round(phase * TICK_NS))
+            times = [(frame.source_time_ns, clock.now()) for frame in islice(trial, 60)]
+            assert (trial.count, trial.late, trial.stale, trial.trouble) == (59, 0, 0, "")
+            steps = np.diff(times, axis=0)
+            assert np.abs(steps - TICK_NS).max() <= 20_000
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+@pytest.mark.parametrize("where", [("vicon", "--port", 0), ("lsl",)], ids=["vicon", "lsl"])
+def test_over_the_wire_a_session_goes_on_until_its_system_is_killed(
+    where: tuple, greeting: Path, tmp_path: Path
+) -> None:
+    """Server and session are commands; the server is killed in the second high five."""
+    server, address, _ = serving(where[0], greeting, "--loop", *where[1:])
+    try:
+        words = ("--source", address, "--emotion", "neutral", "--trials", 9, "--no-pictures", "--json")
+        running = start("simulate", *words, "--out", tmp_path / "session")
+        assert running.stderr is not None
+        before = list(takewhile(lambda line: "high five 2, neutral" not in line, running.stderr))
+        assert any("high five 1, neutral" in line for line in before), before
+        server.kill()
+        code, out, err = ended(running, within=PATIENCE_S)
+    finally:
+        stop(server)
+    result = json.loads(out)
+    assert code == 1 and result["interrupted"] and 1 <= len(result["rows"]) < 9
+    assert all("without a new frame" in row["notes"][-1] for row in result["rows"])
+    assert "nothing has come" in err
+    assert (tmp_path / "session" / "session.mcap").stat().st_size > 10_000
+    assert (tmp_path / "session" / "report.html").exists()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -77,39 +154,39 @@ def test_a_system_that_dies_in_the_first_high_five_leaves_nothing_behind(greetin
     ],
 )
 def test_what_is_not_there_is_one_line(words: tuple[str, ...], message: str, tmp_path: Path) -> None:
-    code, _, err = ended(start("simulate", *words, "--out", tmp_path / "none"), within=40.0)
+    code, _, err = ended(start("simulate", *words, "--out", tmp_path / "none"), within=PATIENCE_S)
     assert code == 2 and message in err and err.strip().count("\n") == 0
 
 
+@pytest.mark.slow
 def test_somebody_with_other_markers_is_told_what_was_wanted(tmp_path: Path) -> None:
     path = lab_recording(tmp_path / "lab.c3d")
     server, address, _ = serving("vicon", path, "--loop", "--port", 0)
     try:
         words = ("--source", address, "--human", "avatar", "--out", tmp_path / "none")
-        code, _, err = ended(start("simulate", *words), within=40.0)
+        code, _, err = ended(start("simulate", *words), within=PATIENCE_S)
         assert code == 2 and "RFIN" in err
     finally:
         stop(server)
 
 
-def test_in_a_registered_room_the_world_is_where_the_file_says_and_nobody_is_watched(greeting: Path) -> None:
+def test_in_a_registered_room_the_world_is_where_the_file_says_and_nobody_is_watched(
+    greeting: Path, clock: VirtualClock
+) -> None:
     """Every marker lies where rotation and translation take it, from the first frame on, wherever the person stands."""
     turn, shift = rotations.from_axis_angle("z", 0.7), np.array([2.0, -1.0, 0.1])
     registered = Placement(turn, shift, ("the room is registered",))
-    server, address, _ = serving("vicon", greeting, "--loop", "--port", 0)
-    try:
-        with closing(live_source(address, None)) as source:
-            began = time.monotonic()
-            person = LivePerson(source, address, None, registered)
-            assert time.monotonic() - began < PRACTICE_S  # she need not raise the hand to be found
-            frames = list(islice(person.trial(), 20))
-    finally:
-        stop(server)
     recording = read_c3d(greeting)
+    system = VirtualSystem(clock, recording)
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        began = clock.now()
+        person = LivePerson(source, ADDRESS, None, registered, clock)
+        assert clock.now() - began < TICK_NS  # she need not raise the hand to be found
+        frames = list(islice(person.trial(), 20))
     where = rotations.rotate(turn, recording.points) + shift
     for frame in frames:
         columns = [recording.names.index(name) for name in frame.names]
-        seen = frame.positions[None] - where[:, columns]
-        away = np.where(frame.valid[None] & recording.valid[:, columns], np.linalg.norm(seen, axis=2), 0.0).max(axis=1)
-        assert away.min() < 1e-3 or not frame.valid.any()
+        row = (frame.number % len(recording), columns)
+        np.testing.assert_array_equal(frame.valid, recording.valid[row])
+        np.testing.assert_allclose(frame.positions[frame.valid], where[row][frame.valid], atol=1e-9)
     assert any(frame.valid.all() for frame in frames)

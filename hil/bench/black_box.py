@@ -62,6 +62,11 @@ class BlackBox:
         self.positions.append(np.array(positions))
         self.velocities.append(np.array(velocities))
 
+    def clear(self) -> None:
+        """Forgets what was."""
+        for rows in (self.times, self.goals, self.allowed, self.positions, self.velocities, self.powered, self.trips):
+            rows.clear()
+
     def last_change_ns(self, since_ns: int) -> int:
         """When a goal last changed; ``since_ns`` where none has since then."""
         goals, times = np.array(self.goals), np.array(self.times)

@@ -143,6 +143,16 @@ def bench_arms(
     _run(json, lambda bar: bench.arms(arms, first, seed, bar))
 
 
+@app.command("session")
+def bench_session(
+    minutes: Annotated[float, typer.Option(help="Of virtual time.")] = 10.0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Play one high five after the other with the emulated rig in virtual time: missed cycles, laws, computing."""
+    _run(json, lambda bar: bench.long_session(minutes, seed, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

@@ -110,6 +110,16 @@ def arms(count: int, first: int, seed: int, bar: Bar) -> Measured:
     return Measured(bench_arms(ArmsOptions(count, first, seed), load_model(DEFAULT_MODEL), bar), print_arms)
 
 
+def long_session(minutes: float, seed: int, bar: Bar) -> Measured:
+    """A long session with the emulated rig; see :mod:`highfive.hil.bench.long_session`."""
+    from highfive.hil.bench.long_session import LongSessionOptions, bench_long_session, print_long_session
+    from highfive.model import DEFAULT_MODEL
+    from highfive.model.hgpdm.store import load_model
+
+    found = bench_long_session(LongSessionOptions(minutes, seed), load_model(DEFAULT_MODEL), bar)
+    return Measured(found, print_long_session)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked

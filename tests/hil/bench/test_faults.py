@@ -13,11 +13,14 @@ from highfive.hil.bench.fault_laws import ESTOP_MS, Laws, judge_body, judge_time
 from highfive.hil.bench.fault_run import LASTS_S, FaultJob, run_schedule
 from highfive.hil.bench.fault_schedule import BUS, KINDS, MOST, FaultSchedule, Happening, drawn
 from highfive.hil.bench.faults import FaultsOptions, bench_faults
+from highfive.hil.bench.long_session import LongSessionOptions, bench_long_session
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.trials.partners import Partner, simulated_partners
+from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.store import load_model
 
 MS = 1_000_000
 
@@ -126,3 +129,13 @@ def test_two_hundred_schedules_break_no_law() -> None:
     assert not result["broken"], result["broken"]
     assert result["estop_ms"] <= ESTOP_MS and result["watchdog_ms"] <= 100.0 and result["hold_ms"] <= 100.0
     assert np.isfinite(list(result["worst"].values())).all()
+
+
+@pytest.mark.slow
+def test_a_session_goes_on_and_on_without_a_missed_cycle() -> None:
+    result = bench_long_session(LongSessionOptions(0.5), load_model(DEFAULT_MODEL), quiet)
+    assert result["minutes"] >= 0.5 and result["trials"] >= 4 and result["stopped"] == ""
+    assert result["missed_cycles"] == result["unanswered"] == 0 < result["cycles"]
+    assert not result["broken"]
+    with pytest.raises(HighFiveError, match="ask for 0.1 at least"):
+        bench_long_session(LongSessionOptions(float("nan")), load_model(DEFAULT_MODEL), quiet)

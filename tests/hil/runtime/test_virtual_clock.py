@@ -1,5 +1,6 @@
 """Virtual time: order, determinism, events, kills."""
 
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -144,3 +145,25 @@ def test_at_the_end_of_its_context_nothing_runs_any_more() -> None:
         task = clock.start("for ever", lambda: clock.wait_until(10**18))
         clock.spend(MS)
     assert not task.alive
+
+
+def test_what_a_signal_raises_is_raised_in_the_first_task_whichever_it_comes_upon(clock: VirtualClock) -> None:
+    other: list[str] = []
+
+    def interrupted() -> None:
+        clock.wait_until(START_NS + 5 * MS)
+        signal.raise_signal(signal.SIGINT)
+        clock.wait_until(START_NS + 9 * MS)
+        other.append("went on")
+
+    before = signal.getsignal(signal.SIGINT)
+    with clock.signals_to_first([signal.SIGINT]):
+        clock.start("other", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            clock.wait_until(START_NS + 50 * MS)
+        assert clock.now() < START_NS + 6 * MS
+        clock.wait_until(START_NS + 20 * MS)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)  # upon the first task itself
+    assert other == ["went on"]
+    assert signal.getsignal(signal.SIGINT) is before

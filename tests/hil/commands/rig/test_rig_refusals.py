@@ -72,6 +72,8 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     assert "contact.speed is 2 m/s" in said(recorded, "--lower", "contact.speed=2")
     assert "can only be lowered" in said(recorded, "--lower", "motion.retract=0.6")
     assert "nonsense.toml" in said(recorded, "--rig", nonsense)
+    assert "go wrong on an emulated arm" in said(recorded, "--port", "/dev/ttyUSB99", "--arm", "--faults", "dead=4")
+    assert "no fault 'tired'" in said(recorded, "--port", "virtual", "--faults", "tired")
 
 
 def test_a_session_whose_arm_cannot_be_used_is_refused_at_once_and_leaves_no_folder(
@@ -91,6 +93,7 @@ def test_a_session_whose_arm_cannot_be_used_is_refused_at_once_and_leaves_no_fol
     assert str(file) in said("emulated", "--rig-file", file)
     assert "is no named pipe" in said("emulated", "--estop", file)
     assert "there is no folder" in said("emulated", "--estop", tmp_path / "none" / "pipe")
+    assert "no live person is" in said("virtual", "--source", "vicon://127.0.0.1:1")
     assert "model.safetensors" in said("emulated")  # all is well with the arm
     assert not out.exists()
 

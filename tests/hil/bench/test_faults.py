@@ -137,5 +137,5 @@ def test_a_session_goes_on_and_on_without_a_missed_cycle() -> None:
     assert result["minutes"] >= 0.5 and result["trials"] >= 4 and result["stopped"] == ""
     assert result["missed_cycles"] == result["unanswered"] == 0 < result["cycles"]
     assert not result["broken"]
-    with pytest.raises(HighFiveError, match="ask for 0.1 at least"):
+    with pytest.raises(HighFiveError, match=r"ask for 0\.1 at least"):
         bench_long_session(LongSessionOptions(float("nan")), load_model(DEFAULT_MODEL), quiet)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from highfive.hil.bench.benched_bus import BenchedBus, machine_bus
 from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import Rig
@@ -28,31 +29,31 @@ LATEST_MS = 300.0
 _START_S = 60.0
 
 
-def dead_servo(rig: Rig, seconds: float) -> dict[str, float]:
-    """Cycles a second with one servo dead, from its death on, and the longest one, ms.
+def dead_servo(bench: BenchedBus, rig: Rig, seconds: float) -> dict[str, float]:
+    """Cycles a second on a bus with one servo dead, from its death on, and the longest one, ms.
 
     Returns:
         ``dead_servo_hz`` and ``dead_servo_longest_ms``.
     """
-    with EmulatorProcess() as emulator:
-        bus = ServoBus(emulator.port, rig.baud_rate, rig.models)
-        try:
-            joints = JointBus(bus, rig)
-            joints.prepare()
-            joints.engage()
-            joints.arm_watchdog()
-            still = JointCommand(joints.read().positions, np.full(len(rig.joints), 0.5))
-            emulator.set_faults(f"dead={rig.joints[2].id}")
-            times = [time.perf_counter()]
-            while times[-1] - times[0] < seconds:
-                joints.cycle(still)
-                times.append(time.perf_counter())
-        finally:
-            bus.close()
+    clock = bench.wiring.clock
+    bus = ServoBus(bench.port, rig.baud_rate, rig.models, wiring=bench.wiring)
+    try:
+        joints = JointBus(bus, rig)
+        joints.prepare()
+        joints.engage()
+        joints.arm_watchdog()
+        still = JointCommand(joints.read().positions, np.full(len(rig.joints), 0.5))
+        bench.set_faults(f"dead={rig.joints[2].id}")
+        times = [clock.now()]
+        while times[-1] - times[0] < 1e9 * seconds:
+            joints.cycle(still)
+            times.append(clock.now())
+    finally:
+        bus.close()
     periods = np.diff(times)
     return {
-        "dead_servo_hz": round(len(periods) / float(periods.sum()), 1),
-        "dead_servo_longest_ms": round(1e3 * float(periods.max()), 2),
+        "dead_servo_hz": round(1e9 * len(periods) / float(periods.sum()), 1),
+        "dead_servo_longest_ms": round(1e-6 * float(periods.max()), 2),
     }
 
 
@@ -145,7 +146,8 @@ def driver_figures(
 ) -> dict[str, Any]:
     """All of them: ``dead_servo_hz``, ``dead_servo_longest_ms``, ``estop_ms`` (the worst trial), ``watchdog_ms``."""
     advance = bar("driver", 1 + 2 * trials)
-    figures: dict[str, Any] = dead_servo(rig, seconds)
+    with machine_bus() as bench:
+        figures: dict[str, Any] = dead_servo(bench, rig, seconds)
     advance()
     figures["estop_ms"] = round(max(emergency_stop(rig, trials, advance)), 2)
     figures["watchdog_ms"] = killed_host(rig, trials, advance)

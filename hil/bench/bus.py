@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import select
-import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import serial
 
 from highfive.hil.bench.arm_faults import driver_figures
+from highfive.hil.bench.benched_bus import BenchedBus, machine_bus
 from highfive.hil.drivers.bus.control_table import load_table
 from highfive.hil.drivers.bus.instruction_packets import sync_read, sync_write
 from highfive.hil.drivers.bus.packet import PacketError
 from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.bus.serial_line import Line
 from highfive.hil.drivers.bus.status_packets import FastStatus, decode_fast_status
 from highfive.hil.drivers.emulator.emulated_bus import TURNAROUND_NS
-from highfive.hil.drivers.emulator.emulator_process import EmulatorProcess
+from highfive.hil.runtime.clock import Clock
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 WRITTEN, READ = 4, 10
 """Bytes of a servo in one cycle: goal position; current, velocity and position."""
 
-_PATIENCE_S = 1.0  # a reply that is late where the machine stalls makes a long cycle, not a failed one
+_PATIENCE_NS = 10**9  # a reply that is late where the machine stalls makes a long cycle, not a failed one
 _WARM_UP = 50  # cycles
 
 
@@ -44,10 +43,8 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
     """Cycles a second: a sync write and a fast sync read of all servos, one after another.
 
     Returns:
-        ``cycle_hz`` of a client that does nothing but write and read bytes, and its ``cycle_ms`` (``p50``, ``p99``,
-        ``max``) and ``failed`` cycles; ``sdk_hz`` of the maker's SDK and its ``sdk_failed``; ``limit_hz``, which the
-        line allows; ``servos``, ``baud_rate``, ``seconds``; and what
-        :func:`highfive.hil.bench.arm_faults.driver_figures` gives.
+        What :func:`client_figures` and :func:`highfive.hil.bench.arm_faults.driver_figures` give; ``limit_hz``, which
+        the line allows; ``servos``, ``baud_rate``, ``seconds``.
 
     Raises:
         HighFiveError: the emulator does not start, or nothing comes back.
@@ -57,23 +54,41 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
     if len(servos) < options.servos:
         raise HighFiveError(f"the rig has {len(servos)} servos; {options.servos} were requested")
     advance = bar("bus", 2)
-    with EmulatorProcess() as emulator:
-        periods, failed = _raw(emulator.port, rig.baud_rate, servos, options.seconds)
-        advance("bytes")
-        sdk_hz, sdk_failed = _sdk(emulator.port, rig.baud_rate, servos, options.seconds)
-        advance("SDK")
-    p50, p99, longest = np.percentile(periods, [50.0, 99.0, 100.0]) * 1e3
+    with machine_bus() as bus:
+        figures = client_figures(bus, rig.baud_rate, servos, options.seconds, advance)
     return {
-        "cycle_hz": round(len(periods) / float(np.sum(periods)), 1),
+        **figures,
         "limit_hz": round(limit_hz(servos, rig.baud_rate), 1),
-        "cycle_ms": {"p50": round(p50, 3), "p99": round(p99, 3), "max": round(longest, 3)},
-        "failed": failed,
-        "sdk_hz": round(sdk_hz, 1),
-        "sdk_failed": sdk_failed,
         "servos": len(servos),
         "baud_rate": rig.baud_rate,
         "seconds": options.seconds,
         **driver_figures(rig, options.seconds, options.trials, bar),
+    }
+
+
+def client_figures(
+    bus: BenchedBus, baud_rate: int, servos: list[int], seconds: float, advance: Callable[[str], object]
+) -> dict[str, Any]:
+    """How fast ``servos`` can be commanded and read, each client for ``seconds``; ``advance`` is told which is done.
+
+    Returns:
+        ``cycle_hz`` of a client that does nothing but write and read bytes, and its ``cycle_ms`` (``p50``, ``p99``,
+        ``max``) and ``failed`` cycles; ``sdk_hz`` of the maker's SDK and its ``sdk_failed``.
+
+    Raises:
+        HighFiveError: nothing comes back.
+    """
+    periods, failed = _raw(bus, baud_rate, servos, seconds)
+    advance("bytes")
+    sdk_hz, sdk_failed = _sdk(bus, baud_rate, servos, seconds)
+    advance("SDK")
+    p50, p99, longest = np.percentile(periods, [50.0, 99.0, 100.0]) * 1e-6
+    return {
+        "cycle_hz": round(1e9 * len(periods) / float(np.sum(periods)), 1),
+        "cycle_ms": {"p50": round(p50, 3), "p99": round(p99, 3), "max": round(longest, 3)},
+        "failed": failed,
+        "sdk_hz": round(sdk_hz, 1),
+        "sdk_failed": sdk_failed,
     }
 
 
@@ -115,25 +130,27 @@ def _question(servos: list[int]) -> bytes:
     return sync_read(_address("present_current"), READ, servos, fast=True)
 
 
-def _raw(port: str, baud_rate: int, servos: list[int], seconds: float) -> tuple[list[float], int]:
-    """Periods of the cycles, s, and how many did not bring every servo's answer."""
+def _raw(bus: BenchedBus, baud_rate: int, servos: list[int], seconds: float) -> tuple[list[int], int]:
+    """Periods of the cycles, ns, and how many did not bring every servo's answer."""
     goals = [_goals(servos, n) for n in range(100)]
     question, lengths = _question(servos), dict.fromkeys(servos, READ)
     whole = 8 + (4 + READ) * len(servos)
-    times, failed, reply = [], 0, b""
-    with serial.Serial(port, baud_rate, timeout=0) as line:
-        descriptor = line.fileno()
-        end = time.perf_counter() + seconds
+    clock, times, failed, reply = bus.wiring.clock, list[int](), 0, b""
+    line = bus.wiring.open_line(bus.port, baud_rate)
+    try:
+        end = clock.now() + round(1e9 * seconds)
         while not times or times[-1] < end:
-            os.write(descriptor, goals[len(times) % len(goals)] + question)
+            line.write(goals[len(times) % len(goals)] + question)
             if times:  # the reply before is looked at while the next one is on the line
                 failed += not _is_whole(reply, lengths)
-            reply = _reply(descriptor, whole)
-            times.append(time.perf_counter())
+            reply = _reply(line, clock, whole)
+            times.append(clock.now())
             if len(reply) < whole:
-                line.reset_input_buffer()  # what is left of it must not be taken for the next one
+                line.clear()  # what is left of it must not be taken for the next one
+    finally:
+        line.close()
     if failed >= len(times) - 1:
-        raise HighFiveError(f"nothing comes back from {port}")
+        raise HighFiveError(f"nothing comes back from {bus.port}")
     return np.diff(times[_WARM_UP:]).tolist(), failed
 
 
@@ -144,39 +161,31 @@ def _is_whole(reply: bytes, lengths: dict[int, int]) -> bool:
         return False
 
 
-def _reply(descriptor: int, length: int) -> bytes:
+def _reply(line: Line, clock: Clock, length: int) -> bytes:
     """So many bytes, or those that came in time."""
     got = b""
-    end = time.perf_counter() + _PATIENCE_S
-    while len(got) < length and (left := end - time.perf_counter()) > 0.0:
-        if select.select([descriptor], [], [], left)[0]:
-            got += os.read(descriptor, length - len(got))
+    end = clock.now() + _PATIENCE_NS
+    while len(got) < length and clock.wait_for(line, end):
+        got += line.read(length - len(got))
     return got
 
 
-def _sdk(port: str, baud_rate: int, servos: list[int], seconds: float) -> tuple[float, int]:
+def _sdk(bus: BenchedBus, baud_rate: int, servos: list[int], seconds: float) -> tuple[float, int]:
     """Cycles a second of the maker's SDK, and how many failed."""
-    from dynamixel_sdk import (  # noqa: PLC0415
-        COMM_SUCCESS,
-        GroupSyncRead,
-        GroupSyncWrite,
-        PortHandler,
-        Protocol2PacketHandler,
-    )
+    from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, Protocol2PacketHandler  # noqa: PLC0415
 
-    line, protocol = PortHandler(port), Protocol2PacketHandler()
-    if not (line.openPort() and line.setBaudRate(baud_rate)):
-        raise HighFiveError(f"the maker's SDK cannot open {port} at {baud_rate} baud")
-    write = GroupSyncWrite(line, protocol, _address("goal_position"), WRITTEN)
-    read = GroupSyncRead(line, protocol, _address("present_current"), READ)
-    for servo in servos:
-        read.addParam(servo)
-        write.addParam(servo, list((2048).to_bytes(WRITTEN, "little")))
-    cycles = failed = 0
-    start = time.perf_counter()
-    while (elapsed := time.perf_counter() - start) < seconds:
-        write.txPacket()
-        failed += read.fastSyncRead() != COMM_SUCCESS
-        cycles += 1
-    line.closePort()
+    clock = bus.wiring.clock
+    with bus.sdk_port(baud_rate) as line:
+        protocol = Protocol2PacketHandler()
+        write = GroupSyncWrite(line, protocol, _address("goal_position"), WRITTEN)
+        read = GroupSyncRead(line, protocol, _address("present_current"), READ)
+        for servo in servos:
+            read.addParam(servo)
+            write.addParam(servo, list((2048).to_bytes(WRITTEN, "little")))
+        cycles = failed = 0
+        start = clock.now()
+        while (elapsed := 1e-9 * (clock.now() - start)) < seconds:
+            write.txPacket()
+            failed += read.fastSyncRead() != COMM_SUCCESS
+            cycles += 1
     return cycles / elapsed, failed

@@ -42,7 +42,7 @@ def serving(*words: object) -> tuple[subprocess.Popen[str], str, str]:
     return process, line.split()[1], process.stdout.readline()
 
 
-def ended(process: subprocess.Popen[str], with_signal: int | None = None, within: float = 20.0) -> tuple[int, str, str]:
+def ended(process: subprocess.Popen[str], with_signal: int | None = None, within: float = 60.0) -> tuple[int, str, str]:
     """Exit code and output of a command, after a signal if one is given."""
     if with_signal is not None:
         process.send_signal(with_signal)

@@ -23,6 +23,7 @@ class MarkerFrame:
         counted: the source counts its frames itself; otherwise ``number`` follows from ``source_time_ns``, and a loss
             shows some time after it.
         impossible: markers that are not ``valid`` because their coordinates cannot be meant (infinite, or too far).
+        latency_ns: from when the cameras saw it until the system sent it, ns, as the system says; 0 where it does not.
     """
 
     names: tuple[str, ...]
@@ -34,6 +35,7 @@ class MarkerFrame:
     unlabelled: Float[np.ndarray, "U 3"]
     counted: bool = True
     impossible: int = 0
+    latency_ns: int = 0
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED
-from highfive.hil.session.session import RATE_HZ, Tick
-from highfive.mocap_bridge.frames import MarkerFrame, PalmPose
+from highfive.hil.session.session import RATE_HZ, Tick, TickInput
+from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 
 MS, NS = 1e3, 1e-9
@@ -152,6 +152,7 @@ def arm_trial(
     ticks: Sequence[ArmTick],
     cycles: Sequence[Cycle],
     given_up: ConstraintRelaxation,
+    moments: Array | None = None,
 ) -> ArmTrial:
     """Puts together what was collected, and judges it.
 
@@ -161,9 +162,10 @@ def arm_trial(
         ticks: one for each of its goals, or for those until it was stopped; :data:`FEWEST` at least.
         cycles: of the bus, from before the first to after the last tick.
         given_up: what the retargeting had to give up.
+        moments: (T,) ns, when each row of the reference was, on the loop's clock; by default when its tick was.
     """
     cycles = _meanwhile(ticks, cycles)
-    frames = np.array([tick.frame_ns for tick in ticks], float)
+    frames = np.array([tick.frame_ns for tick in ticks], float) if moments is None else moments
     heard = np.array([cycle.state.time_ns for cycle in cycles], float)
     joints = np.array([np.interp(frames, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T
     poses = [retarget.arm.plate_at(pose) for pose in joints]
@@ -171,8 +173,9 @@ def arm_trial(
     velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
     plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
     met = judged(reference, places, normals, notice(reference, retarget), given_up)
-    halted = any(tick.report.state in HALTED for tick in ticks[: reference.due + 1])
-    broken_off = not met.touched and (halted or len(ticks) < len(reference.goals))
+    end = frames[min(reference.due, len(frames) - 1)]
+    halted = any(tick.report.state in HALTED for tick in ticks if tick.frame_ns <= end)
+    broken_off = not met.touched and (halted or len(frames) < len(reference.goals))
     return ArmTrial(tuple(ticks), tuple(cycles), plates, met, reference.due, broken_off)
 
 
@@ -207,9 +210,9 @@ class ArmWatch:
         self._ticks, self._session, self._cycles = [], [], []
         self.loop.begin()
 
-    def frames(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
-        """The frames of the trial; after the last of them the arm goes to where it rests."""
-        yield from self.loop.timed(frames)
+    def inputs(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
+        """What the trial's ticks begin with; after the last of them the arm goes to where it rests."""
+        yield from self.loop.timed(inputs)
         self._given_up = self.loop.sacrifice
         self._cycles += self.loop.cycles()
         self.loop.rest()
@@ -229,13 +232,13 @@ class ArmWatch:
         """
         if not self._ticks or not self._cycles:
             return None
-        return arm_trial(
-            reference_in(self._session, emotion, cell, met),
-            self.loop.retarget,
-            self._ticks,
-            self._cycles,
-            self._given_up,
-        )
+        reference = reference_in(self._session, emotion, cell, met)
+        # Rows of the reference come at the model's rate; the ticks of a live person come with the frames.
+        times = np.array([tick.time_ns - self._session[0].time_ns for tick in self._session], dtype=float)
+        frames = np.array([tick.frame_ns for tick in self._ticks], dtype=float)
+        rows = 1e9 / RATE_HZ * np.arange(len(reference.goals))
+        moments = np.interp(rows, times[: len(frames)], frames)
+        return arm_trial(reference, self.loop.retarget, self._ticks, self._cycles, self._given_up, moments)
 
 
 def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:

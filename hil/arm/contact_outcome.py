@@ -126,16 +126,27 @@ class ContactOutcome:
 
 
 def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> ReferenceTrajectory:
-    """What a session's ticks demanded of the arm."""
-    touches = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
+    """What a session's ticks demanded of the arm, at the model's rate: the ticks of a live person have their own."""
+    times = 1e-9 * np.array([tick.time_ns - ticks[0].time_ns for tick in ticks], dtype=float)
+    rows = TICK * np.arange(int(times[-1] / TICK + 0.5) + 1)
+    nearest = np.abs(times[:, None] - rows).argmin(axis=0)
+    touch = next((time for time, tick in zip(times, ticks, strict=True) if tick.target.phase is Phase.TOUCH), None)
+    person, avatar, normals = (
+        np.array([np.interp(rows, times, axis) for axis in np.transpose(points)]).T
+        for points in (
+            [tick.person.palm.position for tick in ticks],
+            [tick.palm.position for tick in ticks],
+            [tick.palm.normal for tick in ticks],
+        )
+    )
     return ReferenceTrajectory(
         emotion,
         cell,
-        tuple(palm_goal(tick) for tick in ticks),
-        np.array([tick.person.palm.position for tick in ticks]),
-        np.array([tick.palm.position for tick in ticks]),
-        np.array([tick.palm.normal for tick in ticks]),
-        touches[0] if touches else max(met, 0),
+        tuple(palm_goal(ticks[i]) for i in nearest),
+        person,
+        avatar,
+        normals,
+        max(met, 0) if touch is None else round(touch / TICK),
         met,
     )
 

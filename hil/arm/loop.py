@@ -25,7 +25,8 @@ from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import HALTED, State
 from highfive.hil.safety.values import Inputs, Report, standing
-from highfive.mocap_bridge.frames import MarkerFrame, PalmPose
+from highfive.hil.session.session import TickInput
+from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -92,15 +93,17 @@ class _Seen:
     measured_ns: int
     deviation: float = 0.0
 
-    def again(self, sighting: Sighting | None, given: bool, frame_ns: int) -> _Seen:
-        """After a frame that came at ``frame_ns``; where it says nothing of how, what is ``given`` was measured in it.
+    def again(self, sighting: Sighting | None, given: bool, at_ns: int, ahead_ns: int) -> _Seen:
+        """After a tick for ``at_ns``, ``ahead_ns`` after its frame; where that says nothing of how, the ``given`` was
+        measured in it.
 
         What was not measured in it was measured no later than before, whatever the source's own clock makes of that.
         """
         if sighting is None:
-            return _Seen(frame_ns) if given else self
-        measured = frame_ns - sighting.age_ns
-        return _Seen(min(measured, self.measured_ns) if sighting.age_ns > 0 else measured, sighting.deviation)
+            return _Seen(at_ns - ahead_ns) if given else self
+        measured = at_ns - sighting.age_ns
+        hidden = sighting.age_ns > ahead_ns
+        return _Seen(min(measured, self.measured_ns) if hidden else measured, sighting.deviation)
 
     def at(self, now_ns: int) -> Sighting:
         """Now."""
@@ -132,7 +135,8 @@ class ArmLoop:
         self._arm, self.retarget, self._limits = arm, retarget, limits
         self._checked, self._estop, self.clock = checked, estop, clock
         self._human: Human | None = None
-        self._estimated_ns = self._frame_ns = self._arrived_ns = clock.now()
+        self._estimated_ns = self._frame_ns = self._at_ns = clock.now()
+        self._ahead_ns = 0
         self._head = self._palm = _Seen(self._frame_ns)
         self._check: Check | None = None
         self._standing = standing(clock.now())
@@ -185,16 +189,16 @@ class ArmLoop:
         """What the high five that is on, or was last, had to give up."""
         return ConstraintRelaxation() if self._state is None else self._state.sacrifice
 
-    def timed(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
-        """The frames, each with a note of when it came."""
-        for frame in frames:
-            self.note_frame(frame.arrival_time_ns)
-            yield frame
+    def timed(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
+        """The inputs of a session's ticks, each with a note of when it is meant for."""
+        for begins in inputs:
+            self.note_frame(begins.at_ns, begins.ahead_ns)
+            yield begins
 
-    def note_frame(self, arrived_ns: int | None = None) -> None:
-        """The next tick's frame is there, and came at ``arrived_ns`` of the loop's clock; None: now."""
+    def note_frame(self, at_ns: int | None = None, ahead_ns: int = 0) -> None:
+        """The next tick begins; it is for ``at_ns`` of the loop's clock (None: now), ``ahead_ns`` after its frame."""
         self._frame_ns = self.clock.now()
-        self._arrived_ns = self._frame_ns if arrived_ns is None else min(arrived_ns, self._frame_ns)
+        self._at_ns, self._ahead_ns = self._frame_ns if at_ns is None else at_ns, ahead_ns
 
     def cycles(self) -> list[Cycle]:
         """What the bus did since the last call."""
@@ -270,12 +274,12 @@ class ArmLoop:
 
     def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:
         """The person as estimated last, and when head and hand were last measured."""
-        self._head = self._head.again(goal.head_seen, goal.head is not None, self._arrived_ns)
-        self._palm = self._palm.again(goal.person_seen, goal.person is not None, self._arrived_ns)
+        self._head = self._head.again(goal.head_seen, goal.head is not None, self._at_ns, self._ahead_ns)
+        self._palm = self._palm.again(goal.person_seen, goal.person is not None, self._at_ns, self._ahead_ns)
         if goal.head is not None:
             palm = goal.person
             at, velocity = (None, None) if palm is None else (palm.position, palm.velocity)
-            self._human, self._estimated_ns = Human(goal.head, at, velocity, 0), self._arrived_ns
+            self._human, self._estimated_ns = Human(goal.head, at, velocity, 0), self._at_ns
         if self._human is None:
             return None
         age_ns = max(0, now_ns - self._estimated_ns)

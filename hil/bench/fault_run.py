@@ -30,6 +30,7 @@ from highfive.hil.session.session import RATE_HZ, Session
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings
+from highfive.hil.trials.trial import as_captured
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
@@ -110,8 +111,8 @@ class FaultRun:
             self._begun_ns = virtual.clock.now()
             frames = faulty_frames(self._frames, self._due_ns, self._schedule, virtual.clock)
             try:
-                for frame in watch.frames(frames):
-                    watch.watch(session.step(frame))
+                for begins in watch.inputs(as_captured(frames)):
+                    watch.watch(session.step(begins.frame, begins.time_ns))
                 contact = self._contact
             except KeyboardInterrupt:
                 contact = -1  # it may not have come so far

@@ -15,20 +15,21 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
-from highfive.hil.session.session import RATE_HZ, Session, Tick
+from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner, recorded_partner, simulated_partners
 from highfive.hil.trials.summary import SessionSettings, summarise
-from highfive.hil.trials.trial import run_trial, style_name
+from highfive.hil.trials.trial import as_captured, run_trial, style_name
 from highfive.hil.trials.trial_result import TrialResult
-from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.address import is_live
@@ -371,23 +372,25 @@ def _trial(
         assert watch is not None
         from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
 
-        frames = watch.frames(at_their_time(C3DSource(partner.recording, RATE_HZ), watch.loop.clock))
-        return run_trial(number, partner, session, playout, frames, watch.watch), ""
+        frames = at_their_time(C3DSource(partner.recording, RATE_HZ), watch.loop.clock)
+        return run_trial(number, partner, session, playout, watch.inputs(as_captured(frames)), watch.watch), ""
     say_aside(f"high five {number + 1}, {style}: raise the right hand")
     live = person.trial()
-    frames: Iterable[MarkerFrame] = live
-    if watch is not None:
-        frames = watch.frames(live)
+    inputs: Iterable[TickInput] = live if watch is None else watch.inputs(live)
 
     def seen(tick: Tick) -> None:
         live.watch(tick)
         if watch is not None:
             watch.watch(tick)
 
-    result = run_trial(number, partner, session, playout, frames, seen) if live.begins() else None
+    result = run_trial(number, partner, session, playout, inputs, seen) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble
-    note = f"{live.count} ticks, {live.late} late, {live.stale} without a new frame"
+    ahead = float(np.median(live.ahead_ms))
+    note = (
+        f"{live.count} ticks, {live.late} late, {live.predicted} between frames, {live.stale} of them stale; "
+        f"poses {ahead:.1f} ms ahead of the newest frame"
+    )
     return replace(result, notes=(*result.notes, note)), ""
 
 

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
-from highfive.model.online.reaction import OnlineResponder, Reaction, ReactionModel
+from highfive.model.online.reaction import OnlineResponder, Reaction, ReactionModel, SimpleReaction
 from highfive.model.online.responder import Responder
 from highfive.model.plugins import PluginError, fault
 
@@ -40,12 +40,24 @@ class Patience:
 PATIENCE = Patience()
 
 
+class ContinuousResponder(OnlineResponder, Protocol):
+    """A responder that also answers between its steps, and jumps over many of them."""
+
+    def ahead(self, seconds: float) -> Reaction:
+        """The reaction some ``seconds`` after the last step; the state stays as it is."""
+        ...
+
+    def skip(self, ticks: int) -> None:
+        """Goes on by some steps in which nothing was heard of the person, at the cost of about one."""
+        ...
+
+
 def open_responder(
     model: HGPDM | ReactionModel,
     style: str | Mapping[str, float] | ArrayLike,
     rate_hz: float,
     patience: Patience | None = PATIENCE,
-) -> OnlineResponder:
+) -> ContinuousResponder:
     """The model at work in a style, at ``rate_hz`` ticks per second; nothing is left to compile.
 
     Args:
@@ -118,7 +130,26 @@ class _Guarded:
         reaction = _called(self._title, "step", lambda: self._inner.step(hand_points, covariance))
         self._in_time(time.perf_counter() - start)
         self._checked(reaction)
+        self._last = reaction
         return reaction
+
+    def ahead(self, seconds: float) -> Reaction:
+        """The last reaction, its times counted from then: nobody knows how the model's poses go on."""
+        last = self._last
+        return SimpleReaction(
+            last.joints,
+            last.root,
+            last.palm,
+            last.contact_point,
+            last.time_to_contact - seconds,
+            last.time_to_contact_std,
+            None if last.contact is None else last.contact.later(seconds),
+            last.in_distribution,
+        )
+
+    def skip(self, ticks: int) -> None:
+        """One step without a hand: a model of somebody else's takes its own time for each."""
+        self.step(None)
 
     def _in_time(self, took: float) -> None:
         if self._patience is None:

@@ -11,6 +11,7 @@ import numpy as np
 from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.open_responder import open_responder
+from highfive.hil.session.paced_responder import PacedResponder
 from highfive.hil.session.reach import Expectation, Reach, ReachTarget
 from highfive.hil.session.style_timing import timing_of
 from highfive.hil.sim.avatar import Pose, between
@@ -21,13 +22,18 @@ from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.palm_filter import PalmFilter
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
 from highfive.mocap_bridge.tracking.tracker import Tracker
+from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.reaction import Reaction, ReactionModel
-from highfive.model.online.responder import HAND_VARIANCE
 from highfive.model.settings import Settings, setting
 
 RATE_HZ = 120.0
+"""Of the model, and of what is recorded or simulated; live frames come at any rate."""
+
+PERIOD_NS = round(1e9 / RATE_HZ)
+LONGEST_STEP_NS = 1_000_000_000
+"""A tick that is later than the one before by more than this, or earlier, begins another time: a clock was set."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +48,10 @@ class PoseSettings(Settings):
 
 @dataclass(frozen=True)
 class Tick:
-    """What one frame led to.
+    """What one frame led to, or the time that passed without one.
 
     Attributes:
+        time_ns: for which all of it holds, ns on the clock of the frames' stamps.
         markers: every marker of the set, seen or not.
         person: the live person.
         response: what the model answers.
@@ -57,6 +64,7 @@ class Tick:
         out_of_reach: the target cannot be reached.
     """
 
+    time_ns: int
     markers: TrackedMarkers
     person: HumanArm
     response: Reaction
@@ -69,12 +77,28 @@ class Tick:
     out_of_reach: bool
 
 
-HAND_COVARIANCE = HAND_VARIANCE.reshape(2, 3, 1) * np.eye(3)
-"""(2, 3, 3) m², of the hand points where every marker is seen; what the tracker does not know comes on top."""
+@dataclass(frozen=True)
+class TickInput:
+    """What a tick begins with; see :meth:`Session.step`.
+
+    Attributes:
+        frame: the newest frame; None where none has come since the last tick.
+        time_ns: for when the pose is, ns on the clock of the frames' stamps.
+        at_ns: the same time on this process's monotonic clock, ns.
+    """
+
+    frame: MarkerFrame | None
+    time_ns: int
+    at_ns: int
+
+    @property
+    def ahead_ns(self) -> int:
+        """How far the tick lies ahead of what was measured for it, ns; 0 where nothing was."""
+        return 0 if self.frame is None else self.time_ns - self.frame.source_time_ns
 
 
 class Session:
-    """The chain from a marker frame to the pose that is played, at 120 Hz."""
+    """The chain from a marker frame to the pose that is played, at the times at which frames come."""
 
     def __init__(
         self,
@@ -98,7 +122,7 @@ class Session:
         self._arm = HumanArmEstimator(marker_set)
         self._return = ReacquisitionSmoother()
         self._palm = PalmFilter()
-        self._responder = open_responder(model, style, RATE_HZ)
+        self._responder = PacedResponder(open_responder(model, style, RATE_HZ), RATE_HZ, self._arm)
         self._timing = timing_of(model)
         self._reach = Reach()
         self._correction = ContactCorrection(scene)
@@ -119,46 +143,82 @@ class Session:
         self._last = self._timing.waiting(self._responder.style)
         self._reach.reset()
         self._correction.reset()
+        self._captured_ns: int | None = None  # the newest frame's stamp
+        self._time_ns = 0  # of the last tick
 
-    def step(self, frame: MarkerFrame) -> Tick:
-        """One tick."""
-        markers = self._tracker.update(frame)
-        person = self._steady(self._arm(markers))
-        covariance = HAND_COVARIANCE + person.hand_covariance
-        response = self._responder.step(person.hand_points if person.valid else None, covariance)
+    def step(self, frame: MarkerFrame | None, time_ns: int | None = None) -> Tick:
+        """One tick.
+
+        Args:
+            frame: the newest frame; None where none has come since the last tick: the person is predicted.
+            time_ns: for when the pose is, ns on the clock of the frames' stamps: from when the cameras saw the person
+                until the pose is shown. The person is predicted over it. By default, the frame's own stamp.
+
+        Raises:
+            HighFiveError: there is neither frame nor time.
+        """
+        time_ns, dt = self._elapsed(frame, time_ns)
+        if frame is not None:
+            markers = self._tracker.update(frame)
+            person = self._arm(markers)
+            self._responder.observe(markers, person)
+            if time_ns > frame.source_time_ns:
+                ahead = self._tracker.at(time_ns)
+                markers = replace(ahead, seen=markers.seen, rejected=markers.rejected)
+                person = self._arm(markers)
+        else:
+            markers = self._tracker.at(time_ns)
+            person = self._arm(markers)
+            self._responder.wait(time_ns)
+        person = self._steady(person, dt)
+        response = self._responder.answer(time_ns)
         familiar = response.in_distribution
-        generated = self._pose(response, familiar)
+        generated = self._pose(response, familiar, dt)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None
         expectation = _expectation(response, familiar)
-        target = self._reach.step(palm, seen, expectation, self._correction.shoulder, 1.0 / RATE_HZ)
+        target = self._reach.step(palm, seen, expectation, self._correction.shoulder, dt)
         if not self._correct:
-            return Tick(markers, person, response, generated, palm, target, generated, palm, 0.0, False)
+            return Tick(time_ns, markers, person, response, generated, palm, target, generated, palm, 0.0, False)
         corrected = self._correction.solve(generated, target.position, target.normal, target.weight)
         return Tick(
-            markers, person, response, generated, palm, target,
+            time_ns, markers, person, response, generated, palm, target,
             corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,
         )  # fmt: skip
 
-    def _steady(self, person: HumanArm) -> HumanArm:
+    def _elapsed(self, frame: MarkerFrame | None, time_ns: int | None) -> tuple[int, float]:
+        """The time of this tick, ns, and how long it is after the last one, s."""
+        if frame is None and (time_ns is None or self._captured_ns is None):
+            raise HighFiveError("a tick without a frame needs a time, and a frame before it")
+        captured, before = self._captured_ns if frame is None else frame.source_time_ns, self._captured_ns
+        assert captured is not None
+        time_ns = captured if time_ns is None else max(time_ns, captured)
+        begins = before is None or (frame is not None and not 0 < captured - before <= LONGEST_STEP_NS)
+        if begins and before is not None:
+            self._responder.restart()
+        elapsed, self._captured_ns, self._time_ns = time_ns - self._time_ns, captured, time_ns
+        return time_ns, 1e-9 * (PERIOD_NS if begins or not 0 < elapsed <= LONGEST_STEP_NS else elapsed)
+
+    def _steady(self, person: HumanArm, dt: float) -> HumanArm:
         """The person with a hand that does not jump and a palm that does not shake."""
         if not person.valid:
             self._return.reset()
             self._palm.reset()
             return person
-        person = self._return(person, 1.0 / RATE_HZ)
-        return replace(person, palm=self._palm(person.palm, 1.0 / RATE_HZ))
+        ahead = min(person.time_ns - (self._captured_ns or 0), self._responder.settings.patience_ns)
+        person = self._return(person, dt, ahead)
+        return replace(person, palm=self._palm(person.palm, dt))
 
-    def _pose(self, response: Reaction, familiar: bool) -> Pose:
+    def _pose(self, response: Reaction, familiar: bool, dt: float) -> Pose:
         """The model's pose in the style's timing; where the person is a stranger to it, the pose in which it waits."""
         style = self._responder.style
         waiting = self._timing.waiting(style)
         pose = self._timing.answering(response, style, waiting)
         # Far from what it has learned the model may leap; no arm does.
-        largest = self._settings.quickest / RATE_HZ
+        largest = self._settings.quickest * dt
         step = np.clip(pose.hinges - self._last.hinges, -largest, largest)
         self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
-        share = 1.0 - math.exp(-1.0 / (RATE_HZ * self._settings.calming))
+        share = 1.0 - math.exp(-dt / self._settings.calming)
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
         self._trust[0] += share * (float(familiar) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])

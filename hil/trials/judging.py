@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from highfive.hil.session.reach import Phase
 from highfive.hil.session.session import RATE_HZ, Tick
@@ -23,13 +24,14 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
     person_palm = np.array([state.person_palm.position for state in states])
     palm = np.array([state.palm.position for state in states])
     generated_palm = np.array([tick.generated_palm.position for tick in ticks])
-    times = np.arange(len(ticks)) / RATE_HZ
+    times = 1e-9 * np.array([tick.time_ns - ticks[0].time_ns for tick in ticks], dtype=float)
+    truth = None if partner.palm is None else TrueMotion(partner.palm, RATE_HZ)
     touched = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
     known = partner.contact_frame >= 0
     met = contact.met_time_ns
     contact_time = np.nan if met is None else 1e-9 * met
-    nearest = round(1e-9 * contact.nearest_time_ns * RATE_HZ)
-    touch_error, touch_speed = _felt(states, contact, partner.palm)
+    nearest = next(i for i, state in enumerate(states) if state.time_ns == contact.nearest_time_ns)
+    touch_error, touch_speed = _felt(states, contact, truth)
     hinges, generated = _hinge_track([t.pose for t in ticks]), _hinge_track([t.generated for t in ticks])
     fading = np.array([tick.target.phase is Phase.APPROACH for tick in ticks])
     return TrialResult(
@@ -43,7 +45,9 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         contact=contact,
         error=contact.distance,
         uncorrected_error=_nearest(generated_palm, person_palm),
-        true_error=np.nan if partner.palm is None else float(np.linalg.norm(palm[nearest] - partner.palm[nearest])),
+        true_error=np.nan
+        if truth is None
+        else float(np.linalg.norm(palm[nearest] - truth.at(states[nearest].time_ns))),
         touch_error=touch_error,
         touch_speed=touch_speed,
         palm_angle=contact.palm_angle,
@@ -51,8 +55,8 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         contact_time=contact_time,
         time_error=contact_time - partner.contact_frame / RATE_HZ if known else np.nan,
         other_error=np.nan if partner.other_palm is None else _nearest(partner.other_palm, person_palm),
-        speed_change=_speed_change(hinges, fading),
-        uncorrected_speed_change=_speed_change(generated, np.ones_like(fading)),
+        speed_change=_speed_change(hinges, times, fading),
+        uncorrected_speed_change=_speed_change(generated, times, np.ones_like(fading)),
         times=times,
         people=tuple(tick.person for tick in ticks),
         poses=tuple(state.pose for state in states),
@@ -68,17 +72,35 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
     )
 
 
-def _felt(states: Sequence[PlayState], contact: ContactReport, true_palm: Array | None) -> tuple[float, float]:
-    """What the person would feel at first touch: distance, m, of the played palm from the true one (T, 3), and closing
-    speed, m/s; NaN where they did not touch, or nobody knows the true palm."""
-    state = next((state for state in states if state.time_ns == contact.met_time_ns), None)
-    if state is None or true_palm is None:
+class TrueMotion:
+    """Where a simulated palm really was, at any time: a cubic spline through its samples."""
+
+    def __init__(self, palm: Array, rate_hz: float) -> None:
+        """Through positions (T, 3), m, from time 0 on."""
+        self._spline = CubicSpline(np.arange(len(palm)) / rate_hz, palm)
+        self._end = (len(palm) - 1) / rate_hz
+
+    def at(self, time_ns: int) -> Array:
+        """(3,) m; before the first and after the last sample, that sample."""
+        return self._spline(min(max(1e-9 * time_ns, 0.0), self._end))
+
+    def distance(self, place: Array, time_ns: int) -> float:
+        """m, of a place (3,) from there."""
+        return float(np.linalg.norm(place - self.at(time_ns)))
+
+
+def _felt(states: Sequence[PlayState], contact: ContactReport, truth: TrueMotion | None) -> tuple[float, float]:
+    """What the person would feel at first touch: distance, m, of the played palm from the true one, and closing speed,
+    m/s; NaN where they did not touch, or nobody knows the true palm."""
+    met = next((i for i, state in enumerate(states) if state.time_ns == contact.met_time_ns), None)
+    if met is None or truth is None:
         return np.nan, np.nan
-    frame = min(max(round(1e-9 * state.time_ns * RATE_HZ), 1), len(true_palm) - 1)
-    distance = np.linalg.norm(state.palm.position - true_palm[frame])
-    velocity = (true_palm[frame] - true_palm[frame - 1]) * RATE_HZ
+    state, before = states[met], states[max(met - 1, 0)].time_ns
+    # As the played palm's own: over the last tick.
+    seconds = 1e-9 * (state.time_ns - before)
+    velocity = (truth.at(state.time_ns) - truth.at(before)) / seconds if seconds > 0.0 else np.zeros(3)
     closing = (state.palm.velocity - velocity) @ common_normal(state.palm, state.person_palm)
-    return float(distance), float(closing)
+    return truth.distance(state.palm.position, state.time_ns), float(closing)
 
 
 def _hinge_track(poses: list[Pose]) -> Array:
@@ -90,8 +112,9 @@ def _nearest(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a[:count] - b[:count], axis=-1).min())
 
 
-def _speed_change(hinges: Array, where: NDArray[np.bool_]) -> float:
+def _speed_change(hinges: Array, times: Array, where: NDArray[np.bool_]) -> float:
     """Largest change of any hinge's speed between ticks, rad/s, over the ticks ``where`` it counts."""
-    change = np.abs(np.diff(hinges, n=2, axis=0)).max(axis=(1, 2)) * RATE_HZ
+    speeds = np.diff(hinges, axis=0) / np.diff(times)[:, None, None]
+    change = np.abs(np.diff(speeds, axis=0)).max(axis=(1, 2))
     chosen = change[where[2:]]
     return float(chosen.max()) if chosen.size else 0.0

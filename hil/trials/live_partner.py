@@ -1,4 +1,4 @@
-"""A live person: who is there, where the avatar is to stand, and the frames of one trial at 120 Hz."""
+"""A live person: who is there, where the avatar is to stand, and the frames of one trial as they come."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from highfive.calibration.placement import Placement, place_person
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.reach import Phase
-from highfive.hil.session.session import RATE_HZ, Tick
+from highfive.hil.session.session import RATE_HZ, Tick, TickInput
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.hil.trials.partners import Partner
 from highfive.mocap_bridge.files.recording import Recording, make_recording
@@ -48,8 +48,20 @@ GONE_S = 5.0
 """A source from which nothing has come for so long is given up, s."""
 
 TICK_NS = round(1e9 / RATE_HZ)
-LONGEST_STEP_NS = 500_000_000
-"""A system's clock that goes on by more from frame to frame was set, ns."""
+SHORTEST_NS = TICK_NS - 1_000_000
+"""Ticks begin no sooner one after the other: a system of 500 Hz gives its newest frame, ns."""
+
+SOON = 1.6
+"""A frame that is expected within so many ticks is waited for; until a later one comes, the person is predicted."""
+
+OVERDUE_NS = 4_000_000
+"""A frame that is so much later than expected is waited for no longer, ns."""
+
+LEAST_STEP_NS = 1_000_000
+"""Ticks are for times at least so far apart, ns."""
+
+CLOCK_SET_NS = 250_000_000
+"""A system's clock whose frames are so much further apart than their arrivals, or nearer, was set, ns."""
 
 
 def live_source(address: str, person: str | None, wiring: LiveWiring = MACHINE_WIRING) -> LiveSource:
@@ -70,6 +82,7 @@ class LivePerson:
         marker_set: MarkerSet | None = None,
         registered: Placement | None = None,
         clock: Clock = MACHINE,
+        latency_ns: int = 0,
     ):
         """Waits for the first frame, finds the marker set, and watches the person for :data:`PRACTICE_S`.
 
@@ -78,7 +91,7 @@ class LivePerson:
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
-        self._source, self._address, self._clock = source, address, clock
+        self._source, self._address, self._clock, self._latency_ns = source, address, clock, latency_ns
         first = source.first()
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
@@ -119,7 +132,7 @@ class LivePerson:
                 if seconds <= 0.0 or (len(both) and float(np.median(steps)) > RESTING_SPEED * seconds):
                     since = self._clock.now()
             before = frame
-        return LiveTrial(self._source, self._placement, self._clock)
+        return LiveTrial(self._source, self._placement, self._clock, self._latency_ns)
 
     def _height(self, names: tuple[str, ...], points: Array, valid: NDArray[np.bool_]) -> str:
         """How high the right hand comes, in words, in points (T, M, 3), m, where they are ``valid``; '' for never."""
@@ -147,20 +160,35 @@ class LivePerson:
 
 
 class LiveTrial:
-    """The frames of one trial, at their time; ends once a high five is over.
+    """What the ticks of one trial begin with, as frames come; ends once a high five is over.
+
+    A tick begins when a frame is there. Where frames are slower than the avatar is shown, or one is overdue, a tick
+    begins without: the person is predicted. Each is for the time at which its pose is shown: from when the cameras saw
+    the frame until now, and :attr:`latency_ns` later. After a pause there is one tick for now, and none is made up for.
 
     Attributes:
-        late: ticks that began more than a millisecond after their time.
-        stale: ticks without a new frame.
+        late: ticks that began more than a millisecond after they could.
+        predicted: ticks without a new frame.
+        stale: those of them in which the newest frame was older than :data:`STALE_S`.
         count: ticks so far.
+        ahead_ms: by how much each was ahead of its frame, ms.
         trouble: why the trial ended early, '' if it did not: nothing has come for :data:`GONE_S`.
     """
 
-    def __init__(self, source: LiveSource, placement: Placement, clock: Clock = MACHINE):
-        """Begins with the first frame that is requested."""
-        self._source, self._placement, self._clock = source, placement, clock
-        self.late, self.stale, self.trouble = 0, 0, ""
-        self._reached, self._idle, self.count = False, 0, 0
+    def __init__(self, source: LiveSource, placement: Placement, clock: Clock = MACHINE, latency_ns: int = 0):
+        """Begins with the first frame that is requested.
+
+        Args:
+            source: of the frames.
+            placement: of the person in the avatar's world.
+            clock: this process's.
+            latency_ns: what cameras, network and screen take beyond what the source says of itself.
+        """
+        self._source, self._placement, self._clock, self._latency_ns = source, placement, clock, latency_ns
+        self.late = self.predicted = self.stale = self.count = 0
+        self.ahead_ms: list[float] = []
+        self.trouble, self._reached = "", False
+        self._time_ns = self._idle_since_ns = 0
 
     def begins(self) -> bool:
         """Whether there is a source to play with; if not, ``trouble`` says why."""
@@ -173,45 +201,64 @@ class LiveTrial:
             self.trouble = f"nothing has come for {GONE_S:g} s ({health.trouble or 'the source is silent'})"
         return gone
 
-    def __iter__(self) -> Iterator[MarkerFrame]:
-        """A frame each tick, in the avatar's world; one without markers where there is nothing new."""
-        start, last, first, stamp = self._clock.now(), None, 0, -TICK_NS
+    def __iter__(self) -> Iterator[TickInput]:
+        """One after the other, in the avatar's world; times begin at 0 with the first frame's stamp."""
+        frame, stamp, captured, begun = None, 0, 0, 0  # of the newest frame, and when the last tick began
         while not self._is_over():
-            due = start + self.count * TICK_NS
-            self.late += due - self._clock.now() < -1_000_000
-            self._clock.wait_until(due)
+            new = self._next(frame, begun)
             now = self._clock.now()
-            newest = self._source.newest(now)
-            health = self._source.health(now)
-            if newest is None or self._is_gone(now):
+            if self._is_gone(now):
                 return
-            fresh = newest is not last and health.age_ns < STALE_S * 1e9
-            self.stale += not fresh
-            if last is None:
-                first = newest.source_time_ns
-            last = newest
-            # The system's own clock, which does not jitter; where there is nothing new, time goes on by a tick.
-            own = newest.source_time_ns - first if fresh else stamp + TICK_NS
-            stamp = own if stamp < own < stamp + LONGEST_STEP_NS else stamp + TICK_NS
-            yield self._placed(newest, fresh, stamp)
-            self.count += 1
+            if new is not None:
+                seen_ns = min(self._source.captured(new), now)
+                stamp = 0 if frame is None else stamp + self._elapsed(frame, new, seen_ns - captured)
+                frame, captured = new, seen_ns
+            elif frame is None:
+                return
+            stale = now - frame.arrival_time_ns > STALE_S * 1e9
+            self.predicted, self.stale, self.count = self.predicted + (new is None), self.stale + stale, self.count + 1
+            # Time does not go back where a frame shows that the one before was late.
+            at_ns = now + self._latency_ns
+            time_ns = max(stamp + at_ns - captured, self._time_ns + LEAST_STEP_NS, stamp)
+            self._time_ns, begun = time_ns, now
+            self.ahead_ms.append(1e-6 * (time_ns - stamp))
+            yield TickInput(None if new is None else self._placed(new, stamp), time_ns, at_ns)
+
+    def _next(self, seen: MarkerFrame | None, begun: int) -> MarkerFrame | None:
+        """The next tick's frame, once it is there; None where it is time for a tick without one."""
+        if seen is None:
+            return self._source.newest(self._clock.now())
+        self._clock.wait_until(begun + SHORTEST_NS)
+        expected = seen.arrival_time_ns + round(self._source.period_ns)
+        soon = begun < expected <= begun + SOON * TICK_NS
+        due = expected + OVERDUE_NS if soon else begun + TICK_NS
+        frame = self._source.wait(seen, max(0.0, 1e-9 * (due - self._clock.now())))
+        ready = due if frame is None else max(frame.arrival_time_ns, begun + SHORTEST_NS)
+        self.late += self._clock.now() - ready > 1_000_000
+        return frame
+
+    def _elapsed(self, before: MarkerFrame, frame: MarkerFrame, between_ns: int) -> int:
+        """From frame to frame, ns, by the system's own clock, which does not jitter, as long as that is plausible."""
+        own = frame.source_time_ns - before.source_time_ns
+        if own > 0 and abs(own - (frame.arrival_time_ns - before.arrival_time_ns)) < CLOCK_SET_NS:
+            return own
+        return max(between_ns, LEAST_STEP_NS)
 
     def watch(self, tick: Tick) -> None:
         """Sees each tick, to know when the high five is over."""
         idle = tick.target.phase is Phase.IDLE
         self._reached = self._reached or not idle
-        self._idle = self._idle + 1 if idle and self._reached else 0
+        if not idle or not self._reached:
+            self._idle_since_ns = tick.time_ns
 
     def _is_over(self) -> bool:
-        return self._idle > AFTERWARDS_S * RATE_HZ or self.count > LONGEST_S * RATE_HZ
+        afterwards = self._time_ns - self._idle_since_ns if self._reached else 0
+        return afterwards > AFTERWARDS_S * 1e9 or self._time_ns > LONGEST_S * 1e9
 
-    def _placed(self, frame: MarkerFrame, fresh: bool, time_ns: int) -> MarkerFrame:
-        valid = frame.valid if fresh else np.zeros_like(frame.valid)
-        loose = self._placement.apply(frame.unlabelled) if fresh else np.zeros((0, 3))
+    def _placed(self, frame: MarkerFrame, time_ns: int) -> MarkerFrame:
         return replace(
             frame,
-            positions=np.where(valid[:, None], self._placement.apply(frame.positions), 0.0),
-            valid=valid,
-            unlabelled=loose,
+            positions=np.where(frame.valid[:, None], self._placement.apply(frame.positions), 0.0),
+            unlabelled=self._placement.apply(frame.unlabelled),
             source_time_ns=time_ns,
         )

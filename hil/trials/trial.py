@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
-from highfive.hil.session.session import RATE_HZ, Session, Tick
+from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
 from highfive.hil.session.synchroniser import Synchroniser
 from highfive.hil.sim.playout import PlayOut, PlayState
 from highfive.hil.trials.judging import judged
@@ -22,7 +22,7 @@ def run_trial(
     partner: Partner,
     session: Session,
     playout: PlayOut,
-    frames: Iterable[MarkerFrame] | None = None,
+    inputs: Iterable[TickInput] | None = None,
     watch: Callable[[Tick], None] = lambda tick: None,
 ) -> TrialResult:
     """One trial. The partner's recording goes as fast as it can; its figures are the same every time, timings apart.
@@ -34,7 +34,7 @@ def run_trial(
         partner: who raises the hand.
         session: reset before the first frame.
         playout: plays the poses.
-        frames: of a live partner, at their time; by default those of the partner's recording.
+        inputs: of a live partner, at their time; by default the frames of the partner's recording.
         watch: is shown each tick.
     """
     session.reset()
@@ -42,18 +42,23 @@ def run_trial(
     ticks: list[Tick] = []
     states: list[PlayState] = []
     tick_ms: list[float] = []
-    for frame in C3DSource(partner.recording, RATE_HZ) if frames is None else frames:
+    for begins in as_captured(C3DSource(partner.recording, RATE_HZ)) if inputs is None else inputs:
         start = time.perf_counter_ns()
-        tick = session.step(frame)
+        tick = session.step(begins.frame, begins.time_ns)
         tick_ms.append(1e-6 * (time.perf_counter_ns() - start))
-        synchroniser.add(frame.source_time_ns, tick.pose)
+        synchroniser.add(tick.time_ns, tick.pose)
         synchroniser.add_person(tick.person)
-        moment = synchroniser.at(frame.source_time_ns)
+        moment = synchroniser.at(tick.time_ns)
         play = playout.step if states else playout.reset
         states.append(play(moment.pose, moment.person, moment.time_ns))
         ticks.append(tick)
         watch(tick)
     return judged(number, partner, ticks, states, np.array(tick_ms))
+
+
+def as_captured(frames: Iterable[MarkerFrame]) -> Iterator[TickInput]:
+    """A tick for each frame, for the time at which the person was seen."""
+    return (TickInput(frame, frame.source_time_ns, frame.arrival_time_ns) for frame in frames)
 
 
 def style_name(weights: Mapping[str, float]) -> str:

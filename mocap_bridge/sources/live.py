@@ -16,6 +16,7 @@ from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_per
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
 from highfive.mocap_bridge.sources.source import Connection, SourceHealth
+from highfive.mocap_bridge.sources.stamp_clock import StampClock
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, spans
 from highfive.model.errors import HighFiveError
@@ -29,6 +30,9 @@ SILENT_S = 1.0
 
 BACK_OFF_S = (0.1, 2.0)
 """First and longest pause before the next attempt to connect, s; it doubles in between."""
+
+PACE_SHARE = 0.05
+"""Share of a frame in the averaged period."""
 
 LONGEST_GAP = 100_000
 """A frame number that is further ahead says that the system started to count anew, not that so many were lost."""
@@ -90,6 +94,9 @@ class LiveSource:
         self._newest: MarkerFrame | None = None
         self._number: int | None = None  # of the newest frame that came, whether it could be used or not
         self._received = self._lost = self._refused = self._impossible = 0
+        self._stamps = StampClock()
+        self._stamped: int | None = None
+        self._period_ns = 1e9 / rate_hz  # of the frames, by their stamps
         self._came = 0, 0  # frames, and when the newest of them arrived, ns: read together
         self._hopeless = False
         self._linked = False
@@ -108,6 +115,18 @@ class LiveSource:
     def newest(self, now_ns: int) -> MarkerFrame | None:
         """The newest frame; None before the first. Never waits."""
         return self._newest
+
+    @property
+    def period_ns(self) -> float:
+        """From frame to frame by the system's stamps, averaged over some tens of them, ns."""
+        return self._period_ns
+
+    def captured(self, frame: MarkerFrame) -> int:
+        """When the cameras saw a frame, ns of this process's monotonic clock.
+
+        What the least delay of network and system is beyond what the system reports of it, nobody here can know.
+        """
+        return self._stamps.local(frame.source_time_ns) - frame.latency_ns
 
     def wait(self, seen: MarkerFrame | None, timeout_s: float) -> MarkerFrame | None:
         """The newest frame as soon as it is another than ``seen``; None if that takes longer than ``timeout_s``."""
@@ -205,10 +224,14 @@ class LiveSource:
             self._received += 1
             self._lost += step - 1 if 1 < step <= LONGEST_GAP else 0
             self._impossible += frame.impossible
+            if self._stamped is not None:
+                self._pace(frame, step)
+            self._stamped = frame.source_time_ns
             self._number, newest = frame.number, frame
         if newest is None:
             return
         self._came = self._received, now
+        self._stamps.update(newest.source_time_ns, now)
         try:
             newest = replace(self._of_person(newest), arrival_time_ns=now)
         except HighFiveError as error:
@@ -220,6 +243,12 @@ class LiveSource:
         with self._changed:
             self._newest, self._trouble, self._hopeless = newest, "", False
             self._changed.notify_all()
+
+    def _pace(self, frame: MarkerFrame, step: int) -> None:
+        """Averages the period of the frames; a gap in their numbers does not count."""
+        elapsed = frame.source_time_ns - (self._stamped or 0)
+        if step == 1 and 0 < elapsed < STALLED_S * 1e9:
+            self._period_ns += PACE_SHARE * (elapsed - self._period_ns)
 
     def _of_person(self, frame: MarkerFrame) -> MarkerFrame:
         """The person's part of a frame, if it is of the right unit."""

@@ -251,14 +251,18 @@ class NatNetLink:
             if self._waiting:
                 self._held = [*self._held[1 - _MOST_HELD :], frame]
             else:
-                frames.append(marker_frame(frame, self._columns, self._y_up))
+                frames.append(marker_frame(frame, self._columns, self._y_up, self._info.clock_hz))
         elif kind == Kind.MODEL:
             self._waiting = 0.0
             model = decode_model(body, self._info.version)
             if model != self._model:
                 self._model, self._columns = model, Columns(model)
             held, self._held = self._held, []
-            frames += [marker_frame(frame, self._columns, self._y_up) for frame in held if self._columns.fit(frame)]
+            frames += [
+                marker_frame(frame, self._columns, self._y_up, self._info.clock_hz)
+                for frame in held
+                if self._columns.fit(frame)
+            ]
         elif kind == Kind.SERVER_INFO:
             self._info = decode_server_info(body)
         elif kind == Kind.RESPONSE and len(body) == 4:

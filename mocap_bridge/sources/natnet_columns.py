@@ -10,10 +10,14 @@ from highfive.mocap_bridge.wire.natnet_frame import FILLED, MEASURED, OCCLUDED, 
 from highfive.mocap_bridge.wire.natnet_model import Model
 from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
 
+LONGEST_LATENCY_NS = 1e9
+"""A system that takes longer than this, ns, counts on another clock than it says."""
+
 
 @np.errstate(invalid="ignore")  # a NaN may be of the signalling kind
-def marker_frame(frame: Frame, columns: Columns, y_up: bool) -> MarkerFrame:
-    """A frame of the wire that fits ``columns``, z up."""
+def marker_frame(frame: Frame, columns: Columns, y_up: bool, clock_hz: int = 0) -> MarkerFrame:
+    """A frame of the wire that fits ``columns``, z up; ``clock_hz`` is the unit of its finer time stamps,
+    0 where that is not known."""
     turn = z_up if y_up else _as_it_is
     points, valid, loose = columns.place(frame)
     points, valid, impossible = plausible(turn(points), valid)
@@ -26,7 +30,16 @@ def marker_frame(frame: Frame, columns: Columns, y_up: bool) -> MarkerFrame:
         0,
         plausible_only(turn(loose)),
         impossible=int(impossible),
+        latency_ns=_latency_ns(frame, clock_hz),
     )
+
+
+def _latency_ns(frame: Frame, clock_hz: int) -> int:
+    """From the middle of the exposure until it was sent, ns; 0 where the server does not say, or cannot mean it."""
+    if not frame.exposed or clock_hz <= 0:
+        return 0
+    latency = 1e9 * (frame.sent - frame.exposed) / clock_hz
+    return round(latency) if 0.0 <= latency <= LONGEST_LATENCY_NS else 0
 
 
 def _as_it_is(points: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -243,6 +243,7 @@ class ViconLink:
             arrival_time_ns=arrival,
             unlabelled=plausible_only(self._upright(loose)),
             impossible=int(impossible),
+            latency_ns=max(0, round(self._latency_ns)),
         )
 
     def _find(self, ids: NDArray[np.uint32]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

@@ -104,6 +104,28 @@ def followed(
     return state, shown(chain, state, points, seen, doubted), worked
 
 
+@compiled_entry
+def forecast(chain: Chain, state: State, elapsed_ns: int) -> tuple[State, Followed]:
+    """Where every marker will be ``elapsed_ns`` after the last frame, if nothing is seen until then."""
+    count = len(state.ages)
+    ages = state.ages.copy()
+    for m in range(count):
+        if ages[m] != NEVER:
+            ages[m] += elapsed_ns
+    ahead = predicted(chain, state, 1e-9 * elapsed_ns)
+    none = np.zeros(count, dtype=np.bool_)
+    return with_ages(ahead, ages), shown(chain, ahead, ahead.last, none, none)
+
+
+@compiled
+def with_ages(state: State, ages: NDArray[np.int64]) -> State:
+    """The state with other ages of its markers (M,), ns."""
+    return State(
+        state.pose, state.speeds, state.covariance, state.offsets, state.places, state.homes, state.place_variance,
+        state.misfit, state.left, ages, state.disbelieved, state.last, state.pace, state.astray,
+    )  # fmt: skip
+
+
 @compiled
 def without_speeds(chain: Chain, state: State, seen: NDArray[np.bool_]) -> State:
     """The state, without the speeds of parts of the body that were out of sight until now.

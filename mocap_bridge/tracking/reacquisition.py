@@ -21,8 +21,8 @@ class ReacquisitionSettings(Settings):
 
     Slower is smoother, but a hand that comes back just before contact is then met where it was guessed to be.
     """
-    averaging: float = setting(0.25, above=0.0, most=1.0)
-    """Share of the newest tick in the speed of a hand: a guessed one trembles."""
+    averaging: float = setting(0.029, "s", above=0.0)
+    """Time constant of the speed of a hand: a guessed one trembles."""
 
 
 class ReacquisitionSmoother:
@@ -36,23 +36,24 @@ class ReacquisitionSmoother:
     def reset(self) -> None:
         """Forgets the hand; the next one is taken as it is."""
         self._age_ns = 0
-        self._raw, self._said, self._step = (np.zeros((3, 3)) for _ in range(3))
+        self._raw, self._said, self._velocity = (np.zeros((3, 3)) for _ in range(3))
         self._difference, self._rate = np.zeros((3, 3)), np.zeros((3, 3))
         self._known, self._new = False, False
 
-    def __call__(self, arm: HumanArm, dt: float) -> HumanArm:
+    def __call__(self, arm: HumanArm, dt: float, ahead_ns: int = 0) -> HumanArm:
         """The arm with wrist, knuckles and palm on that curve.
 
         Args:
             arm: as estimated.
             dt: s since the last call.
+            ahead_ns: how much of the arm's age is prediction beyond the newest frame, which hides nothing.
         """
-        raw = _points(arm)
-        if self._known and arm.age_ns < self._age_ns:  # on as it went, until it shows how fast it goes now
-            self._difference, self._new = self._said + self._step - raw, True
+        raw, age_ns = _points(arm), arm.age_ns - ahead_ns
+        if self._known and age_ns < self._age_ns:  # on as it went, until it shows how fast it goes now
+            self._difference, self._new = self._said + self._velocity * dt - raw, True
         elif self._difference.any():
             if self._new:
-                self._rate, self._new = (self._step - (raw - self._raw)) / dt, False
+                self._rate, self._new = self._velocity - (raw - self._raw) / dt, False
             # x'' = -w² x - 2 w x', which is x = (x0 + (x0' + w x0) t) exp(-w t).
             fall, start = (
                 math.exp(-self.settings.bandwidth * dt),
@@ -64,8 +65,9 @@ class ReacquisitionSmoother:
                 self._difference, self._rate = np.zeros((3, 3)), np.zeros((3, 3))
         said = raw + self._difference
         if self._known:  # each point on its own: a hand turns, and its wrist is not as fast as its palm
-            self._step = self._step + self.settings.averaging * (said - self._said - self._step)
-        self._raw, self._said, self._age_ns, self._known = raw, said, arm.age_ns, True
+            share = 1.0 - math.exp(-dt / self.settings.averaging)
+            self._velocity = self._velocity + share * ((said - self._said) / dt - self._velocity)
+        self._raw, self._said, self._age_ns, self._known = raw, said, age_ns, True
         if not self._difference.any():
             return arm
         wrist, knuckles, palm = said

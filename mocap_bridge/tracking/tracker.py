@@ -21,7 +21,7 @@ from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
 from highfive.mocap_bridge.tracking.chain_kinematics import kinematics, on_segments
 from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing, welcomed
-from highfive.mocap_bridge.tracking.following import Followed, followed
+from highfive.mocap_bridge.tracking.following import Followed, followed, forecast
 from highfive.mocap_bridge.tracking.joint_angles import ArmAngles, arm_angles_of, arm_segments
 from highfive.mocap_bridge.tracking.pose_filter import State
 from highfive.model.geometry.rotations import Array
@@ -98,6 +98,7 @@ class Tracker:
         for number in range(2):
             self.update(MarkerFrame(self._set.names, points, seen, number, number * self._period_ns, 0, points[:1]))
         _ = self.arm_angles
+        self.at(2 * self._period_ns)
 
     def reset(self) -> None:
         """Forgets everything that was seen."""
@@ -119,23 +120,36 @@ class Tracker:
         if self._state is None:
             self._state = first_state(self._chain, self._shoulders, points, labelled)
         if self._state is None:
-            return self._nothing(frame)
+            return self._nothing(frame.source_time_ns)
         self._state, found, worked = followed(self._chain, self._state, points, labelled, frame.unlabelled, elapsed)
         self._found = found
         self._doubted_ns = self._doubts(points, labelled, found, elapsed)
         if not worked or self._state.astray > self._restart.lost_frames:
             self.reset()  # the covariance is spoilt by rounding, or the tracker is wrong: start anew
-            return self.update(frame) if worked else self._nothing(frame)
+            return self.update(frame) if worked else self._nothing(frame.source_time_ns)
+        return self._tracked(found, self._state.ages, frame.source_time_ns)
+
+    def at(self, time_ns: int) -> TrackedMarkers:
+        """The markers as they will be at a time after the last frame, if nothing is seen until then.
+
+        What was learned stays as it is; a time that is not after the last frame counts as its own.
+        """
+        if self._state is None or self._time_ns is None:
+            return self._nothing(time_ns)
+        state, found = forecast(self._chain, self._state, max(time_ns - self._time_ns, 0))
+        return self._tracked(found, state.ages, time_ns)
+
+    def _tracked(self, found: Followed, ages: NDArray[np.int64], time_ns: int) -> TrackedMarkers:
         return TrackedMarkers(
             names=self._set.names,
             positions=found.positions,
             velocities=found.velocities,
             covariances=found.covariances,
             seen=found.seen,
-            age_ns=self._state.ages,
+            age_ns=ages,
             valid=found.valid,
             rejected=found.rejected,
-            time_ns=frame.source_time_ns,
+            time_ns=time_ns,
         )
 
     def _reconsidered(self, state: State, points: Array, labelled: NDArray[np.bool_], elapsed: int) -> State:
@@ -232,7 +246,7 @@ class Tracker:
             self._time_ns = time_ns
         return elapsed if 0 < elapsed <= self._restart.longest_ns else self._period_ns
 
-    def _nothing(self, frame: MarkerFrame) -> TrackedMarkers:
+    def _nothing(self, time_ns: int) -> TrackedMarkers:
         """What is known before enough was seen."""
         count = len(self._set)
         none = np.zeros(count, dtype=bool)
@@ -245,5 +259,5 @@ class Tracker:
             age_ns=np.full(count, NEVER),
             valid=none,
             rejected=none,
-            time_ns=frame.source_time_ns,
+            time_ns=time_ns,
         )

@@ -52,12 +52,16 @@ _INFO_MORE = struct.Struct("<QH?4B")
 
 @dataclass(frozen=True)
 class ServerInfo:
-    """Who serves: ``version`` of NatNet; ``group`` is the multicast address that frames go to, '' if none is said."""
+    """Who serves: ``version`` of NatNet; ``group`` is the multicast address that frames go to, '' if none is said.
+
+    ``clock_hz`` is the unit of the finer time stamps.
+    """
 
     name: str
     version: Version
     group: str = ""
     data_port: int = 0
+    clock_hz: int = 1_000_000_000
 
 
 def encode(kind: int, body: bytes = b"") -> bytes:
@@ -90,12 +94,12 @@ def decode(datagram: bytes) -> tuple[int, bytes]:
     return kind, datagram[_HEADER.size : _HEADER.size + size]
 
 
-def encode_server_info(info: ServerInfo, clock_hz: int = 1_000_000_000) -> bytes:
-    """A whole datagram; ``clock_hz`` is the unit of the finer time stamps."""
+def encode_server_info(info: ServerInfo) -> bytes:
+    """A whole datagram."""
     group = [int(part) for part in info.group.split(".")] if info.group else [0] * 4
     name = info.name.encode()[:255]
     body = _INFO.pack(name, 1, 0, 0, 0, *info.version, 0, 0)
-    return encode(Kind.SERVER_INFO, body + _INFO_MORE.pack(clock_hz, info.data_port, bool(info.group), *group))
+    return encode(Kind.SERVER_INFO, body + _INFO_MORE.pack(info.clock_hz, info.data_port, bool(info.group), *group))
 
 
 def decode_server_info(body: bytes) -> ServerInfo:
@@ -113,8 +117,8 @@ def decode_server_info(body: bytes) -> ServerInfo:
             f"it speaks NatNet {version[0]}.{version[1]}; {OLDEST[0]}.{OLDEST[1]} to {NEWEST_MAJOR}.x are read here: "
             "choose another version in Motive, or another Motive"
         )
-    group, data_port = "", 0
+    group, data_port, clock_hz = "", 0, 0
     if len(body) >= _INFO.size + _INFO_MORE.size:
-        _, data_port, multicast, *address = _INFO_MORE.unpack_from(body, _INFO.size)
+        clock_hz, data_port, multicast, *address = _INFO_MORE.unpack_from(body, _INFO.size)
         group = ".".join(map(str, address)) if multicast else ""
-    return ServerInfo(name.partition(b"\0")[0].decode("utf-8", "replace"), version, group, data_port)
+    return ServerInfo(name.partition(b"\0")[0].decode("utf-8", "replace"), version, group, data_port, clock_hz)

@@ -38,6 +38,7 @@ class Frame:
             lower), ``point`` m, ``size`` m, ``flags``, ``residual``.
         time: s on the system's clock.
         models_changed: the descriptions are out of date.
+        exposed, sent: middle of the cameras' exposure and transmission, ticks of the server's finer clock; 0 for none.
     """
 
     number: int
@@ -46,6 +47,8 @@ class Frame:
     labelled: NDArray[np.void]
     time: float
     models_changed: bool = False
+    exposed: int = 0
+    sent: int = 0
 
 
 def encode_frame(frame: Frame, version: Version) -> bytes:
@@ -61,7 +64,7 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
     for count, body in sections:
         parts += [struct.pack("<I", count), struct.pack("<I", len(body)) if version >= SIZED else b"", body]
     ticks = max(0, round(frame.time * 1e9)) & (2**64 - 1)
-    parts.append(_TIMES.pack(0, 0, frame.time, ticks, ticks, ticks))
+    parts.append(_TIMES.pack(0, 0, frame.time, frame.exposed or ticks, ticks, frame.sent or ticks))
     parts.append(bytes(8) if version >= SIZED else b"")  # precision time stamp: none
     parts.append(struct.pack("<HI", MODELS_CHANGED if frame.models_changed else 0, 0))
     return encode(Kind.FRAME, b"".join(parts))
@@ -148,16 +151,16 @@ def _labelled(data: BodyReader, sized: bool) -> NDArray[np.void]:
     return np.ascontiguousarray(rows[:, : _LABELLED.itemsize]).view(_LABELLED)[:, 0]
 
 
-def _suffix(data: BodyReader, version: Version) -> tuple[float, bool]:
-    """Time and flags at the end of a frame."""
+def _suffix(data: BodyReader, version: Version) -> tuple[float, bool, int, int]:
+    """Times and flags at the end of a frame."""
     # Whether 4.0 has a precision time stamp the maker's own clients disagree about: what is left tells.
     precise = version >= (4, 0) and data.left >= _SUFFIX + 8
-    _, _, time, *_ = _TIMES.unpack_from(data.data, data.skip(_TIMES.size, "time stamps"))
+    _, _, time, exposed, _, sent = _TIMES.unpack_from(data.data, data.skip(_TIMES.size, "time stamps"))
     data.skip(8 if precise else 0, "precision time stamp")
     flags = struct.unpack_from("<H", data.data, data.skip(2, "flags"))[0]
     if not (math.isfinite(time) and abs(time) < 1e10):
         raise LinkError("a frame without a time")
-    return time, bool(flags & MODELS_CHANGED)
+    return time, bool(flags & MODELS_CHANGED), exposed, sent
 
 
 def z_up(points: NDArray[np.floating]) -> Array:

@@ -177,6 +177,24 @@ class Filter:
         variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
         return step(self._plan, belief, hand is not None, seen, variance, weights)
 
+    def skip(self, belief: Belief, ticks: int) -> Belief:
+        """The belief some ticks later, of which nothing was heard: one prediction, however many there are.
+
+        The hand's history moves on by as many ticks, in which the hand counts as hidden.
+        """
+        if not belief.started:
+            return belief
+        seconds = ticks * self._seconds
+        latent, covariance = self.predict(belief.latent, belief.covariance, seconds)
+        left, share = math.exp(-seconds / RESIDUAL_TIME), 1.0 - math.exp(-seconds / STYLE_TIME)
+        residual = np.stack([left * belief.residual[0], left**2 * belief.residual[1] + 1.0 - left**2])
+        style = belief.style + share * (belief.style[:1] - belief.style)
+        answer = self.generate(latent, covariance, style[1], belief.residual, seconds)
+        hidden = np.stack([belief.hands[0, 0] + answer.human - belief.generated_hand, answer.human_deviations**2])
+        kept = max(len(belief.hands) - ticks, 0)
+        hands = np.concatenate([np.tile(hidden, (len(belief.hands) - kept, 1, 1)), belief.hands[:kept]])
+        return Belief(latent, covariance, residual, hands, belief.away + ticks, answer.human, style, True)
+
     def forecast_contact(self, belief: Belief) -> ContactForecast | None:
         """Where and when the palms will meet, as the hand's last ticks say; None where nothing was learned of it."""
         if self._contact is None or self._contact_layer is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,3 +27,7 @@ class ContactForecast:
     def deviation(self) -> float:
         """Standard deviation of the time, s."""
         return float(np.sqrt(self.covariance[3, 3]))
+
+    def later(self, seconds: float) -> ContactForecast:
+        """The same forecast, its time counted from some ``seconds`` later."""
+        return replace(self, time=self.time - seconds)

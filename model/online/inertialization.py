@@ -66,6 +66,14 @@ class Inertializer:
         self._said, self._target = said, values
         return said
 
+    def ahead(self, values: Array, seconds: float) -> Array:
+        """What to say for ``values`` (C,), predicted for some ``seconds`` after the last step; changes nothing."""
+        if self._said is None:
+            return values
+        if self._age < 0:  # nobody knows yet how fast the values go
+            return self._said + self._velocity * seconds
+        return values + (self._said - self._target)
+
     def _left(self) -> Array:
         """The difference that is left, (C,): from offset and drift, at no acceleration, to nothing."""
         t, x, v = self._length, self._offset, self._drift

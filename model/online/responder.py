@@ -49,6 +49,7 @@ class Response:
         hand: (2, 3) m, the person's hand as the human layer generates it.
         latent, latent_covariance: (q,) and (q, q) of the interaction latent I.
         ahead: s, how far after the last tick this holds; 0 for the answer of a tick.
+        in_distribution: the hand does what hands did in training, as the latents' covariance says.
         generated: the channels and the hand, with their deviations.
         forecast_contact: makes :attr:`contact`.
     """
@@ -63,6 +64,7 @@ class Response:
     latent: Array
     latent_covariance: Array
     ahead: float
+    in_distribution: bool
     generated: Generated = field(repr=False, compare=False)
     forecast_contact: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
 
@@ -70,18 +72,13 @@ class Response:
     def contact(self) -> ContactForecast | None:
         """Where and when the palms will meet, as the contact layer forecasts it: better, and with a covariance.
 
-        None in a response ahead, or where the model has no such layer. Worked out when it is first requested.
+        None in a forecast of responses, or where the model has no such layer. Worked out when it is first requested.
         """
-        return self._forecast_contactn
+        return self._forecast_once
 
     @cached_property
-    def _forecast_contactn(self) -> ContactForecast | None:
+    def _forecast_once(self) -> ContactForecast | None:
         return self.forecast_contact()
-
-    @property
-    def in_distribution(self) -> bool:
-        """The hand does what hands did in training, as the latents' covariance says."""
-        return float(np.trace(self.latent_covariance)) < OUT_OF_DISTRIBUTION**2
 
     @property
     def joints_std(self) -> Array:
@@ -184,6 +181,31 @@ class Responder:
         forecast_contact = partial(self._filter.forecast_contact, self._belief)
         return self._response(self._belief.latent, self._belief.covariance, generated, forecast_contact, 0.0)
 
+    def skip(self, ticks: int) -> None:
+        """Goes on by some ticks in which nothing was heard of the person, at the cost of about one."""
+        self._belief = self._filter.skip(self._belief, ticks)
+
+    def ahead(self, seconds: float) -> Response:
+        """The answer some ``seconds`` after the last tick, from what was known then; the state stays as it is.
+
+        Raises:
+            HighFiveError: the time is negative or beyond :data:`MAXIMUM_FORECAST`.
+        """
+        if not 0.0 <= seconds <= MAXIMUM_FORECAST:
+            raise HighFiveError(f"an answer in {seconds} s; expected 0 to {MAXIMUM_FORECAST:g} s")
+        belief = self._belief
+        latent, covariance = belief.latent, belief.covariance
+        if belief.started and seconds > 0.0:
+            latent, covariance = self._filter.predict(latent, covariance, seconds)
+        generated = self._filter.generate(latent, covariance, belief.style[1], belief.residual, seconds)
+        generated = generated._replace(avatar=self._inertializer.ahead(generated.avatar, seconds))
+
+        def forecast_contact() -> ContactForecast | None:
+            found = self._filter.forecast_contact(belief)
+            return None if found is None else found.later(seconds)
+
+        return self._response(latent, covariance, generated, forecast_contact, seconds, belief.covariance)
+
     def forecast(self, horizon_s: float) -> list[Response]:
         """Responses ahead of the last tick, one each model lag up to ``horizon_s``, if no hand is seen from now on."""
         if not 0.0 < horizon_s <= MAXIMUM_FORECAST:
@@ -204,7 +226,9 @@ class Responder:
         generated: Generated,
         forecast_contact: Callable[[], ContactForecast | None],
         ahead: float,
+        known: Array | None = None,
     ) -> Response:
+        """The response; ``known`` is the covariance of the last tick, where a prediction has widened it."""
         where, dims, mean = self._where, self._model.preset.interaction_dims, generated.avatar
         clock = min(max(float(mean[where.clock]), -CLOCK_LIMIT), CLOCK_LIMIT)
         deviation = float(generated.avatar_deviations[where.clock])
@@ -219,9 +243,14 @@ class Responder:
             latent=latent[:dims],
             latent_covariance=covariance[:dims, :dims],
             ahead=ahead,
+            in_distribution=_in_distribution(covariance if known is None else known, dims),
             generated=generated,
             forecast_contact=forecast_contact,
         )
+
+
+def _in_distribution(covariance: Array, dims: int) -> bool:
+    return float(np.trace(covariance[:dims, :dims])) < OUT_OF_DISTRIBUTION**2
 
 
 def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -1,0 +1,89 @@
+"""Ticks of a live person follow the frames, whatever their rate; in virtual time, at the wire's place."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from itertools import islice
+
+import numpy as np
+import pytest
+from virtual_system import VirtualSystem
+
+from highfive.calibration.placement import Placement
+from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.session.session import TickInput
+from highfive.hil.trials.live_partner import STALE_S, TICK_NS, LiveTrial, live_source
+from highfive.hil.trials.partners import simulated_partners
+from highfive.mocap_bridge.files.recording import Recording, resample
+
+ADDRESS = "vicon://lab"
+HERE = Placement(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), ("the room is registered",))
+
+
+@pytest.fixture(scope="module")
+def greeting() -> Recording:
+    return simulated_partners(1, ("neutral",), ("B2",), 3)[0].recording
+
+
+@pytest.fixture
+def clock() -> Iterator[VirtualClock]:
+    with VirtualClock() as clock:
+        yield clock
+
+
+def ticked(
+    clock: VirtualClock, recording: Recording, count: int, *faults: str, latency_ns: int = 0
+) -> tuple[list[tuple[int, TickInput]], dict[str, int]]:
+    """When each of the first ticks began, ns, what with, and the trial's counts."""
+    system = VirtualSystem(clock, recording, *faults)
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        source.first()
+        clock.wait_until(clock.now() + 1_500_000_000)  # the source has found its clock
+        trial = LiveTrial(source, HERE, clock, latency_ns)
+        begun = [(clock.now(), begins) for begins in islice(trial, count)]
+    return begun, {"late": trial.late, "predicted": trial.predicted, "stale": trial.stale}
+
+
+@pytest.mark.parametrize("rate", [30, 50, 60, 90, 100, 120, 200, 240, 500])
+def test_at_any_rate_ticks_are_for_now_and_never_further_apart_than_a_frame_or_a_tick(
+    rate: int, greeting: Recording, clock: VirtualClock
+) -> None:
+    begun, counts = ticked(clock, resample(greeting, rate), 240)
+    times = np.array([(at, begins.time_ns) for at, begins in begun[1:]])
+    local, stamps = np.diff(times, axis=0).T
+    np.testing.assert_allclose(stamps, local, atol=50_000)  # the stamps' own step, not a nominal one
+    assert local.max() <= 1.6 * TICK_NS + 50_000 and local.min() >= 0.5 * TICK_NS
+    assert counts["late"] == counts["stale"] == 0
+    frames = [begins for _, begins in begun if begins.frame is not None]
+    seconds = 1e-9 * (times[-1, 0] - times[0, 0])
+    assert len(frames) >= min(rate, 1e9 / TICK_NS) * seconds * 0.95 - 2
+    assert (counts["predicted"] == 0) == (rate >= 90)
+
+
+def test_each_tick_is_ahead_of_its_frame_by_what_the_system_and_the_screen_take(
+    greeting: Recording, clock: VirtualClock
+) -> None:
+    begun, _ = ticked(clock, greeting, 60, latency_ns=30_000_000)
+    assert [begins.ahead_ns for _, begins in begun] == pytest.approx([30_000_000] * 60, abs=50_000)
+    assert [begins.at_ns - at for at, begins in begun] == pytest.approx([30_000_000] * 60, abs=50_000)
+
+
+def test_after_a_stall_there_is_one_tick_for_now_and_no_burst(greeting: Recording, clock: VirtualClock) -> None:
+    begun, counts = ticked(clock, greeting, 300, "stall@2.5-2.9")
+    local, stamps = np.diff([(at, begins.time_ns) for at, begins in begun], axis=0)[1:].T
+    assert local.min() >= 0.5 * TICK_NS and local.max() <= 1.6 * TICK_NS
+    np.testing.assert_allclose(stamps, local, atol=2_000_000)
+    assert counts["stale"] == pytest.approx((0.4 - STALE_S) * 120, abs=4)
+
+
+def test_a_host_that_stood_still_goes_on_with_now(greeting: Recording, clock: VirtualClock) -> None:
+    system = VirtualSystem(clock, greeting)
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        source.first()
+        trial = LiveTrial(source, HERE, clock)
+        ticks = iter(trial)
+        before = [next(ticks) for _ in range(30)][-1]
+        clock.wait_until(clock.now() + 400_000_000)
+        after = [(clock.now(), next(ticks)) for _ in range(10)]
+    assert after[0][1].time_ns - before.time_ns == pytest.approx(400_000_000, abs=TICK_NS)
+    assert np.diff([at for at, _ in after]).min() >= 0 and trial.count == 40
+    assert after[-1][0] - after[0][0] >= 8 * TICK_NS - 2_000_000

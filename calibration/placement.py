@@ -22,6 +22,9 @@ AVATAR_REACH = 0.50
 DISTANCE = (0.90, 1.20)
 """Nearest and furthest place of the avatar from the person where no partner shows it, m, pelvis to pelvis."""
 
+RAISED_BELOW = 0.15
+"""A hand that comes so near the shoulder's height, m below it, was raised."""
+
 _HEAD_HEIGHT = 1.60  # m, of the head's markers of a standing adult where nothing shows the floor
 
 
@@ -33,11 +36,13 @@ class Placement:
         rotation: (4,) quaternion.
         translation: (3,) m, added after the rotation.
         notes: what it rests on, one line each.
+        guesses: those of them that nothing in the recording shows.
     """
 
     rotation: Array
     translation: Array
     notes: tuple[str, ...]
+    guesses: tuple[str, ...] = ()
 
     def apply(self, points: Array) -> Array:
         """Points (..., 3), m, of the recording in the world."""
@@ -98,11 +103,14 @@ def place_person(
         here, there, note = _beside_partner(first, second)
     else:
         here, there, note = _before_hand(first)
-    floor, floor_note = _floor(first, second)
+    floor, floor_note, floor_seen = _floor(first, second)
+    guesses = () if floor_seen else (floor_note,)
+    if second is None and not _raised(first):
+        guesses = (*guesses, f"{note}; no hand was raised as for a high five")
     facing = there - here
     yaw = rotations.from_axis_angle("z", -np.arctan2(facing[1], facing[0]))
     translation = -rotations.rotate(yaw, np.array([here[0], here[1], floor]))
-    return Placement(rotations.multiply(yaw, level), translation, (*notes, floor_note, note))
+    return Placement(rotations.multiply(yaw, level), translation, (*notes, floor_note, note), guesses)
 
 
 def _person(recording: Recording, marker_set: MarkerSet) -> _Person:
@@ -151,17 +159,23 @@ def _up_axis(person: _Person) -> tuple[Array, tuple[str, ...]]:
     return up, (f"up is {'-' if up[axis] < 0 else '+'}{'xyz'[axis]} of the recording",)
 
 
-def _floor(first: _Person, second: _Person | None) -> tuple[float, str]:
-    """Height of the floor in the levelled recording, m."""
+def _raised(person: _Person) -> bool:
+    """Whether the hand once came up to the shoulder, of a person who has been turned upright."""
+    above = person.hand[:, 2] - person.shoulder[:, 2]
+    return bool(np.nanmax(above, initial=-np.inf) > -RAISED_BELOW)
+
+
+def _floor(first: _Person, second: _Person | None) -> tuple[float, str, bool]:
+    """Height of the floor in the levelled recording, m, how that is known, and whether anything shows it."""
     everything = [p.everything for p in (first, second) if p is not None]
     lowest = np.fmin.reduce([np.fmin.reduce(points[..., 2], axis=1) for points in everything])
     low = float(np.nanpercentile(lowest, 20))
     head = float(np.nanmedian(first.head[:, 2]))
     if head - low > 1.3:
-        return low, f"the floor is at {low:+.3f} m, where the lowest markers are"
+        return low, f"the floor is at {low:+.3f} m, where the lowest markers are", True
     if 1.2 < head < 2.1:
-        return 0.0, "the floor is the recording's zero, as no marker is near the feet"
-    return head - _HEAD_HEIGHT, f"the floor is {_HEAD_HEIGHT} m below the head, as nothing shows it"
+        return 0.0, "the floor is the recording's zero, as no marker is near the feet", True
+    return head - _HEAD_HEIGHT, f"the floor is {_HEAD_HEIGHT} m below the head, as nothing shows it", False
 
 
 def _beside_partner(person: _Person, partner: _Person) -> tuple[Array, Array, str]:

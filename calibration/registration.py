@@ -13,9 +13,8 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from highfive.calibration.placement import Placement
+from highfive.calibration.placement_file import check_frame, vector
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.toml_file import read_toml, table, typed
@@ -31,9 +30,6 @@ WORST = 0.004
 
 FEWEST_POSES = 10
 """Of the arm, that the fit rests on: with fewer the worst of 100 places is further off than :data:`WORST`."""
-
-FURTHEST = 50.0
-"""m, from the motion capture's origin to the avatar's: further off, the unit is wrong."""
 
 
 @dataclass(frozen=True)
@@ -116,12 +112,8 @@ def _registration(path: Path, data: Mapping[str, Any]) -> Registration:
     measured = typed(meta, "meta.", "date", datetime)
     if measured.tzinfo is None:
         raise HighFiveError("meta.date has no time zone; write it in UTC, such as 2026-11-23T09:30:00Z")
-    rotation = _vector(world, "world.", "rotation", 4)
-    if abs(float(np.linalg.norm(rotation)) - 1.0) > 1e-6:
-        raise HighFiveError("world.rotation is no unit quaternion (w, x, y, z)")
-    translation = _vector(world, "world.", "translation_m", 3)
-    if float(np.linalg.norm(translation)) > FURTHEST:
-        raise HighFiveError(f"world.translation_m is further than {FURTHEST:g} m; is it in millimetres?")
+    rotation, translation = vector(world, "world.", "rotation", 4), vector(world, "world.", "translation_m", 3)
+    check_frame(rotation, translation)
     p95 = typed(quality, "quality.", "held_out_p95_m", float)
     if not 0.0 < p95 < math.inf:
         raise HighFiveError(f"quality.held_out_p95_m is {p95}, expected a distance in m")
@@ -135,13 +127,3 @@ def _registration(path: Path, data: Mapping[str, Any]) -> Registration:
         poses=typed(quality, "quality.", "poses", int),
         held_out_p95=p95,
     )
-
-
-def _vector(entry: Mapping[str, Any], where: str, name: str, length: int) -> Array:
-    values = typed(entry, where, name, list)
-    if len(values) != length or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
-        raise HighFiveError(f"{where}{name} is {values!r}, expected {length} numbers")
-    vector = np.array(values, dtype=float)
-    if not np.isfinite(vector).all():
-        raise HighFiveError(f"{where}{name} has {values!r}, which are not all numbers")
-    return vector

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.hil.bench.tracker_cases import frames_of, simulated_arm
-from highfive.hil.commands.stream.stream import SWITCH_S
-from highfive.hil.runtime.threads import use_one_blas_thread
+from highfive.hil.runtime.threads import quick_switching, use_one_blas_thread
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.mocap_bridge.files.recording import make_recording
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -83,15 +82,11 @@ def bench_protocols(options: ProtocolBenchOptions, bar: Bar) -> dict[str, Any]:
         _warm_up(marker_set, list(frames_of(recording.names, recording.points[columns], recording.valid[columns])))
         slow = min(options.seconds, SLOW_S)
         advance = bar("protocols", round(len(options.protocols) * (options.seconds + slow)))
-        switch = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_S)
-        try:
+        with quick_switching():
             result = {
                 name: _measure(name, file, options, marker_set, slow, Path(folder), advance)
                 for name in options.protocols
             }
-        finally:
-            sys.setswitchinterval(switch)
     return {
         "source": options.file.name if options.file else "simulated",
         "marker_set": marker_set.name,

@@ -153,6 +153,28 @@ def bench_session(
     _run(json, lambda bar: bench.long_session(minutes, seed, bar))
 
 
+@app.command("rates")
+def bench_rates(
+    rate: Annotated[list[float] | None, typer.Option(help="Only this rate, Hz; may be given again.")] = None,
+    cell: Cells = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Let simulated people come in at 30 to 500 Hz, in virtual time: do palms meet as they do at 120 Hz?"""
+    _run(json, lambda bar: bench.rates(rate, cell, seed, bar))
+
+
+@app.command("latency")
+def bench_latency(
+    latency: Annotated[list[float] | None, typer.Option(help="Only this one, ms; may be given again.")] = None,
+    cell: Cells = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Let simulated people come in late, in virtual time: palm to true palm, predicted over the latency and not."""
+    _run(json, lambda bar: bench.latency(latency, cell, seed, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

@@ -85,6 +85,14 @@ def simulate(
     no_correction: Annotated[
         bool, typer.Option("--no-correction", help="Play the motion as the model gives it.")
     ] = False,
+    place: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session."),
+    ] = None,
+    latency: Annotated[
+        float,
+        typer.Option(help="What cameras, network and screen take, ms, beyond what a live system reports; made up for."),
+    ] = 0.0,
     rig: Annotated[
         str | None,
         typer.Option(
@@ -130,6 +138,8 @@ def simulate(
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
+        place=place,
+        latency_ms=latency,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
         overwrite=overwrite,
     )

@@ -120,6 +120,24 @@ def long_session(minutes: float, seed: int, bar: Bar) -> Measured:
     return Measured(found, print_long_session)
 
 
+def rates(rates_hz: list[float] | None, cells: list[str] | None, seed: int, bar: Bar) -> Measured:
+    """Live systems of any rate; see :mod:`highfive.hil.bench.rates`."""
+    from highfive.hil.bench.rates import RATES, RatesOptions, bench_rates, print_rates
+    from highfive.hil.sim.people.grid import CELLS
+
+    options = RatesOptions(tuple(rates_hz or RATES), tuple(cells or CELLS), seed)
+    return Measured(bench_rates(options, bar), print_rates)
+
+
+def latency(latencies_ms: list[float] | None, cells: list[str] | None, seed: int, bar: Bar) -> Measured:
+    """Input latency, compensated and not; see :mod:`highfive.hil.bench.latency`."""
+    from highfive.hil.bench.latency import LATENCIES_MS, LatencyOptions, bench_latency, print_latency
+    from highfive.hil.sim.people.grid import CELLS
+
+    options = LatencyOptions(tuple(latencies_ms or LATENCIES_MS), tuple(cells or CELLS), seed)
+    return Measured(bench_latency(options, bar), print_latency)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked

@@ -8,7 +8,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import cycle, islice
@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from highfive.hil.commands.live_options import check_live_options
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
+from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
@@ -71,6 +73,8 @@ class SimulateOptions:
         physics: drive the avatar by actuators against contact forces.
         correct: correct the palm.
         pictures: draw the film and the pictures.
+        place: keeps where a live person stands, for the next session; None for not.
+        latency_ms: what cameras, network and screen take beyond what a live source says of itself.
         arm: a servo arm that takes part, at the pace of the clock; None for none.
         overwrite: write into a folder that holds something.
     """
@@ -88,6 +92,8 @@ class SimulateOptions:
     physics: bool = False
     correct: bool = True
     pictures: bool = True
+    place: Path | None = None
+    latency_ms: float = 0.0
     arm: ArmOptions | None = None
     overwrite: bool = False
 
@@ -123,6 +129,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     """
     live = options.source is not None and is_live(options.source)
     with ExitStack() as stack:
+        check_live_options(options, live)
         stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
             from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
@@ -134,7 +141,9 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
         model, person = _model(options, bar), None
         if live:
-            person = _live_person(options, stack, wiring)
+            from highfive.hil.commands.live_session import live_person  # noqa: PLC0415
+
+            person = live_person(options, stack, wiring, _marker_set(options))
         return _simulate(options, model, folder, bar, person)
 
 
@@ -152,18 +161,6 @@ def _training_trials(data: Path, bar: Bar) -> list[Trial]:
 
     pairs = load_trials(data, progress=lambda total: bar("solving markers", total), learn_only=True)
     return [pair.trial for pair in pairs]
-
-
-def _live_person(options: SimulateOptions, stack: ExitStack, wiring: LiveWiring | None) -> LivePerson:
-    from highfive.calibration.registration import load_registration  # noqa: PLC0415
-    from highfive.hil.trials.live_partner import LivePerson, live_source  # noqa: PLC0415
-    from highfive.hil.trials.live_wiring import MACHINE_WIRING  # noqa: PLC0415
-
-    wiring = wiring or MACHINE_WIRING
-    source = stack.enter_context(closing(live_source(str(options.source), options.human, wiring)))
-    file = None if options.arm is None else options.arm.registration
-    registered = None if file is None else load_registration(file).placement
-    return LivePerson(source, str(options.source), _marker_set(options), registered, wiring.clock)
 
 
 def _simulate(
@@ -299,7 +296,7 @@ def _run(
 ) -> _Played:
     played = _Played()
     results = played.results
-    with recorder:
+    with recorder, quick_switching():
         try:
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
             advance = bar("high fives", len(partners))

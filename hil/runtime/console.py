@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
@@ -68,6 +69,14 @@ def say(line: str) -> None:
 def say_aside(line: str, level: int = logging.INFO) -> None:
     """A line beside the results: into the log, which the command line shows on standard error."""
     LOGGER.log(level, "%s", line)
+
+
+def confirm(question: str) -> bool | None:
+    """Whether the user says yes, or just Enter; None where nobody is there to be asked."""
+    if not (sys.stdin is not None and sys.stdin.isatty() and STDERR.is_terminal):
+        return None
+    STDERR.print(f"{question} [Y/n] ", end="", markup=False)
+    return not sys.stdin.readline().strip().lower().startswith("n")
 
 
 class _OnStandardError(logging.Handler):

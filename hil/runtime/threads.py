@@ -20,6 +20,21 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
+SWITCH_S = 5e-4
+"""How long a thread that draws or computes may keep the others waiting, s; Python's own 5 ms is most of a frame."""
+
+
+@contextmanager
+def quick_switching() -> Iterator[None]:
+    """Threads take turns every :data:`SWITCH_S` meanwhile: what goes by frames and what measures it both say so."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
 @cache
 def use_one_blas_thread() -> None:
     """From now on this process's BLAS works in the calling thread alone.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -73,7 +74,11 @@ def live_source(address: str, person: str | None, wiring: LiveWiring = MACHINE_W
 
 
 class LivePerson:
-    """Follows a live source; makes of it partners, and frames in the avatar's world."""
+    """Follows a live source; makes of it partners, and frames in the avatar's world.
+
+    Attributes:
+        placement: where the person stands.
+    """
 
     def __init__(
         self,
@@ -83,10 +88,20 @@ class LivePerson:
         registered: Placement | None = None,
         clock: Clock = MACHINE,
         latency_ns: int = 0,
+        confirm: Callable[[str], bool | None] = lambda question: None,
     ):
         """Waits for the first frame, finds the marker set, and watches the person for :data:`PRACTICE_S`.
 
         Where the room is ``registered`` the world lies where that says: nobody is watched, and the person comes to it.
+
+        Args:
+            source: of the frames.
+            address: of the system, for messages.
+            marker_set: the person's; None finds it.
+            registered: where the world lies; None has the person watched.
+            clock: this process's.
+            latency_ns: what cameras, network and screen take beyond what the source says of itself.
+            confirm: asks whether a guess is right; None where nobody is there to be asked.
 
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
@@ -98,20 +113,40 @@ class LivePerson:
         say_aside(f"{address}: {len(first.names)} markers, set {self._set.name}")
         if registered is not None:
             say_aside(registered.notes[0])
-            self._placement = registered
+            self.placement = registered
             return
+        self.placement = self._placed(first)
+        while self.placement.guesses and not self._accepted(confirm):
+            self.placement = self._placed(source.first())
+
+    def _placed(self, first: MarkerFrame) -> Placement:
+        """Where the person stands, once watched."""
         say_aside(
             f"for {PRACTICE_S:g} s now: raise the right hand once, as for a high five; there the avatar will meet it"
         )
         watched = self._watched(first)
-        self._placement = place_person(watched, self._set)
-        say_aside(f"hand seen{self._height(watched.names, self._placement.apply(watched.points), watched.valid)}")
+        placement = place_person(watched, self._set)
+        say_aside(f"hand seen{self._height(watched.names, placement.apply(watched.points), watched.valid)}")
+        for note in placement.notes:
+            say_aside(note)
+        return placement
+
+    def _accepted(self, confirm: Callable[[str], bool | None]) -> bool:
+        guessed = "; ".join(self.placement.guesses)
+        answer = confirm(f"guessed: {guessed}. Is that so? (no: you are watched again)")
+        if answer is None:
+            say_aside(
+                f"guessed: {guessed}. If that is wrong the hand is met beside where it is: raise it as for a high five "
+                "while you are watched, or keep a placement that is right (--place FILE)",
+                logging.WARNING,
+            )
+        return answer is not False
 
     def partner(self, emotion: str) -> Partner:
         """The person, to be answered in an emotion."""
         count = len(self._set)
         none = make_recording(RATE_HZ, self._set.names, np.zeros((0, count, 3)), np.zeros((0, count), dtype=bool))
-        notes = (f"live from {self._address}", *self._placement.notes)
+        notes = (f"live from {self._address}", *self.placement.notes)
         return Partner(self._address, emotion, "", False, none, self._set, -1, None, None, notes)
 
     def trial(self) -> LiveTrial:
@@ -132,7 +167,7 @@ class LivePerson:
                 if seconds <= 0.0 or (len(both) and float(np.median(steps)) > RESTING_SPEED * seconds):
                     since = self._clock.now()
             before = frame
-        return LiveTrial(self._source, self._placement, self._clock, self._latency_ns)
+        return LiveTrial(self._source, self.placement, self._clock, self._latency_ns)
 
     def _height(self, names: tuple[str, ...], points: Array, valid: NDArray[np.bool_]) -> str:
         """How high the right hand comes, in words, in points (T, M, 3), m, where they are ``valid``; '' for never."""
@@ -222,7 +257,7 @@ class LiveTrial:
             time_ns = max(stamp + at_ns - captured, self._time_ns + LEAST_STEP_NS, stamp)
             self._time_ns, begun = time_ns, now
             self.ahead_ms.append(1e-6 * (time_ns - stamp))
-            yield TickInput(None if new is None else self._placed(new, stamp), time_ns, at_ns)
+            yield TickInput(None if new is None else self._in_world(new, stamp), time_ns, at_ns)
 
     def _next(self, seen: MarkerFrame | None, begun: int) -> MarkerFrame | None:
         """The next tick's frame, once it is there; None where it is time for a tick without one."""
@@ -255,7 +290,7 @@ class LiveTrial:
         afterwards = self._time_ns - self._idle_since_ns if self._reached else 0
         return afterwards > AFTERWARDS_S * 1e9 or self._time_ns > LONGEST_S * 1e9
 
-    def _placed(self, frame: MarkerFrame, time_ns: int) -> MarkerFrame:
+    def _in_world(self, frame: MarkerFrame, time_ns: int) -> MarkerFrame:
         return replace(
             frame,
             positions=np.where(frame.valid[:, None], self._placement.apply(frame.positions), 0.0),

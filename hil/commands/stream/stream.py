@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from highfive.hil.commands.stream.screen import StreamView, arm_text, plain_line
 from highfive.hil.commands.stream.statistics import StreamStatistics
 from highfive.hil.runtime.console import STDERR
 from highfive.hil.runtime.shutdown import EndRequest, until_ended
+from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.address import open_source, parse_address
@@ -28,9 +28,6 @@ from highfive.model.errors import HighFiveError
 
 FIRST_FRAME_S = 5.0
 """With ``--seconds``, how long the first frame that can be used may take at least, s: a person may be tracked later."""
-
-SWITCH_S = 5e-4
-"""How long a thread that draws or computes may keep the others waiting, s; Python's own 5 ms is most of a frame."""
 
 _SCREENS_A_SECOND = 8.0
 _POLL_S = 1e-3
@@ -85,8 +82,7 @@ def stream(options: StreamOptions, say: Callable[[str], None], wiring: LiveWirin
     with STDERR.status("starting …") if STDERR.is_terminal else nullcontext():
         prepare_tracker(say)  # the seconds count from the first frame
     try:
-        sys.setswitchinterval(SWITCH_S)
-        with until_ended() as end:
+        with quick_switching(), until_ended() as end:
             source = open_source(address, options.person, None, recorder, wiring.scheduler, wiring.connects)
             listener = _Listener(options, source, wiring)
             try:

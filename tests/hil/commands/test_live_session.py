@@ -115,7 +115,9 @@ def test_at_every_phase_of_the_frames_a_trial_has_a_new_one_a_tick(greeting: Pat
             clock.wait_until(clock.now() + round(phase * TICK_NS))
             begun = [(begins.time_ns, clock.now()) for begins in islice(trial, 60)]
             assert (trial.count, trial.late, trial.predicted, trial.stale, trial.trouble) == (60, 0, 0, 0, "")
-            steps = np.diff(begun[10:], axis=0)  # the first frame was there before: ticks catch up by a millisecond each
+            steps = np.diff(
+                begun[10:], axis=0
+            )  # the first frame was there before: ticks catch up by a millisecond each
             assert np.abs(steps - TICK_NS).max() <= 20_000
 
 

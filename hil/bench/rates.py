@@ -1,0 +1,68 @@
+"""Live systems of 30 to 500 Hz: do palms meet as they do at 120 Hz?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from highfive.hil.bench.live_people import LiveJob, System, figures, people, play
+from highfive.hil.runtime.console import Bar
+from highfive.hil.runtime.threads import parallel_map
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.people.grid import CELLS
+from highfive.model.errors import HighFiveError
+
+RATES = (30.0, 50.0, 60.0, 90.0, 100.0, 120.0, 200.0, 240.0, 500.0)
+
+LEAST_MS, DELAY_MS, DROP, DRIFT_PPM = 1.0, 0.5, 0.01, 100.0
+"""Least delay, mean of the exponential one on top, share of lost frames, and by how much its clock is fast."""
+
+
+@dataclass(frozen=True)
+class RatesOptions:
+    """What is played: every emotion at these cells, at each rate."""
+
+    rates: tuple[float, ...] = RATES
+    cells: tuple[str, ...] = CELLS
+    seed: int = 0
+
+
+def bench_rates(options: RatesOptions, bar: Bar) -> dict[str, Any]:
+    """For each rate: palm to true palm at first touch, when that was beside the person's own, and the palm's speed.
+
+    Delays, lost frames and a drifting clock are on at all rates; what is shown is judged at the time at which it is.
+
+    Raises:
+        HighFiveError: a rate is not positive, or an unknown cell.
+    """
+    for rate in options.rates:
+        if not 0.0 < rate <= 2000.0:
+            raise HighFiveError(f"a rate of {rate:g} Hz; expected more than 0 and at most 2000")
+    strange = [cell for cell in options.cells if cell not in CELLS]
+    if strange:
+        raise HighFiveError(f"unknown cell {strange[0]!r}; the grid has {', '.join(CELLS)}")
+    persons = people(tuple(EMOTIONS), options.cells, options.seed, bar)
+    jobs = [
+        LiveJob(
+            person,
+            System(rate, latency_ms=LEAST_MS, delay_ms=DELAY_MS, drop=DROP, drift_ppm=DRIFT_PPM),
+            options.seed + number,
+        )
+        for rate in options.rates
+        for number, person in enumerate(persons)
+    ]
+    felt = list(parallel_map(play, jobs, lambda total: bar("high fives", total)))
+    count = len(persons)
+    rows = [felt[i * count : (i + 1) * count] for i in range(len(options.rates))]
+    return {f"{rate:g}": figures(row) for rate, row in zip(options.rates, rows, strict=True)}
+
+
+def print_rates(result: dict[str, Any]) -> None:
+    """The figures, for people."""
+    print("rate    touched    palm to true palm    time of contact     palm speed")
+    for rate, row in result.items():
+        error, late = row["contact_error_mm"], row["time_error_ms"]
+        print(
+            f"{rate:>4} Hz  {row['touched']:>3} of {row['trials']:<3}  {error['median']:5.2f} / {error['max']:5.2f} mm"
+            f"      {late['median']:5.1f} / {late['max']:5.1f} ms    {100.0 * row['palm_speed_error']:4.1f} %"
+        )

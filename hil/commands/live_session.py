@@ -1,0 +1,41 @@
+"""The live person of a session: found, placed, and kept for the next time."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from highfive.calibration.placement_file import load_placement, save_placement
+from highfive.calibration.registration import load_registration
+from highfive.hil.runtime.console import confirm, say_aside
+from highfive.hil.trials.live_partner import LivePerson, live_source
+from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.sources.address import parse_address
+
+if TYPE_CHECKING:
+    from highfive.hil.commands.simulate import SimulateOptions
+
+
+def live_person(
+    options: SimulateOptions, stack: ExitStack, wiring: LiveWiring | None, marker_set: MarkerSet | None
+) -> LivePerson:
+    """Who is there: followed until ``stack`` ends, found and placed in the world.
+
+    Raises:
+        HighFiveError: nothing comes, nobody can be placed, or a file says otherwise.
+    """
+    wiring = wiring or MACHINE_WIRING
+    source = stack.enter_context(closing(live_source(str(options.source), options.human, wiring)))
+    file = None if options.arm is None else options.arm.registration
+    system = parse_address(str(options.source)).scheme
+    registered = None if file is None else load_registration(file).placement
+    if options.place is not None and options.place.exists():
+        registered = load_placement(options.place, system)
+    latency_ns = round(1e6 * options.latency_ms)
+    person = LivePerson(source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm)
+    if options.place is not None and registered is None:
+        save_placement(options.place, person.placement, system, datetime.now(UTC))
+        say_aside(f"kept in {options.place}")
+    return person

@@ -106,7 +106,8 @@ class PacedResponder:
     def wait(self, time_ns: int) -> None:
         """Nothing has come until now: what lies back longer than the patience was hidden."""
         if self._time_ns is not None:
-            self._hide(int((time_ns - self.settings.patience_ns - self._time_ns) / self._period_ns))
+            steps = (time_ns - self.settings.patience_ns - self._time_ns) / self._period_ns
+            self._hide(int(steps + self.settings.snap))
 
     def _hide(self, steps: int) -> None:
         """Some steps without a hand."""

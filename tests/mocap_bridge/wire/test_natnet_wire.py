@@ -4,6 +4,7 @@ import math
 import struct
 import time
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -414,3 +415,15 @@ class TestColumns:
             return min(taken)
 
         assert seconds(2000) < 32 * seconds(125)  # 16 times as many: linear 16, square 256
+
+
+@pytest.mark.parametrize(("exposed", "sent", "latency_ms"), [(1000, 6000, 5.0), (0, 6000, 0.0), (6000, 1000, 0.0)])
+def test_the_latency_that_motive_measures_is_kept(exposed: int, sent: int, latency_ms: float) -> None:
+    """A clock of 1 MHz; no latency is made of times that no exposure had. The other client reads the same times."""
+    info = decode_server_info(decode(encode_server_info(ServerInfo("Motive", (4, 1), clock_hz=1_000_000)))[1])
+    _, body = decode(encode_frame(replace(a_frame(), exposed=exposed, sent=sent), (4, 1)))
+    frame, theirs = decode_frame(body, (4, 1)), DataFrame.read_from_buffer(PacketBuffer(body), Version(4, 1)).suffix
+    assert not exposed or (theirs.stamp_camera_mid_exposure, theirs.stamp_transmit) == (exposed, sent)
+    columns = Columns(Model((MarkerSet("Anna", tuple(f"M{m}" for m in range(8))),)))
+    columns.fit(frame)
+    assert marker_frame(frame, columns, y_up=True, clock_hz=info.clock_hz).latency_ns == 1e6 * latency_ms

@@ -1,0 +1,74 @@
+"""People before live systems of any rate and latency: what is measured, and that bad options are refused."""
+
+import numpy as np
+import pytest
+
+from highfive.hil.bench.latency import LatencyOptions, bench_latency, print_latency
+from highfive.hil.bench.live_people import LiveJob, System, frames_of, people, play
+from highfive.hil.bench.rates import RatesOptions, bench_rates, print_rates
+from highfive.hil.trials.partners import Partner
+from highfive.model.errors import HighFiveError
+
+
+def quiet(_: str, __: int):
+    return lambda *_, **__: None
+
+
+@pytest.fixture(scope="module")
+def person() -> Partner:
+    return people(("neutral",), ("B2",), 0, quiet)[0]
+
+
+def test_frames_are_of_the_truth_late_lost_and_by_a_clock_of_their_own(person: Partner) -> None:
+    system = System(60.0, latency_ms=10.0, reported_ms=7.0, delay_ms=1.0, drop=0.1, drift_ppm=200.0)
+    frames = frames_of(person, system, 5_000_000_000, np.random.default_rng(2))
+    stamps, arrivals = np.array([(frame.source_time_ns, frame.arrival_time_ns) for frame in frames]).T
+    true = stamps / (1.0 + 200e-6)
+    delays = arrivals - 5e9 - true
+    assert delays.min() >= 10e6 - 2 and np.median(delays) == pytest.approx(10.7e6, abs=0.3e6)
+    numbers = np.array([frame.number for frame in frames])
+    assert 0.8 * numbers[-1] < len(numbers) < 0.97 * numbers[-1]
+    assert {frame.latency_ns for frame in frames} == {7_000_000}
+    still = np.array([frame.positions for frame in frames[:50]])
+    np.testing.assert_allclose(still.std(axis=0).mean(), 0.0005, rtol=0.1)
+
+
+def test_latency_costs_less_where_it_is_made_up_for(person: Partner) -> None:
+    told, untold = (play(LiveJob(person, System(latency_ms=40.0, reported_ms=ms), 3)) for ms in (40.0, 0.0))
+    assert told.touched and untold.touched
+    assert told.error < 0.5 * untold.error
+    again = play(LiveJob(person, System(latency_ms=40.0, reported_ms=40.0), 3))
+    assert again == told
+
+
+@pytest.mark.slow
+def test_palms_meet_at_any_rate_as_they_do_at_120_hz(capsys: pytest.CaptureFixture[str]) -> None:
+    found = bench_rates(RatesOptions((30.0, 60.0, 100.0, 120.0, 500.0), ("B2",)), quiet)
+    print_rates(found)
+    assert capsys.readouterr().out.count("4 of 4") == 5
+    for rate, row in found.items():
+        assert row["touched"] == 4 and row["palm_speed_error"] <= 0.02, (rate, row)
+        assert abs(row["time_error_ms"]["median"] - found["120"]["time_error_ms"]["median"]) <= 10.0, (rate, row)
+        assert row["contact_error_mm"]["median"] <= 1.5 * found["120"]["contact_error_mm"]["median"] + 0.5, (rate, row)
+
+
+@pytest.mark.slow
+def test_the_latency_bench_tells_with_and_without(capsys: pytest.CaptureFixture[str]) -> None:
+    found = bench_latency(LatencyOptions((0.0, 20.0), ("B2",)), quiet)
+    print_latency(found)
+    assert capsys.readouterr().out.count(" of 4") == 4
+    assert list(found) == ["0", "20"] and found["0"]["with"] == found["0"]["without"]
+    assert found["20"]["with"]["contact_error_mm"]["median"] < found["20"]["without"]["contact_error_mm"]["median"]
+
+
+@pytest.mark.parametrize(
+    ("bench", "message"),
+    [
+        (lambda: bench_rates(RatesOptions((0.0,)), quiet), "a rate of 0 Hz"),
+        (lambda: bench_rates(RatesOptions(cells=("Z9",)), quiet), "unknown cell 'Z9'"),
+        (lambda: bench_latency(LatencyOptions((-1.0,)), quiet), "a latency of -1 ms"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(bench, message: str) -> None:
+    with pytest.raises(HighFiveError, match=message):
+        bench()

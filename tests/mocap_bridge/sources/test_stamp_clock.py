@@ -1,0 +1,68 @@
+"""Stamps of another clock on this one: laws, against a truth that is known."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from highfive.mocap_bridge.sources.stamp_clock import StampClock, hull_edge
+
+MS, S = 1_000_000, 1_000_000_000
+OFFSET = 123 * S
+
+
+def heard(
+    seconds: float, rate: float, ppm: float, seed: int, step_ns: int = 0, step_at: float = np.inf
+) -> list[tuple[int, int, int]]:
+    """Stamp, arrival, and when a frame would have arrived at the least, ns; heavy-tailed delays and stalls."""
+    rng = np.random.default_rng(seed)
+    frames, last = [], 0
+    for true in np.arange(0.0, seconds, 1.0 / rate):
+        stamp = round(S * true * (1.0 + 1e-6 * ppm)) + (step_ns if true >= step_at else 0)
+        delay = rng.gamma(2.0, 0.7) + (rng.pareto(1.5) * 5.0 if rng.random() < 0.03 else 0.0)
+        if true % 20.0 > 19.9:
+            delay += 1e3 * (20.0 - true % 20.0)
+        least = OFFSET + round(S * true) + round(1.5 * MS)
+        last = max(last, least + round(MS * delay))
+        frames.append((stamp, last, least))
+    return frames
+
+
+@pytest.mark.parametrize("ppm", [0.0, 50.0, -100.0, 1000.0])
+def test_late_frames_do_not_matter_and_drift_is_followed(ppm: float) -> None:
+    clock, errors = StampClock(), []
+    for number, (stamp, arrival, least) in enumerate(heard(90.0, 120.0, ppm, 5)):
+        clock.update(stamp, arrival)
+        if number > 60 * 120:
+            errors.append(abs(clock.local(stamp) - least) / MS)
+    assert clock.resets == 0
+    assert np.percentile(errors, 95) <= 0.1
+
+
+@pytest.mark.parametrize("step_ms", [10, -10])
+def test_a_clock_that_is_set_is_found_within_a_few_seconds(step_ms: int) -> None:
+    clock, wrong = StampClock(), []
+    for stamp, arrival, least in heard(70.0, 120.0, 50.0, 7, step_ms * MS, 40.3):
+        clock.update(stamp, arrival)
+        true = (least - OFFSET) / S
+        if true > 40.3 and abs(clock.local(stamp) - least) > 2 * MS:
+            wrong.append(true - 40.3)
+    assert clock.resets == 1
+    assert max(wrong, default=0.0) <= 3.0
+
+
+def test_no_line_lies_above_what_arrived() -> None:
+    clock = StampClock()
+    for stamp, arrival, _ in heard(40.0, 100.0, 30.0, 11):
+        clock.update(stamp, arrival)
+        assert clock.local(stamp) <= arrival + 1
+
+
+@given(st.lists(st.integers(-1000, 1000), min_size=1, max_size=20))
+def test_the_edge_lies_below_every_point_and_touches(heights: list[int]) -> None:
+    points = [(10 * i, y) for i, y in enumerate(heights)]
+    at, value, slope = hull_edge(points)
+    gaps = [y - (value + slope * (x - at)) for x, y in points]
+    if len(points) > 1:
+        assert min(gaps) >= -1e-9
+    assert min(map(abs, gaps)) <= 1e-9

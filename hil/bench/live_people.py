@@ -166,7 +166,7 @@ def play(job: LiveJob) -> LiveFelt:
         with closing(LiveSource("simulated", lambda: link, None, system.rate_hz, VirtualScheduler(clock))) as source:
             zero = begins + round(1e9 * BEFORE_S)
             clock.wait_until(zero + round(1e6 * system.latency_ms))
-            trial = LiveTrial(source, _here(), clock)
+            trial = LiveTrial(source, here(), clock)
             inputs, ticks = list[TickInput](), list[Tick]()
 
             def noted() -> Any:
@@ -194,7 +194,8 @@ def play(job: LiveJob) -> LiveFelt:
     )
 
 
-def _here() -> Placement:
+def here() -> Placement:
+    """Where the people were simulated."""
     return Placement(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), ("where it was simulated",))
 
 

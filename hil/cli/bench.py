@@ -153,6 +153,16 @@ def bench_session(
     _run(json, lambda bar: bench.long_session(minutes, seed, bar))
 
 
+@app.command("tick")
+def bench_tick(
+    seconds: Annotated[float, typer.Option(help="Of the paced part.")] = 20.0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Time a tick: paced at 120 Hz through a live source, and its stages in a hot loop."""
+    _run(json, lambda bar: bench.tick(seconds, seed, bar))
+
+
 @app.command("rates")
 def bench_rates(
     rate: Annotated[list[float] | None, typer.Option(help="Only this rate, Hz; may be given again.")] = None,

@@ -120,6 +120,13 @@ def long_session(minutes: float, seed: int, bar: Bar) -> Measured:
     return Measured(found, print_long_session)
 
 
+def tick(seconds: float, seed: int, bar: Bar) -> Measured:
+    """What one tick takes; see :mod:`highfive.hil.bench.tick`."""
+    from highfive.hil.bench.tick import TickOptions, bench_tick, print_tick
+
+    return Measured(bench_tick(TickOptions(seconds=seconds, seed=seed), bar), print_tick)
+
+
 def rates(rates_hz: list[float] | None, cells: list[str] | None, seed: int, bar: Bar) -> Measured:
     """Live systems of any rate; see :mod:`highfive.hil.bench.rates`."""
     from highfive.hil.bench.rates import RATES, RatesOptions, bench_rates, print_rates

@@ -22,13 +22,13 @@ from highfive.model.settings import Settings, setting
 
 @dataclass(frozen=True)
 class PalmFilterSettings(Settings):
-    """How much is smoothed. Bandwidths of the position: simulated high fives of seed 5, played palm to the true palm."""
+    """How much is smoothed. All set by hand."""
 
     slow: float = setting(18.0, "rad/s", above=0.0)
     """Bandwidth of the position where the hand rests."""
-    faster: float = setting(250.0, "rad/m", above=0.0)
+    faster: float = setting(30.0, "rad/m", above=0.0)
     """How much wider it gets with each m/s of the hand's speed."""
-    fastest: float = setting(150.0, "rad/s", above=0.0)
+    fastest: float = setting(60.0, "rad/s", above=0.0)
     """Bound of the bandwidth."""
     turning: float = setting(14.0, "rad/s", above=0.0)
     """Bandwidth of the palm's directions."""

@@ -57,5 +57,4 @@ def timing_of(model: HGPDM | ReactionModel) -> PoseTiming:
 
 def _inside_limits(root: Array, joints: Array) -> Pose:
     """The pose of a pelvis (3,), m, and rotation vectors (159,), rad, inside the joint limits."""
-    skeleton = avatar_skeleton()
-    return Pose(root, skeleton.clamp(skeleton.to_hinges(skeleton.from_rotation_vectors(joints))))
+    return Pose(root, avatar_skeleton().hinges_within(joints))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.model.geometry import rotations
+from highfive.model.geometry.hinges import hinges_within
 from highfive.model.geometry.names import index_of
 from highfive.model.geometry.rotations import Array
 
@@ -133,6 +134,14 @@ class Skeleton:
         """Inverse of :meth:`to_rotation_vectors`: (..., 3 J) to (..., J, 4)."""
         relative = rotations.from_rotation_vector(vectors.reshape(*vectors.shape[:-1], len(self), 3))
         return rotations.multiply(self.rest, relative)
+
+    def hinges_within(self, vectors: Array) -> Array:
+        """Hinge angles (J, 3), rad, inside the limits, of one pose's rotation vectors (3 J,): what
+        :meth:`from_rotation_vectors`, :meth:`to_hinges` and :meth:`clamp` make of them.
+        """
+        _, axes, sign, middle = self._hinges
+        turned = np.array(vectors, dtype=float).reshape(len(self), 3)
+        return hinges_within(turned, self.rest, axes - 1, sign, middle, self.hinge_limits)
 
     def chain_to(self, name: str) -> tuple[list[int], Skeleton]:
         """The joints from the root to one of a name: their indices, and the skeleton that they make by themselves."""

@@ -79,3 +79,12 @@ def test_hash_depends_on_limits() -> None:
 def test_unknown_joint_is_named() -> None:
     with pytest.raises(HighFiveError, match="tail"):
         SKELETON.index("tail")
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-3, 1.0, 3.2])
+def test_compiled_hinges_are_those_of_numpy(size: float) -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(200):
+        vectors = size * rng.normal(size=3 * len(SKELETON))
+        plain = SKELETON.clamp(SKELETON.to_hinges(SKELETON.from_rotation_vectors(vectors)))
+        np.testing.assert_allclose(SKELETON.hinges_within(vectors), plain, atol=1e-12)

@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "mocap_bridge": {"model.errors"},
     "mocap_bridge.wire": {"model.errors", "model.geometry"},
     "mocap_bridge.files": ERRORS | {"model.geometry", "mocap_bridge.frames", "mocap_bridge.wire"},
-    "mocap_bridge.sources": {"model.errors", "model.plugins", "model.geometry", "mocap_bridge.frames"}
+    "mocap_bridge.sources": {"model.errors", "model.plugins", "model.settings", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files"},
     "mocap_bridge.servers": {"model.errors", "model.geometry", "mocap_bridge.frames"}
     | {"mocap_bridge.wire", "mocap_bridge.files", "mocap_bridge.sources"},

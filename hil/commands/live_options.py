@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.model.errors import HighFiveError
-
-if TYPE_CHECKING:
-    from highfive.hil.commands.simulate import SimulateOptions
 
 LONGEST_LATENCY_MS = 200.0
 """Over more than this nobody can predict a hand."""

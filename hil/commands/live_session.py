@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from contextlib import ExitStack, closing
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from highfive.calibration.placement_file import load_placement, save_placement
 from highfive.calibration.registration import load_registration
+from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.console import confirm, say_aside
 from highfive.hil.trials.live_partner import LivePerson, live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.sources.address import parse_address
-
-if TYPE_CHECKING:
-    from highfive.hil.commands.simulate import SimulateOptions
 
 
 def live_person(

@@ -18,6 +18,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
+from highfive.model.settings import Settings, setting
 
 PARTS: dict[str, tuple[str, ...]] = {
     "trunk": ("lumbar_5", "lumbar_3", "thoracic_12", "thoracic_8"),
@@ -32,18 +33,24 @@ PARTS: dict[str, tuple[str, ...]] = {
 REACHING = ("right shoulder", "right elbow")
 """Parts whose speed counts, beside the palm's. The others hardly move: their speed is the noise of the capture."""
 
-CUTOFF_HZ = 8.0
-"""Motion is smoothed by a Butterworth filter, forwards and back, as is usual before differentiating markers (Winter
-2009, ch. 3); captured and generated motion differ in noise."""
 
-MOVING = 0.1
-"""The movement lasts from the first to the last frame in which the palm has this share of its peak speed."""
+@dataclass(frozen=True)
+class StyleClassifierSettings(Settings):
+    """What counts as movement, and how much is shrunk. All by convention; nothing was chosen on generated motion."""
 
-STILL = 0.05
-"""A palm that is never quicker, m/s, makes no high five."""
+    cutoff_hz: float = setting(8.0, "Hz", above=0.0)
+    """Motion is smoothed by a Butterworth filter, forwards and back, as is usual before differentiating markers (Winter
+    2009, ch. 3); captured and generated motion differ in noise."""
+    moving: float = setting(0.1, above=0.0, most=1.0)
+    """The movement lasts from the first to the last frame in which the palm has this share of its peak speed."""
+    still: float = setting(0.05, "m/s", above=0.0)
+    """A palm that is never quicker makes no high five."""
+    shrinkage: float = setting(0.1, least=0.0, most=1.0)
+    """Share of the identity in the covariance of the standardised features, which are about a quarter as many as
+    trials."""
 
-SHRINKAGE = 0.1
-"""Share of the identity in the covariance of the standardised features, which are about a quarter as many as trials."""
+
+CLASSIFIER = StyleClassifierSettings()
 
 ANGLES = tuple(f"{part}, mean rotation about {axis}" for part in PARTS for axis in "xyz")
 SPEEDS = tuple(f"{part}, log {which} speed" for part in (*REACHING, "palm") for which in ("median", "peak"))
@@ -80,9 +87,9 @@ class Motion:
     def _smooth(self, values: Array) -> Array:
         if len(values) < 0.3 * self.rate_hz:
             raise HighFiveError(f"a motion of {len(values)} frames at {self.rate_hz:g} Hz; expected a whole high five")
-        if 0.45 * self.rate_hz <= CUTOFF_HZ:  # slow recordings are smooth as they are
+        if 0.45 * self.rate_hz <= CLASSIFIER.cutoff_hz:  # slow recordings are smooth as they are
             return values
-        return sosfiltfilt(butter(2, CUTOFF_HZ, fs=self.rate_hz, output="sos"), values, axis=0)
+        return sosfiltfilt(butter(2, CLASSIFIER.cutoff_hz, fs=self.rate_hz, output="sos"), values, axis=0)
 
 
 def features(motion: Motion, skeleton: Skeleton) -> Array:
@@ -94,9 +101,9 @@ def features(motion: Motion, skeleton: Skeleton) -> Array:
         HighFiveError: the motion is too short, or the palm does not move.
     """
     palm_speed, turns = motion.palm_speed(), motion.smooth_joints()
-    if palm_speed.max() < STILL:
+    if palm_speed.max() < CLASSIFIER.still:
         raise HighFiveError(f"the palm moves at {palm_speed.max():.3f} m/s at the most; expected a whole high five")
-    moving = np.flatnonzero(palm_speed >= MOVING * palm_speed.max())
+    moving = np.flatnonzero(palm_speed >= CLASSIFIER.moving * palm_speed.max())
     window = slice(moving[0], moving[-1] + 1)
     joints = {part: [skeleton.index(name) for name in names] for part, names in PARTS.items()}
     angles = [turns[window, own].sum(axis=1).mean(axis=0) for own in joints.values()]
@@ -157,7 +164,9 @@ def fit_style_classifier(values: Array, labels: Sequence[str]) -> StyleClassifie
     degrees = max(len(values) - len(emotions), 1)
     scale: Array = np.sqrt((within**2).sum(axis=0) / degrees) + 1e-9
     within, means = within / scale, means / scale
-    covariance = (1.0 - SHRINKAGE) * within.T @ within / degrees + SHRINKAGE * np.eye(values.shape[1])
+    covariance = (1.0 - CLASSIFIER.shrinkage) * within.T @ within / degrees + CLASSIFIER.shrinkage * np.eye(
+        values.shape[1]
+    )
     weights = np.linalg.solve(covariance, means.T)
     return StyleClassifier(emotions, weights / scale[:, None], -0.5 * (means.T * weights).sum(axis=0))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -42,11 +42,25 @@ from highfive.model.hgpdm.restarts import Best, Say, best_of
 from highfive.model.hgpdm.sharding import spread
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
+from highfive.model.settings import Settings, setting
 
-BACK_NOISE = 0.05  # standard deviation of I and X¹ given the hand where they are learned functions of it: smooths ticks
-UNEXPLAINED = 0.2  # share of the prior's standard deviation, where inducing inputs are far, that these functions add
-BACK_BOUNDS = (1e-2, 1.0)  # bounds of that noise where r and s are regressions fitted after training
-BACK_ITERATIONS = 60  # steps for each of those regressions
+
+@dataclass(frozen=True)
+class BackProjectionSettings(Settings):
+    """How the back projections are made of trained layers. Noise and unexplained share: chosen on held-out simulated
+    trials; bounds and steps by hand."""
+
+    noise: float = setting(0.05, above=0.0)
+    """Standard deviation of I and X¹ given the hand where they are learned functions of it: smooths ticks."""
+    unexplained: float = setting(0.2, above=0.0, most=1.0)
+    """Share of the prior's standard deviation, where inducing inputs are far, that these functions add."""
+    bounds: tuple[float, float] = setting((1e-2, 1.0), above=0.0)
+    """Of that noise where r and s are regressions fitted after training."""
+    iterations: int = setting(60, "steps", least=1)
+    """Of each of those regressions."""
+
+
+BACK_PROJECTION = BackProjectionSettings()
 
 
 def train(
@@ -250,8 +264,8 @@ def _back_projections(
     k_uu = add_jitter(back.kernel.cross(back.inducing, back.inducing))
     # The variance that inducing inputs leave unexplained is small near the training data and large far from it. A share
     # of it is enough to notice strangers; all of it would hold the filter back where the functions are right.
-    reduction, scale = cast(jax.Array, jnp.linalg.inv(k_uu)), UNEXPLAINED / deviation
-    noise = (BACK_NOISE / scale) ** 2
+    reduction, scale = cast(jax.Array, jnp.linalg.inv(k_uu)), BACK_PROJECTION.unexplained / deviation
+    noise = (BACK_PROJECTION.noise / scale) ** 2
     return (
         Posterior(
             back.kernel,
@@ -274,14 +288,16 @@ def _regression(
     points = np.asarray(inputs)
     chosen = np.linspace(0, len(points) - 1, min(inducing, len(points))).astype(int)
     kernel = MotionKernel.initial(points.shape[1])
-    layer = Layer(kernel, jnp.asarray(points[chosen]), sparse.raw_noise(0.3, BACK_BOUNDS))
+    layer = Layer(kernel, jnp.asarray(points[chosen]), sparse.raw_noise(0.3, BACK_PROJECTION.bounds))
     targets = Targets(values, values.shape[1], 0.0)
 
     def value(candidate: Layer) -> jax.Array:
-        noise = sparse.noise_variance(candidate.raw_noise, BACK_BOUNDS)
+        noise = sparse.noise_variance(candidate.raw_noise, BACK_PROJECTION.bounds)
         return sparse.negative_log_likelihood(candidate, jnp.asarray(points), targets, noise, variational=True) / len(
             points
         )
 
-    layer, _ = minimise(value, layer, BACK_ITERATIONS, stage=stage, progress=progress)
-    return sparse.fit(layer, jnp.asarray(points), values, sparse.noise_variance(layer.raw_noise, BACK_BOUNDS))
+    layer, _ = minimise(value, layer, BACK_PROJECTION.iterations, stage=stage, progress=progress)
+    return sparse.fit(
+        layer, jnp.asarray(points), values, sparse.noise_variance(layer.raw_noise, BACK_PROJECTION.bounds)
+    )

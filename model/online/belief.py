@@ -18,12 +18,10 @@ from highfive.model.gp.posterior import Posterior, motion_parameters
 from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.tick import forecast, generate, observe, predict, step
 from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
-
-STYLE_TIME = 0.1  # s, time constant of each of the two smoothings of the style weights
-RESIDUAL_TIME = 0.3  # s, in which what X¹ has beyond I dies away where no hand says it
 
 
 def lagrange(fraction: float) -> Array:
@@ -87,8 +85,9 @@ def packed(posterior: Posterior, styles: int = 1) -> Array:
 class Filter:
     """A model at a tick rate, ready to move beliefs; it holds no belief itself."""
 
-    def __init__(self, model: HGPDM, rate_hz: float) -> None:
+    def __init__(self, model: HGPDM, rate_hz: float, settings: BeliefSettings = BELIEF) -> None:
         """Works out what does not change from tick to tick, and compiles what moves a belief."""
+        self.settings = settings
         preset, dims = model.preset, model.preset.interaction_dims
         self.lag, self._seconds = model.lag, 1.0 / rate_hz
         self._coordinates, self._styles = len(model.human.offset), len(model.emotions)
@@ -111,8 +110,10 @@ class Filter:
             repeats=max(1.0, model.lag * rate_hz),
             human_first=preset.avatar_dims,
             tick=self._moving_by(self._seconds),
-            style_share=1.0 - math.exp(-self._seconds / STYLE_TIME),
-            residual_left=math.exp(-self._seconds / RESIDUAL_TIME),
+            style_share=1.0 - math.exp(-self._seconds / settings.style_time),
+            residual_left=math.exp(-self._seconds / settings.residual_time),
+            speed_span=settings.speed_span,
+            covariance_limit=settings.covariance_limit,
         )
         self._unknown = np.stack([np.zeros(preset.avatar_dims), np.ones(preset.avatar_dims)])
         self._start = np.tile(model.start_mean, 2)
@@ -165,7 +166,7 @@ class Filter:
             residual: (2, q_1) what X¹ has beyond I, as a belief has it; by default unknown.
             ahead: s that have passed since then.
         """
-        size, left = len(self._start), math.exp(-ahead / RESIDUAL_TIME)
+        size, left = len(self._start), math.exp(-ahead / self.settings.residual_time)
         beyond = _own(self._unknown if residual is None else residual, *self._unknown.shape)
         beyond = np.stack([left * beyond[0], left**2 * beyond[1] + 1.0 - left**2])
         layers = _own(latent, size), _own(covariance, size, size), beyond
@@ -186,7 +187,8 @@ class Filter:
             return belief
         seconds = ticks * self._seconds
         latent, covariance = self.predict(belief.latent, belief.covariance, seconds)
-        left, share = math.exp(-seconds / RESIDUAL_TIME), 1.0 - math.exp(-seconds / STYLE_TIME)
+        left = math.exp(-seconds / self.settings.residual_time)
+        share = 1.0 - math.exp(-seconds / self.settings.style_time)
         residual = np.stack([left * belief.residual[0], left**2 * belief.residual[1] + 1.0 - left**2])
         style = belief.style + share * (belief.style[:1] - belief.style)
         answer = self.generate(latent, covariance, style[1], belief.residual, seconds)

@@ -16,6 +16,7 @@ from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, Channels
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief import Filter
+from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.inertialization import Inertializer
 from highfive.model.online.tick_values import Belief, Generated
@@ -26,11 +27,6 @@ FURTHEST = 1e6
 HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
 CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
 MAXIMUM_FORECAST = 5.0  # s
-OUT_OF_DISTRIBUTION = 0.18
-"""Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
-
-0.14 to 0.17 with people like those it was trained on, 0.19 and more with a taller person who walks by.
-"""
 
 
 @dataclass(frozen=True)
@@ -113,7 +109,11 @@ class Responder:
     """
 
     def __init__(
-        self, model: HGPDM, style_weights: str | Mapping[str, float] | ArrayLike, rate_hz: float = 120.0
+        self,
+        model: HGPDM,
+        style_weights: str | Mapping[str, float] | ArrayLike,
+        rate_hz: float = 120.0,
+        settings: BeliefSettings = BELIEF,
     ) -> None:
         """Works out what does not change from tick to tick, and compiles: nothing has to wait later.
 
@@ -121,12 +121,13 @@ class Responder:
             model: the trained model.
             style_weights: an emotion's name, a mapping of names to weights, or (K,) weights that sum to one.
             rate_hz: ticks per second.
+            settings: of the belief.
         """
         if not (math.isfinite(rate_hz) and rate_hz > 0.0):
             raise HighFiveError(f"a rate of {rate_hz} Hz; expected a positive number of ticks per second")
         self._model, self._where = model, model.channels
         self._style = _checked(style_weights, model)
-        self._filter, self._inertializer = Filter(model, rate_hz), Inertializer(1.0 / rate_hz)
+        self._filter, self._inertializer = Filter(model, rate_hz, settings), Inertializer(1.0 / rate_hz)
         self.reset()
 
     @property
@@ -219,6 +220,10 @@ class Responder:
             responses.append(self._response(latent, covariance, generated, lambda: None, number * lag))
         return responses
 
+    def _in_distribution(self, covariance: Array) -> bool:
+        dims = self._model.preset.interaction_dims
+        return float(np.trace(covariance[:dims, :dims])) < self._filter.settings.out_of_distribution**2
+
     def _response(
         self,
         latent: Array,
@@ -243,14 +248,10 @@ class Responder:
             latent=latent[:dims],
             latent_covariance=covariance[:dims, :dims],
             ahead=ahead,
-            in_distribution=_in_distribution(covariance if known is None else known, dims),
+            in_distribution=self._in_distribution(covariance if known is None else known),
             generated=generated,
             forecast_contact=forecast_contact,
         )
-
-
-def _in_distribution(covariance: Array, dims: int) -> bool:
-    return float(np.trace(covariance[:dims, :dims])) < OUT_OF_DISTRIBUTION**2
 
 
 def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:

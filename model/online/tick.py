@@ -17,10 +17,6 @@ from highfive.model.online.layer import (
 )
 from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
 
-SPEED_SPAN = 4  # ticks over which the speed of a hand is taken that is about to be hidden: fewer are too noisy
-COVARIANCE_LIMIT = 10.0  # variance of a latent beyond which more means nothing (the data have variance 1)
-
-
 # Loops are spelled out: a call of BLAS costs more than these products do and may wait for its threads, and expressions
 # of whole arrays double the time to compile.
 
@@ -44,10 +40,10 @@ def predict(plan: Plan, moving: Moving, latent: Array, covariance: Array) -> tup
             if i < len(variances):
                 covariance[i, i] += moving.fraction * variances[i]
             largest = max(largest, covariance[i, i])
-        if largest > COVARIANCE_LIMIT:
+        if largest > plan.covariance_limit:
             for i in range(size):
                 for j in range(size):
-                    covariance[i, j] *= COVARIANCE_LIMIT / largest
+                    covariance[i, j] *= plan.covariance_limit / largest
     return latent, covariance
 
 
@@ -164,7 +160,9 @@ def forecast(plan: Plan, contact: Array, hands: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def remember(belief: Belief, seen: bool, hand: Array, variance: Array, carried_on: Array, variances: Array) -> Array:
+def remember(
+    plan: Plan, belief: Belief, seen: bool, hand: Array, variance: Array, carried_on: Array, variances: Array
+) -> Array:
     """The hand's last ticks (L, 2, P), one tick later.
 
     A hidden hand is ``carried_on`` with its ``variances``. Once it is back, what was made up is replaced: the ticks in
@@ -181,7 +179,7 @@ def remember(belief: Belief, seen: bool, hand: Array, variance: Array, carried_o
         if not belief.started or not seen or gap == 0:
             continue
         last = min(gap + 1, count - 1)  # the last tick that was seen, or the oldest known
-        span = min(SPEED_SPAN, count - 1 - last)
+        span = min(plan.speed_span, count - 1 - last)
         speed = (hands[last, 0, p] - hands[last + span, 0, p]) / span if span > 0 else 0.0
         bend = (hand[p] - hands[last, 0, p] - speed * last) / last**2
         for n in range(1, last):
@@ -213,7 +211,7 @@ def step(
         answer = generate(plan, latent, covariance, belief.residual, blend)
         carried_on = belief.hands[0, 0] + answer.human - belief.generated_hand
         variances = answer.human_deviations**2
-    hands = remember(belief, seen, hand, variance, carried_on, variances)
+    hands = remember(plan, belief, seen, hand, variance, carried_on, variances)
     dims, value, noise = len(latent) // 2, latent, covariance
     if seen:
         value, noise = observe(plan, plan.ticks, hands)

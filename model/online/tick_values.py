@@ -38,6 +38,7 @@ class Plan(NamedTuple):
         tick: one tick.
         style_share: how far each smoothing of the style goes in a tick.
         residual_left: how much of what X¹ has beyond I is left after a tick.
+        speed_span, covariance_limit: as in :class:`highfive.model.online.belief_settings.BeliefSettings`.
     """
 
     dynamics: Array
@@ -55,6 +56,8 @@ class Plan(NamedTuple):
     tick: Moving
     style_share: float
     residual_left: float
+    speed_span: int
+    covariance_limit: float
 
 
 class Belief(NamedTuple):

@@ -9,8 +9,8 @@ from highfive.model.gp import sparse
 from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
-from highfive.model.online.belief import RESIDUAL_TIME, STYLE_TIME, lagrange, tick_weights
-from highfive.model.online.tick import COVARIANCE_LIMIT, SPEED_SPAN
+from highfive.model.online.belief import lagrange, tick_weights
+from highfive.model.online.belief_settings import BELIEF
 from highfive.model.online.tick_values import Belief, Generated
 
 
@@ -50,7 +50,7 @@ def moved(model: HGPDM, latent: Array, covariance: Array, seconds: float) -> tup
     transition = np.concatenate(slopes)
     noise = np.concatenate([fraction * variances, np.zeros(dims)])
     covariance = transition @ covariance @ transition.T + np.diag(noise)
-    return np.concatenate(means), covariance * min(1.0, COVARIANCE_LIMIT / np.diag(covariance).max())
+    return np.concatenate(means), covariance * min(1.0, BELIEF.covariance_limit / np.diag(covariance).max())
 
 
 def measured(model: HGPDM, hands: Array, rate: float, ago: float = 0.0) -> tuple[Array, Array]:
@@ -84,7 +84,7 @@ def generated(model: HGPDM, latent: Array, covariance: Array, residual: Array, s
 
 def beyond(model: HGPDM, rate: float, before: Array, latent: Array, seen: Array, noise: Array) -> Array:
     """The residual of X¹, a Kalman filter in the information form, where the hand is seen."""
-    left = np.exp(-1.0 / rate / RESIDUAL_TIME)
+    left = np.exp(-1.0 / rate / BELIEF.residual_time)
     mean, share = left * before[0], 1.0 - left**2 * (1.0 - before[1])
     if not len(seen):
         return np.stack([mean, share])
@@ -112,7 +112,7 @@ def remembered(belief: Belief, newest: Array, gap: int) -> Array:
     if gap == 0:
         return hands
     last = min(gap + 1, len(hands) - 1)
-    span = min(SPEED_SPAN, len(hands) - 1 - last)
+    span = min(BELIEF.speed_span, len(hands) - 1 - last)
     speed = (hands[last, 0] - hands[last + span, 0]) / span if span else np.zeros(len(newest[0]))
     far = newest[0] - hands[last, 0] - speed * last
     for n in range(1, last):
@@ -149,7 +149,7 @@ def ticked(
             latent, covariance = updated(latent, covariance, np.concatenate([value, before[:dims]]), both)
         else:
             latent, covariance = updated(latent, covariance, value, noise)
-    share = 1.0 - np.exp(-1.0 / rate / STYLE_TIME)
+    share = 1.0 - np.exp(-1.0 / rate / BELIEF.style_time)
     once = belief.style[0] + share * (style - belief.style[0])
     styles = np.stack([once, belief.style[1] + share * (once - belief.style[1])])
     shown = (np.zeros(0), np.zeros((0, 0))) if hand is None else (seen[dims:], variances[dims:, dims:])

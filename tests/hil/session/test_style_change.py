@@ -14,7 +14,7 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.hgpdm.store import load_model
-from highfive.model.online.belief import STYLE_TIME
+from highfive.model.online.belief_settings import BELIEF
 
 EMOTIONS = load_model(DEFAULT_MODEL).emotions
 SLACK = {False: 1.25, True: 1.5}
@@ -77,7 +77,7 @@ def test_a_change_at_any_phase_adds_no_more_than_the_smoothing_lets_through(
         pure = [hinges(unchanged[emotion], corrected) for emotion in (one, other)]
         usual = np.max([largest_steps(angles) for angles in pure], axis=0)
         # A step of the weights behind two smoothings of time constant τ starts with an acceleration of 1 / τ².
-        start = np.abs(pure[0] - pure[1]).max() / (RATE_HZ * STYLE_TIME) ** 2 * np.array([RATE_HZ, RATE_HZ**2])
+        start = np.abs(pure[0] - pure[1]).max() / (RATE_HZ * BELIEF.style_time) ** 2 * np.array([RATE_HZ, RATE_HZ**2])
         assert np.all(largest_steps(hinges(ticks, corrected)) <= SLACK[corrected] * usual + start)
     # The change is one: half a second after the last, everything is as in the style that was arrived at.
     assert max(changes) < len(ticks) - 60

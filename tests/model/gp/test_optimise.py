@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from highfive.model.errors import HighFiveError
-from highfive.model.gp.optimise import HALVINGS, Diverged, Progress, State, fall_at_the_end, minimise
+from highfive.model.gp.optimise import OPTIMISER, Diverged, Progress, State, fall_at_the_end, minimise
 
 
 def bowl(vector: jnp.ndarray) -> jnp.ndarray:
@@ -55,7 +55,7 @@ def test_a_step_into_the_unusable_is_taken_at_half_the_rate():
     states: list[State] = []
     slope, start = lambda v: v[0] - jnp.log(v[0]), jnp.array([3.0])
     found, trace = minimise(slope, start, 300, 300, learning_rate=10.0, keep=states.append)
-    assert states[-1].rate in [0.5**halvings for halvings in range(1, HALVINGS + 1)]
+    assert states[-1].rate in [0.5**halvings for halvings in range(1, OPTIMISER.halvings + 1)]
     np.testing.assert_allclose(found, 1.0, atol=0.2)
     assert np.all(np.isfinite(trace))
 
@@ -64,7 +64,7 @@ def test_unusable_start_and_divergence_are_named():
     with pytest.raises(Diverged, match="cannot start: a covariance is not positive definite"):
         minimise(lambda v: jnp.log(v[0]), jnp.array([-1.0]), 5)
     with pytest.raises(HighFiveError, match="diverged after"):
-        minimise(lambda v: jnp.log(v[0]), jnp.array([0.3]), 50 * HALVINGS, adam_steps=50 * HALVINGS)
+        minimise(lambda v: jnp.log(v[0]), jnp.array([0.3]), 50 * OPTIMISER.halvings, adam_steps=50 * OPTIMISER.halvings)
 
 
 def test_convergence_is_told_by_the_fall_at_the_end():

@@ -13,6 +13,7 @@ from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online import belief, tick
 from highfive.model.online.belief import Filter
+from highfive.model.online.belief_settings import BELIEF
 
 NOISE = 0.01
 
@@ -182,7 +183,7 @@ def test_covariance_grows_without_measurement_and_stays_a_covariance(model: HGPD
         traces.append(float(np.trace(covariance)))
         assert np.linalg.eigvalsh(covariance).min() > -1e-9
     assert np.all(np.diff(traces[:10]) > 0.0)
-    assert np.all(np.diag(covariance) <= tick.COVARIANCE_LIMIT * (1.0 + 1e-9))
+    assert np.all(np.diag(covariance) <= BELIEF.covariance_limit * (1.0 + 1e-9))
 
 
 @pytest.mark.parametrize("hidden", [1, 7, 25])

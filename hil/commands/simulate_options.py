@@ -1,0 +1,56 @@
+"""What a session is asked to play."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from highfive.model import DEFAULT_MODEL
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_options import ArmOptions
+
+
+@dataclass(frozen=True)
+class SimulateOptions:
+    """What to simulate.
+
+    Attributes:
+        trials: number of trials; None is one for every emotion and cell, or one per style for a recording.
+        emotions: emotions to go through; empty is all that the model knows.
+        cells: cells of the grid to go through; empty is all.
+        style: style weights by emotion, used in every trial instead of its emotion; empty for none.
+        source: a C3D file of a real person, or the address of a live system; None simulates a person.
+        human: prefix of that person's markers.
+        marker_set: name or path of that person's marker set; None finds one.
+        model: the model's file, or the name of a model of one's own.
+        data: folder that such a model learns from.
+        seed: seed of the simulated people.
+        physics: drive the avatar by actuators against contact forces.
+        correct: correct the palm.
+        pictures: draw the film and the pictures.
+        place: keeps where a live person stands, for the next session; None for not.
+        latency_ms: what cameras, network and screen take beyond what a live source says of itself.
+        arm: a servo arm that takes part, at the pace of the clock; None for none.
+        overwrite: write into a folder that holds something.
+    """
+
+    trials: int | None = None
+    emotions: tuple[str, ...] = ()
+    cells: tuple[str, ...] = ()
+    style: Mapping[str, float] | None = None
+    source: str | None = None
+    human: str | None = None
+    marker_set: str | None = None
+    model: Path | str = DEFAULT_MODEL
+    data: Path | None = None
+    seed: int = 0
+    physics: bool = False
+    correct: bool = True
+    pictures: bool = True
+    place: Path | None = None
+    latency_ms: float = 0.0
+    arm: ArmOptions | None = None
+    overwrite: bool = False

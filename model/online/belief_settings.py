@@ -1,0 +1,29 @@
+"""What the online belief is tuned by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from highfive.model.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class BeliefSettings(Settings):
+    """How the belief over the latents goes on. Set by hand, but for what says otherwise."""
+
+    style_time: float = setting(0.1, "s", above=0.0)
+    """Time constant of each of the two smoothings of the style weights."""
+    residual_time: float = setting(0.3, "s", above=0.0)
+    """In which what X¹ has beyond I dies away where no hand says it."""
+    speed_span: int = setting(4, "ticks", least=1)
+    """Over which the speed of a hand is taken that is about to be hidden: fewer are too noisy."""
+    covariance_limit: float = setting(10.0, above=0.0)
+    """Variance of a latent beyond which more means nothing: the data have variance 1."""
+    out_of_distribution: float = setting(0.18, above=0.0)
+    """Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost.
+
+    0.14 to 0.17 with simulated people like those it was trained on, 0.19 and more with a taller one who walks by.
+    """
+
+
+BELIEF = BeliefSettings()

@@ -104,10 +104,10 @@ def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.
 
     replaced: dict[str, Callable[..., object]] = {
         "hil.arm.preconditions.check_arm": lambda _: None,
-        "hil.trials.live_partner.live_source": lambda *_: nullcontext(),
-        "hil.trials.live_partner.LivePerson": lambda *_: Person(),
-        "hil.commands.simulate.closing": lambda source: source,
-        "calibration.registration.load_registration": lambda _: type("Registered", (), {"placement": None}),
+        "hil.commands.live_session.live_source": lambda *_: nullcontext(),
+        "hil.commands.live_session.LivePerson": lambda *_: Person(),
+        "hil.commands.live_session.closing": lambda source: source,
+        "hil.commands.live_session.load_registration": lambda _: type("Registered", (), {"placement": None}),
     }
     for name, replacement in replaced.items():
         monkeypatch.setattr(f"highfive.{name}", replacement)

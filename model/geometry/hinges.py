@@ -49,7 +49,7 @@ def hinges_within(
         angles[n, 1] = math.asin(min(max(2.0 * (i * k + w * j) * s, -1.0), 1.0))
         angles[n, 2] = math.atan2(2.0 * (w * k - i * j) * s, 1.0 - 2.0 * (j * j + k * k))
         for h in range(3):
-            angle = angles[n, h]
-            angle -= 2.0 * math.pi * np.round((angle - middle[n, h]) / (2.0 * math.pi))
+            turns = round((angles[n, h] - middle[n, h]) / (2.0 * math.pi))
+            angle = angles[n, h] - 2.0 * math.pi * turns
             angles[n, h] = min(max(angle, limits[n, h, 0]), limits[n, h, 1])
     return angles

@@ -27,7 +27,7 @@ UNIT_NORM = 1e-6
 
 
 def save_placement(path: Path, placement: Placement, system: str, now: datetime) -> None:
-    """Writes a placement; what was there is replaced whole.
+    """Writes a placement in one piece; a file that is there is left as it is.
 
     Args:
         path: of the file.
@@ -36,7 +36,7 @@ def save_placement(path: Path, placement: Placement, system: str, now: datetime)
         now: UTC.
 
     Raises:
-        HighFiveError: it cannot be written.
+        HighFiveError: it cannot be written, or there is such a file.
     """
     rotation, translation = (
         ", ".join(f"{value:.12f}" for value in values) for values in (placement.rotation, placement.translation)
@@ -49,7 +49,7 @@ def save_placement(path: Path, placement: Placement, system: str, now: datetime)
         f"translation_m = [{translation}]  # added after the rotation\n"
     )
     try:
-        write_whole(path, content.encode())
+        write_whole(path, content.encode(), replace=False)
     except OSError as error:
         raise HighFiveError(f"cannot write the placement {path}: {error.strerror or error}") from None
 

@@ -59,3 +59,11 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     here = Placement(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), ())
     with pytest.raises(HighFiveError, match="cannot write the placement"):
         save_placement(tmp_path / "missing" / "place.toml", here, "vicon", NOW)
+
+
+def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
+    path, here = tmp_path / "place.toml", Placement(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), ())
+    path.write_text("mine", encoding="utf-8")
+    with pytest.raises(HighFiveError, match="cannot write the placement"):
+        save_placement(path, here, "vicon", NOW)
+    assert path.read_text(encoding="utf-8") == "mine" and list(tmp_path.iterdir()) == [path]

@@ -7,6 +7,7 @@ import json
 import logging
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from virtual_system import VirtualSystem
 from highfive.calibration.placement import Placement
 from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.runtime.virtual_clock import VirtualClock
-from highfive.hil.trials.live_partner import GONE_S, SILENT_S, TICK_NS, LivePerson, live_source
+from highfive.hil.trials.live_partner import GONE_S, PRACTICE_S, SILENT_S, TICK_NS, LivePerson, live_source
 from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.model.errors import HighFiveError
@@ -192,3 +193,57 @@ def test_in_a_registered_room_the_world_is_where_the_file_says_and_nobody_is_wat
         np.testing.assert_array_equal(frame.valid, recording.valid[row])
         np.testing.assert_allclose(frame.positions[frame.valid], where[row][frame.valid], atol=1e-9)
     assert any(frame.valid.all() for frame in frames)
+
+
+def test_a_guess_is_asked_about_and_the_person_watched_again(greeting: Path, clock: VirtualClock) -> None:
+    """She does not raise the hand the first time; where nobody can be asked, the session goes on and warns."""
+    recording = read_c3d(greeting)
+    still = replace(recording, points=recording.points[:60], valid=recording.valid[:60])
+    still = replace(still, unlabelled=recording.unlabelled[:60], unlabelled_valid=recording.unlabelled_valid[:60])
+    asked: list[str] = []
+    answers = iter([False, True])
+
+    def confirm(question: str) -> bool:
+        asked.append(question)
+        return next(answers)
+
+    system = VirtualSystem(clock, still)
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        begun = clock.now()
+        LivePerson(source, ADDRESS, clock=clock, confirm=confirm)
+        assert clock.now() - begun == pytest.approx(2e9 * PRACTICE_S, abs=0.5e9)
+        assert len(asked) == 2 and all("no hand was raised" in question for question in asked)
+        LivePerson(source, ADDRESS, clock=clock)
+
+
+def test_a_raised_hand_is_no_guess(greeting: Path, clock: VirtualClock) -> None:
+    system = VirtualSystem(clock, read_c3d(greeting))
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        person = LivePerson(source, ADDRESS, clock=clock, confirm=pytest.fail)
+        assert not person.placement.guesses and len(person.placement.notes) == 3
+
+
+def test_a_placement_is_kept_for_the_next_session(greeting: Path, tmp_path: Path) -> None:
+    """The second session watches nobody; one of another system's placement is refused, and so is a recording's."""
+    path = tmp_path / "room.toml"
+    took = []
+    for number in range(2):
+        with VirtualClock() as clock:
+            system = VirtualSystem(clock, read_c3d(greeting))
+            options = SimulateOptions(trials=1, emotions=("neutral",), source=ADDRESS, pictures=False, place=path)
+            begun = clock.now()
+            found = simulate(options, tmp_path / str(number), lambda *_: lambda *_: None, system.wiring)
+            took.append(clock.now() - begun)
+            assert found["rows"][0]["met"]
+    assert 'system = "vicon"' in path.read_text(encoding="utf-8")
+    assert took[0] - took[1] > 1e9 * 0.5
+    with VirtualClock() as clock:
+        system = VirtualSystem(clock, read_c3d(greeting))
+        other = replace(options, source="qtm://lab")
+        with pytest.raises(HighFiveError, match="is of a vicon system, the person comes from qtm"):
+            simulate(other, tmp_path / "other", lambda *_: lambda *_: None, system.wiring)
+    for wrong in (replace(options, source=str(greeting)), replace(options, source=None)):
+        with pytest.raises(HighFiveError, match="--place keeps where a live person stands"):
+            simulate(wrong, tmp_path / "wrong", lambda *_: lambda *_: None)
+    with pytest.raises(HighFiveError, match="--latency 500 ms; expected 0 to 200"):
+        simulate(replace(options, latency_ms=500.0), tmp_path / "wrong", lambda *_: lambda *_: None)

@@ -21,6 +21,7 @@ demo: $(READY)  ## one simulated session: report, film and recording in out/
 test: fast clock  ## fast tests
 
 fast: $(READY)  # those of them that do not go by the clock
+	$(BIN)/python tests/compile_ahead.py
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow and not realtime"
 
 clock: $(READY)  # those that do, with nothing beside them

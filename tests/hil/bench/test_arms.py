@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from trial_results import simulated_result
 
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import played_until_stopped
@@ -17,11 +16,7 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
-from highfive.hil.recording.recording import SessionRecorder, read_recording
-from highfive.hil.recording.replay_goals import recorded_high_fives
 from highfive.hil.runtime.virtual_clock import VirtualClock
-from highfive.hil.sim.scene import build_scene
-from highfive.hil.trials.summary import SessionSettings
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model
@@ -38,14 +33,6 @@ def none_of(seed: int):
     return replace(
         drawn, masses=one, friction=one, torques=one, play=0.0 * one, delay_s=0.0, voltage=12.0, zeros=0.0 * one
     )
-
-
-@pytest.fixture(scope="module")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> ReferenceTrajectory:
-    path = tmp_path_factory.mktemp("recorded") / "session.mcap"
-    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=1)) as recorder:
-        recorder.record_trial(simulated_result(build_scene(), 0, "neutral", "B2"))
-    return recorded_high_fives(read_recording(path), path)[0]
 
 
 def test_every_arm_is_another_and_within_bounds() -> None:

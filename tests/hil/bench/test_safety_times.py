@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from trial_results import simulated_result
 
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.bench.safety_times import (
@@ -17,22 +16,10 @@ from highfive.hil.bench.safety_times import (
 )
 from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.drivers.bus.cycle_ring import Mode
-from highfive.hil.recording.recording import SessionRecorder, read_recording
-from highfive.hil.recording.replay_goals import recorded_high_fives
-from highfive.hil.sim.scene import build_scene
-from highfive.hil.trials.summary import SessionSettings
 
 PHASES = np.arange(12) / 12
 AT_HAND = 40
 """Ticks before the palms meet: the arm is on its way then."""
-
-
-@pytest.fixture(scope="module")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> ReferenceTrajectory:
-    path = tmp_path_factory.mktemp("recorded") / "session.mcap"
-    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=1)) as recorder:
-        recorder.record_trial(simulated_result(build_scene(), 0, "neutral", "B2"))
-    return recorded_high_fives(read_recording(path), path)[0]
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,12 @@ from highfive.hil.session.open_responder import open_responder
 from highfive.hil.session.paced_responder import PacedResponder
 from highfive.hil.session.session import RATE_HZ, Session
 from highfive.hil.sim.people.capture import CLEAN
-from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.sim.scene import Scene
 from highfive.hil.trials.partners import Partner, simulated_partner
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.tracker import Tracker
-from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
-from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.reaction import Reaction
 
@@ -27,16 +25,6 @@ PERIOD_NS = 1e9 / RATE_HZ
 @pytest.fixture(scope="module")
 def person() -> Partner:
     return simulated_partner("angry", "B2", 0, np.random.default_rng(4), CLEAN)
-
-
-@pytest.fixture(scope="module")
-def model() -> HGPDM:
-    return load_model(DEFAULT_MODEL)
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return build_scene()
 
 
 class Counting:

@@ -9,27 +9,15 @@ import pytest
 from highfive.hil.session.reach import Phase
 from highfive.hil.session.session import RATE_HZ, PoseSettings, Session, Tick
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
-from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.sim.scene import Scene
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import C3DSource
-from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
-from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.trained import HGPDM
 
 EMOTIONS = ("neutral", "angry")
 HIDDEN = 0.3  # s, the longest occlusion of a hand that a high five goes on through
-
-
-@pytest.fixture(scope="module")
-def model() -> HGPDM:
-    return load_model(DEFAULT_MODEL)
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return build_scene()
 
 
 @pytest.fixture(scope="module")

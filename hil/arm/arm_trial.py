@@ -15,7 +15,7 @@ from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory
 from highfive.hil.arm.loop import ArmLoop, ArmTick
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
-from highfive.hil.arm_model.servo_arm import ServoArm, default_arm
+from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm, default_arm
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.limits_file import load_limits
@@ -165,18 +165,26 @@ def arm_trial(
         moments: (T,) ns, when each row of the reference was, on the loop's clock; by default when its tick was.
     """
     cycles = _meanwhile(ticks, cycles)
-    frames = np.array([tick.frame_ns for tick in ticks], float) if moments is None else moments
-    heard = np.array([cycle.state.time_ns for cycle in cycles], float)
-    joints = np.array([np.interp(frames, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T
-    poses = [retarget.arm.plate_at(pose) for pose in joints]
-    places, normals = np.array([p.position for p in poses]), np.array([p.normal for p in poses])
+    frames = np.array([tick.frame_ns for tick in ticks], float)
+    poses = _plates(retarget, cycles, frames)
+    places = np.array([pose.position for pose in poses])
     velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
     plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
+    rows = frames if moments is None else moments
+    met_by = poses if moments is None else _plates(retarget, cycles, rows)
+    places, normals = np.array([p.position for p in met_by]), np.array([p.normal for p in met_by])
     met = judged(reference, places, normals, notice(reference, retarget), given_up)
-    end = frames[min(reference.due, len(frames) - 1)]
+    end = rows[min(reference.due, len(rows) - 1)]
     halted = any(tick.report.state in HALTED for tick in ticks if tick.frame_ns <= end)
-    broken_off = not met.touched and (halted or len(frames) < len(reference.goals))
+    broken_off = not met.touched and (halted or len(rows) < len(reference.goals))
     return ArmTrial(tuple(ticks), tuple(cycles), plates, met, reference.due, broken_off)
+
+
+def _plates(retarget: Retarget, cycles: Sequence[Cycle], times: Array) -> list[PlatePose]:
+    """Where the plate was at times (T,), ns, by what the servos said."""
+    heard = np.array([cycle.state.time_ns for cycle in cycles], float)
+    joints = np.array([np.interp(times, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T
+    return [retarget.arm.plate_at(pose) for pose in joints]
 
 
 def _rows(rows: Sequence[Array | None]) -> Array:
@@ -237,6 +245,9 @@ class ArmWatch:
         times = np.array([tick.time_ns - self._session[0].time_ns for tick in self._session], dtype=float)
         frames = np.array([tick.frame_ns for tick in self._ticks], dtype=float)
         rows = 1e9 / RATE_HZ * np.arange(len(reference.goals))
+        rows = rows[
+            rows <= times[len(frames) - 1] + 0.5e9 / RATE_HZ
+        ]  # what was interrupted is no tick
         moments = np.interp(rows, times[: len(frames)], frames)
         return arm_trial(reference, self.loop.retarget, self._ticks, self._cycles, self._given_up, moments)
 

@@ -21,7 +21,7 @@ from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED
-from highfive.hil.session.session import RATE_HZ, Tick, TickInput
+from highfive.hil.session.session import RATE_HZ, Tick, TickInput, tick_times
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 
@@ -242,12 +242,10 @@ class ArmWatch:
             return None
         reference = reference_in(self._session, emotion, cell, met)
         # Rows of the reference come at the model's rate; the ticks of a live person come with the frames.
-        times = np.array([tick.time_ns - self._session[0].time_ns for tick in self._session], dtype=float)
+        times = tick_times(self._session)
         frames = np.array([tick.frame_ns for tick in self._ticks], dtype=float)
-        rows = 1e9 / RATE_HZ * np.arange(len(reference.goals))
-        rows = rows[
-            rows <= times[len(frames) - 1] + 0.5e9 / RATE_HZ
-        ]  # what was interrupted is no tick
+        rows = np.arange(len(reference.goals)) / RATE_HZ
+        rows = rows[rows <= times[len(frames) - 1] + 0.5 / RATE_HZ]  # what was interrupted is no tick
         moments = np.interp(rows, times[: len(frames)], frames)
         return arm_trial(reference, self.loop.retarget, self._ticks, self._cycles, self._given_up, moments)
 

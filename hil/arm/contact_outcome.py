@@ -15,7 +15,7 @@ from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import solve
 from highfive.hil.safety.people import speed_near_face
 from highfive.hil.session.reach import Phase
-from highfive.hil.session.session import RATE_HZ, Tick
+from highfive.hil.session.session import RATE_HZ, Tick, tick_times
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
@@ -127,7 +127,7 @@ class ContactOutcome:
 
 def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> ReferenceTrajectory:
     """What a session's ticks demanded of the arm, at the model's rate: the ticks of a live person have their own."""
-    times = 1e-9 * np.array([tick.time_ns - ticks[0].time_ns for tick in ticks], dtype=float)
+    times = tick_times(ticks)
     rows = TICK * np.arange(int(times[-1] / TICK + 0.5) + 1)
     nearest = np.abs(times[:, None] - rows).argmin(axis=0)
     touch = next((time for time, tick in zip(times, ticks, strict=True) if tick.target.phase is Phase.TOUCH), None)

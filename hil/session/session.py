@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from highfive.mocap_bridge.tracking.palm_filter import PalmFilter
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
 from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.reaction import Reaction, ReactionModel
@@ -223,6 +224,13 @@ class Session:
         self._trust[0] += share * (float(familiar) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])
         return between(waiting, pose, self._trust[1])
+
+
+def tick_times(ticks: Sequence[Tick]) -> Array:
+    """(T,) s, of ticks from the first of them on; where the frames' clock was set, a tick takes its usual time."""
+    steps = np.diff(np.array([tick.time_ns for tick in ticks], dtype=np.int64))
+    steps = np.where((steps > 0) & (steps <= LONGEST_STEP_NS), steps, PERIOD_NS)
+    return 1e-9 * np.concatenate([[0.0], np.cumsum(steps, dtype=float)])
 
 
 def _expectation(response: Reaction, familiar: bool) -> Expectation:

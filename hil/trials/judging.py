@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from highfive.hil.session.reach import Phase
-from highfive.hil.session.session import RATE_HZ, Tick
+from highfive.hil.session.session import RATE_HZ, Tick, tick_times
 from highfive.hil.sim.avatar import Pose
 from highfive.hil.sim.contact_check import ContactReport, common_normal, contact_report
 from highfive.hil.sim.playout import PlayState
@@ -24,7 +24,7 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
     person_palm = np.array([state.person_palm.position for state in states])
     palm = np.array([state.palm.position for state in states])
     generated_palm = np.array([tick.generated_palm.position for tick in ticks])
-    times = 1e-9 * np.array([tick.time_ns - ticks[0].time_ns for tick in ticks], dtype=float)
+    times = tick_times(ticks)
     truth = None if partner.palm is None else TrueMotion(partner.palm, RATE_HZ)
     touched = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
     known = partner.contact_frame >= 0

@@ -1,6 +1,7 @@
 """The model keeps its own pace, whatever comes: laws of the pacing, and of what it answers between its steps."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from highfive.hil.bench.live_people import System, frames_of
 from highfive.hil.session.open_responder import open_responder
 from highfive.hil.session.paced_responder import PacedResponder
-from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.session.session import RATE_HZ, Session, tick_times
 from highfive.hil.sim.people.capture import CLEAN
 from highfive.hil.sim.scene import Scene
 from highfive.hil.trials.partners import Partner, simulated_partner
@@ -138,3 +139,13 @@ def test_a_session_shown_later_is_the_session_at_that_time(model: HGPDM, person:
     off = np.linalg.norm(ahead[:-3] - palms[3:], axis=1)[moving]
     held = np.linalg.norm(palms[:-3] - palms[3:], axis=1)[moving]
     assert np.mean(off) < 0.35 * np.mean(held)
+
+
+def test_times_of_ticks_go_on_where_the_clock_of_the_frames_was_set(
+    model: HGPDM, person: Partner, scene: Scene
+) -> None:
+    session = Session(model, {"angry": 1.0}, person.marker_set, scene)
+    frames = frames_of(person, System(60.0), 0, np.random.default_rng(0))[:8]
+    set_back = [replace(f, source_time_ns=f.source_time_ns - (n > 3) * 32_000_000_000) for n, f in enumerate(frames)]
+    steps = np.diff(tick_times([session.step(frame) for frame in set_back]))
+    np.testing.assert_allclose(steps, [1 / 60] * 3 + [1 / RATE_HZ] + [1 / 60] * 3, atol=1e-8)

@@ -14,7 +14,7 @@ from highfive.calibration.placement import Placement
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
 from highfive.model.geometry.rotations import Array
-from highfive.model.toml_file import read_toml, table, typed
+from highfive.model.toml_file import as_float, read_toml, table, typed
 
 FORMAT = 1
 """Version of the file's format."""
@@ -81,7 +81,11 @@ def _placement(data: Mapping[str, Any]) -> tuple[datetime, str, Array, Array]:
     measured = typed(meta, "meta.", "date", datetime)
     rotation, translation = vector(world, "world.", "rotation", 4), vector(world, "world.", "translation_m", 3)
     check_frame(rotation, translation)
-    return measured.astimezone(UTC), typed(world, "world.", "system", str), rotation, translation
+    try:
+        measured = measured.astimezone(UTC)
+    except (OverflowError, ValueError):  # at either end of the calendar
+        raise HighFiveError(f"meta.date is {measured}, expected a date of our time") from None
+    return measured, typed(world, "world.", "system", str), rotation, translation
 
 
 def check_frame(rotation: Array, translation: Array) -> None:
@@ -90,9 +94,9 @@ def check_frame(rotation: Array, translation: Array) -> None:
     Raises:
         HighFiveError: they are not; the message says which entry of ``[world]``.
     """
-    if abs(float(np.linalg.norm(rotation)) - 1.0) > UNIT_NORM:
+    if not abs(math.hypot(*rotation) - 1.0) <= UNIT_NORM:
         raise HighFiveError("world.rotation is no unit quaternion (w, x, y, z)")
-    if float(np.linalg.norm(translation)) > FURTHEST:
+    if not math.hypot(*translation) <= FURTHEST:
         raise HighFiveError(f"world.translation_m is further than {FURTHEST:g} m; is it in millimetres?")
 
 
@@ -105,6 +109,7 @@ def vector(entry: Mapping[str, Any], where: str, name: str, length: int) -> Arra
     values = typed(entry, where, name, list)
     if len(values) != length or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
         raise HighFiveError(f"{where}{name} is {values!r}, expected {length} numbers")
-    if not all(math.isfinite(v) for v in values):
-        raise HighFiveError(f"{where}{name} has {values!r}, which are not all numbers")
-    return np.array(values, dtype=float)
+    numbers = [as_float(v) for v in values]
+    if not all(map(math.isfinite, numbers)):
+        raise HighFiveError(f"{where}{name} has {numbers!r}, which are not all numbers")
+    return np.array(numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from datetime import datetime
@@ -30,7 +31,7 @@ def read_toml(path: Path, what: str, error: type[HighFiveError] = HighFiveError)
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as found:
         raise error(f"cannot read {what} {path}: {found.strerror or found}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as found:
+    except (ValueError, RecursionError) as found:  # ValueError: no TOML, no UTF-8, a number of thousands of digits
         raise error(f"cannot read {what} {path}: it is no TOML file: {found}") from None
 
 
@@ -84,10 +85,18 @@ def typed(entry: Mapping[str, Any], where: str, name: str, kind: type) -> Any:
         raise HighFiveError(f"{where}{name} is missing")
     value = entry[name]
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        value = as_float(value)
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise HighFiveError(f"{where}{name} is {value!r}, expected {_KINDS[kind]}")
     return value
+
+
+def as_float(value: float) -> float:
+    """A number of a TOML file; a whole number that is too large for a float is infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def number(entry: Mapping[str, Any], where: str, name: str, kind: type, low: float, high: float) -> Any:

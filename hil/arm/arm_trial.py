@@ -231,6 +231,10 @@ class ArmWatch:
         self._ticks.append(self.loop.tick(palm_goal(tick)))
         self._cycles += self.loop.cycles()
 
+    def joints(self) -> tuple[Array, Array] | None:
+        """(J,) rad as measured last, and as wanted last; None before that."""
+        return (self._cycles[-1].state.positions, self._ticks[-1].planned) if self._cycles and self._ticks else None
+
     def end(self, emotion: str, cell: str, met: int) -> ArmTrial | None:
         """What it did; None where it never moved.
 

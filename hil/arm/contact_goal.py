@@ -8,7 +8,7 @@ weighed by what they are worth, as in :mod:`highfive.hil.session.reach`, but the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,9 +56,9 @@ SETTINGS, REACH = ContactGoalSettings(), ReachSettings()
 def palm_goal(tick: Tick, settings: ContactGoalSettings = SETTINGS) -> PalmGoal:
     """The goal of one tick."""
     arm = tick.person
-    person, head = (arm.palm, arm.head_position) if arm.valid else (None, None)
+    person, head = (tick.calm.palm, arm.head_position) if arm.valid else (None, None)
     return PalmGoal(
-        tick.palm,
+        _calm_palm(tick),
         person,
         head,
         None if person is None else _contact(tick, person, settings),
@@ -67,12 +67,18 @@ def palm_goal(tick: Tick, settings: ContactGoalSettings = SETTINGS) -> PalmGoal:
     )
 
 
+def _calm_palm(tick: Tick) -> PalmPose:
+    """The avatar's palm, aimed at where the calm goal is."""
+    shift = tick.calm.target.weight * (tick.calm.target.position - tick.target.position)
+    return replace(tick.palm, position=tick.palm.position + shift)
+
+
 def _contact(tick: Tick, person: PalmPose, settings: ContactGoalSettings) -> ExpectedContact | None:
-    forecast, phase = _forecast(tick, settings), tick.target.phase
+    forecast, phase = _forecast(tick, settings), tick.calm.target.phase
     if phase is Phase.TOUCH:
         return ExpectedContact(person.position, settings.palm_deviation**2 * np.eye(3), -person.normal, 0.0)
     if phase is Phase.APPROACH:
-        time = until_touch(tick.target, forecast, settings)
+        time = until_touch(tick.calm.target, forecast, settings)
     elif phase is Phase.IDLE and forecast and 0.0 < forecast.time < settings.early and _says_enough(forecast, settings):
         time = _corrected(forecast.time, settings)
     else:

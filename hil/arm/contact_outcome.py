@@ -130,7 +130,7 @@ def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Re
     times = tick_times(ticks)
     rows = TICK * np.arange(int(times[-1] / TICK + 0.5) + 1)
     nearest = np.abs(times[:, None] - rows).argmin(axis=0)
-    touch = next((time for time, tick in zip(times, ticks, strict=True) if tick.target.phase is Phase.TOUCH), None)
+    touch = next((time for time, tick in zip(times, ticks, strict=True) if tick.calm.target.phase is Phase.TOUCH), None)
     person, avatar, normals = (
         np.array([np.interp(rows, times, axis) for axis in np.transpose(points)]).T
         for points in (

@@ -133,7 +133,7 @@ class ArmLoop:
             clock: of the driver.
         """
         self._arm, self.retarget, self._limits = arm, retarget, limits
-        self._checked, self._estop, self.clock = checked, estop, clock
+        self._checked, self.estop, self.clock = checked, estop, clock
         self._human: Human | None = None
         self._estimated_ns = self._frame_ns = self._at_ns = clock.now()
         self._ahead_ns = 0
@@ -170,7 +170,7 @@ class ArmLoop:
         if self._standing.state in HALTED:
             return self._standing.reason
         if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
-            pulled = self._estop.pulled_ns is not None
+            pulled = self.estop.pulled_ns is not None
             return self._arm.trouble or ("the emergency stop was pulled" if pulled else "the arm was stopped")
         return ""
 
@@ -221,7 +221,7 @@ class ArmLoop:
         state, step = self.retarget.step(state, goal)
         retarget_ms = 1e-6 * (time.perf_counter_ns() - planning)
         inputs = Inputs(
-            step.joints, arm, health, self._person(goal, begun), run, self._check, self._estop.pulled_ns,
+            step.joints, arm, health, self._person(goal, begun), run, self._check, self.estop.pulled_ns,
             feed_forward=self._feed_forward(step),
         )  # fmt: skip
         self._standing, command, report = envelope.step(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from highfive.hil.bench.live_people import LiveJob, System, figures, people, play
+from highfive.hil.bench.live_people import LiveJob, System, figures, people, play, shown_pair
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -56,8 +56,7 @@ def print_latency(result: dict[str, Any]) -> None:
     print("input latency    palm to true palm, compensated        not compensated")
     for latency, row in result.items():
         cells = [
-            f"{one['contact_error_mm']['median']:5.2f} / {one['contact_error_mm']['max']:5.2f} mm"
-            f" ({one['touched']} of {one['trials']})"
+            f"{shown_pair(one['contact_error_mm'], 'mm', 2)} ({one['touched']} of {one['trials']})"
             for one in (row["with"], row["without"])
         ]
         print(f"{latency:>10} ms    {cells[0]:<34}{cells[1]}")

@@ -75,7 +75,7 @@ class LiveFelt:
         touched: the palms met.
         error: m, of the played palm from the true one when they first touched; NaN where they did not.
         time_error: s, by how much that was later than the person's own contact.
-        palm_speed: over the true one, of the tracked palm while it moved.
+        palm_speed: over the true one, of the tracked palm while it moved; NaN where it was never seen moving.
     """
 
     emotion: str
@@ -203,19 +203,30 @@ def _palm_speed(ticks: Sequence[Tick], shown: np.ndarray, truth: CubicSpline, en
     true = np.linalg.norm(truth(np.clip(shown, 0.0, end), 1), axis=1)
     tracked = np.array([np.linalg.norm(tick.person.palm.velocity) for tick in ticks])
     moving = (true > FAST) & (shown < end) & np.array([tick.person.valid for tick in ticks])
-    return float(tracked[moving].sum() / true[moving].sum())
+    return float(tracked[moving].sum() / true[moving].sum()) if moving.any() else np.nan
 
 
 def figures(felt: Sequence[LiveFelt]) -> dict[str, Any]:
-    """Medians and worst over the high fives: mm, ms, and the error of the palm's speed as a fraction."""
+    """Medians and worst over the high fives: mm, ms, and the error of the palm's speed as a fraction; None of none."""
     touched = [one for one in felt if one.touched]
     errors = 1e3 * np.array([one.error for one in touched])
     times = 1e3 * np.abs([one.time_error for one in touched])
-    speeds = np.array([one.palm_speed for one in felt])
+    speeds = np.array([one.palm_speed for one in felt if np.isfinite(one.palm_speed)])
     return {
         "trials": len(felt),
         "touched": len(touched),
-        "contact_error_mm": {"median": round(float(np.median(errors)), 2), "max": round(float(errors.max()), 2)},
-        "time_error_ms": {"median": round(float(np.median(times)), 1), "max": round(float(times.max()), 1)},
-        "palm_speed_error": round(float(np.abs(np.median(speeds) - 1.0)), 4),
+        "contact_error_mm": _median_and_max(errors, 2),
+        "time_error_ms": _median_and_max(times, 1),
+        "palm_speed_error": round(float(np.abs(np.median(speeds) - 1.0)), 4) if len(speeds) else None,
     }
+
+
+def _median_and_max(values: np.ndarray, digits: int) -> dict[str, float | None]:
+    if not len(values):
+        return {"median": None, "max": None}
+    return {"median": round(float(np.median(values)), digits), "max": round(float(values.max()), digits)}
+
+
+def shown_pair(pair: dict[str, float | None], unit: str, digits: int) -> str:
+    """Median and worst for people; a dash where there is none."""
+    return " / ".join("    -" if value is None else f"{value:5.{digits}f}" for value in pair.values()) + f" {unit}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from highfive.hil.bench.live_people import LiveJob, System, figures, people, play
+from highfive.hil.bench.live_people import LiveJob, System, figures, people, play, shown_pair
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -61,8 +61,8 @@ def print_rates(result: dict[str, Any]) -> None:
     """The figures, for people."""
     print("rate    touched    palm to true palm    time of contact     palm speed")
     for rate, row in result.items():
-        error, late = row["contact_error_mm"], row["time_error_ms"]
+        speed = "   -" if row["palm_speed_error"] is None else f"{100.0 * row['palm_speed_error']:4.1f} %"
         print(
-            f"{rate:>4} Hz  {row['touched']:>3} of {row['trials']:<3}  {error['median']:5.2f} / {error['max']:5.2f} mm"
-            f"      {late['median']:5.1f} / {late['max']:5.1f} ms    {100.0 * row['palm_speed_error']:4.1f} %"
+            f"{rate:>4} Hz  {row['touched']:>3} of {row['trials']:<3}  {shown_pair(row['contact_error_mm'], 'mm', 2)}"
+            f"      {shown_pair(row['time_error_ms'], 'ms', 1)}    {speed}"
         )

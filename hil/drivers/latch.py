@@ -24,6 +24,7 @@ class Cause(IntEnum):
     PIPE = 2
     SIGNAL = 3
     PROGRAM = 4
+    PAGE = 5
 
 
 class Latch:

@@ -19,7 +19,7 @@ from highfive.hil.sim.scene import Scene
 from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
-from highfive.mocap_bridge.tracking.palm_filter import PalmFilter
+from highfive.mocap_bridge.tracking.palm_filter import PalmFilter, PalmFilterSettings
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
 from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.errors import HighFiveError
@@ -37,6 +37,10 @@ LONGEST_STEP_NS = 1_000_000_000
 """A tick that is later than the one before by more than this, or earlier, begins another time: a clock was set."""
 
 
+QUICK_PALM = PalmFilterSettings(faster=250.0, fastest=150.0)
+"""An avatar's hand may be as quick as a person's. Chosen on simulated high fives of seed 5."""
+
+
 @dataclass(frozen=True)
 class PoseSettings(Settings):
     """What keeps the generated pose calm. Set by hand."""
@@ -48,6 +52,19 @@ class PoseSettings(Settings):
 
 
 @dataclass(frozen=True)
+class CalmGoal:
+    """What is reached for, as servos can follow it.
+
+    Attributes:
+        palm: the person's.
+        target: where the palm should be.
+    """
+
+    palm: PalmPose
+    target: ReachTarget
+
+
+@dataclass(frozen=True)
 class Tick:
     """What one frame led to, or the time that passed without one.
 
@@ -55,6 +72,7 @@ class Tick:
         time_ns: for which all of it holds, ns on the clock of the frames' stamps.
         markers: every marker of the set, seen or not.
         person: the live person.
+        calm: the same for a servo arm: steadier, and later.
         response: what the model answers.
         generated: its pose, inside the joint limits, before correction.
         generated_palm: the palm of ``generated``.
@@ -68,6 +86,7 @@ class Tick:
     time_ns: int
     markers: TrackedMarkers
     person: HumanArm
+    calm: CalmGoal
     response: Reaction
     generated: Pose
     generated_palm: PalmPose
@@ -122,10 +141,10 @@ class Session:
         self._tracker = Tracker(marker_set, RATE_HZ)
         self._arm = HumanArmEstimator(marker_set)
         self._return = ReacquisitionSmoother()
-        self._palm = PalmFilter()
+        self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()
         self._responder = PacedResponder(open_responder(model, style, RATE_HZ), RATE_HZ, self._arm)
         self._timing = timing_of(model)
-        self._reach = Reach()
+        self._reach, self._calm_reach = Reach(), Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
         self.reset()
@@ -134,15 +153,26 @@ class Session:
         """Changes the style weights, at any time."""
         self._responder.set_style(style)
 
+    @property
+    def corrects(self) -> bool:
+        """The hand is corrected."""
+        return self._correct
+
+    def set_correct(self, correct: bool) -> None:
+        """Whether the hand is corrected from now on."""
+        self._correct = correct
+
     def reset(self) -> None:
         """A new trial: nobody is there yet."""
         self._tracker.reset()
         self._return.reset()
         self._palm.reset()
+        self._calm_palm.reset()
         self._trust = [0.0, 0.0]
         self._responder.reset()
         self._last = self._timing.waiting(self._responder.style)
         self._reach.reset()
+        self._calm_reach.reset()
         self._correction.reset()
         self._captured_ns: int | None = None  # the newest frame's stamp
         self._time_ns = 0  # of the last tick
@@ -171,19 +201,22 @@ class Session:
             markers = self._tracker.at(time_ns)
             person = self._arm(markers)
             self._responder.wait(time_ns)
-        person = self._steady(person, dt)
+        person, calm_palm = self._steady(person, dt)
         response = self._responder.answer(time_ns)
         familiar = response.in_distribution
         generated = self._pose(response, familiar, dt)
         palm = self._correction.palm_of(generated)
         seen = person.palm if person.valid else None
         expectation = _expectation(response, familiar)
-        target = self._reach.step(palm, seen, expectation, self._correction.shoulder, dt)
+        shoulder = self._correction.shoulder
+        target = self._reach.step(palm, seen, expectation, shoulder, dt)
+        calm_seen = None if seen is None else calm_palm
+        calm = CalmGoal(calm_palm, self._calm_reach.step(palm, calm_seen, expectation, shoulder, dt))
         if not self._correct:
-            return Tick(time_ns, markers, person, response, generated, palm, target, generated, palm, 0.0, False)
+            return Tick(time_ns, markers, person, calm, response, generated, palm, target, generated, palm, 0.0, False)
         corrected = self._correction.solve(generated, target.position, target.normal, target.weight)
         return Tick(
-            time_ns, markers, person, response, generated, palm, target,
+            time_ns, markers, person, calm, response, generated, palm, target,
             corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,
         )  # fmt: skip
 
@@ -200,15 +233,16 @@ class Session:
         elapsed, self._captured_ns, self._time_ns = time_ns - self._time_ns, captured, time_ns
         return time_ns, 1e-9 * (PERIOD_NS if begins or not 0 < elapsed <= LONGEST_STEP_NS else elapsed)
 
-    def _steady(self, person: HumanArm, dt: float) -> HumanArm:
-        """The person with a hand that does not jump and a palm that does not shake."""
+    def _steady(self, person: HumanArm, dt: float) -> tuple[HumanArm, PalmPose]:
+        """The person with a hand that does not jump and a palm that does not shake; the calm palm for a servo arm."""
         if not person.valid:
             self._return.reset()
             self._palm.reset()
-            return person
+            self._calm_palm.reset()
+            return person, person.palm
         ahead = min(person.time_ns - (self._captured_ns or 0), self._responder.settings.patience_ns)
         person = self._return(person, dt, ahead)
-        return replace(person, palm=self._palm(person.palm, dt))
+        return replace(person, palm=self._palm(person.palm, dt)), self._calm_palm(person.palm, dt)
 
     def _pose(self, response: Reaction, familiar: bool, dt: float) -> Pose:
         """The model's pose in the style's timing; where the person is a stranger to it, the pose in which it waits."""

@@ -67,7 +67,7 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         other_palm=partner.other_palm,
         weight=np.array([tick.target.weight for tick in ticks]),
         expected=np.array([tick.response.time_to_contact for tick in ticks]),
-        seen=np.array([tick.markers.seen for tick in ticks]),
+        markers=tuple(tick.markers for tick in ticks),
         tick_ms=tick_ms,
     )
 

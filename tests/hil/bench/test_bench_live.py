@@ -1,10 +1,12 @@
 """People before live systems of any rate and latency: what is measured, and that bad options are refused."""
 
+import json
+
 import numpy as np
 import pytest
 
 from highfive.hil.bench.latency import LatencyOptions, bench_latency, print_latency
-from highfive.hil.bench.live_people import LiveJob, System, frames_of, people, play
+from highfive.hil.bench.live_people import LiveFelt, LiveJob, System, figures, frames_of, people, play, shown_pair
 from highfive.hil.bench.rates import RatesOptions, bench_rates, print_rates
 from highfive.hil.trials.partners import Partner
 from highfive.model.errors import HighFiveError
@@ -39,6 +41,30 @@ def test_latency_costs_less_where_it_is_made_up_for(person: Partner) -> None:
     assert told.error < 0.5 * untold.error
     again = play(LiveJob(person, System(latency_ms=40.0, reported_ms=40.0), 3))
     assert again == told
+
+
+def test_people_whom_nobody_touched_have_no_figures() -> None:
+    """As before a system of one frame a second: JSON has no NaN, and a table shows that there is nothing."""
+    missed = LiveFelt("sad", "B2", False, np.nan, np.nan, np.nan)
+    row = figures([missed, missed])
+    assert json.loads(json.dumps(row, allow_nan=False)) == {
+        "trials": 2,
+        "touched": 0,
+        "contact_error_mm": {"median": None, "max": None},
+        "time_error_ms": {"median": None, "max": None},
+        "palm_speed_error": None,
+    }
+    assert shown_pair(row["contact_error_mm"], "mm", 2).split() == ["-", "/", "-", "mm"]
+    print_rates({"1": row})
+    print_latency({"500": {"with": row, "without": row}})
+    touched = LiveFelt("sad", "B2", True, 0.002, -0.01, 0.99)
+    assert figures([missed, touched]) == {
+        "trials": 2,
+        "touched": 1,
+        "contact_error_mm": {"median": 2.0, "max": 2.0},
+        "time_error_ms": {"median": 10.0, "max": 10.0},
+        "palm_speed_error": 0.01,
+    }
 
 
 @pytest.mark.slow

@@ -147,6 +147,7 @@ class SessionRecorder:
         for i, time in enumerate(result.times):
             now = start + round(1e9 * float(time))
             self._record_poses(now, result.people[i], result.poses[i], result.generated[i])
+            self._record_markers(now, result.markers[i])
             if i % _SKELETON_EVERY == 0:
                 self._add(
                     "/skeleton", now, messages.skeleton_update(now, result.people[i], drawn[i // _SKELETON_EVERY])

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from highfive.hil.sim.avatar import Pose
 from highfive.hil.sim.contact_check import ContactReport
-from highfive.mocap_bridge.frames import HumanArm
+from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class TrialResult:
         other_palm: (T, 3) m, or None.
         weight: (T,) share of the correction.
         expected: (T,) s, time to contact as the model says.
-        seen: (T, M) bool, markers measured.
+        markers: as tracked, a tick each.
         tick_ms: (T,) ms, markers in to corrected pose out.
     """
 
@@ -76,5 +76,10 @@ class TrialResult:
     other_palm: Float[np.ndarray, "N 3"] | None
     weight: Float[np.ndarray, " T"]
     expected: Float[np.ndarray, " T"]
-    seen: Bool[np.ndarray, "T M"]
+    markers: tuple[TrackedMarkers, ...]
     tick_ms: Float[np.ndarray, " T"]
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "T M"]:
+        """(T, M) whether each marker was measured."""
+        return np.array([one.seen for one in self.markers])

@@ -24,7 +24,7 @@ def simulated_result(
     """A trial whose avatar plays the simulated actor's motion; ``away`` m puts it too far back to meet the person."""
     rng = np.random.default_rng([seed, number])
     trial = simulate_pair(emotion, cell, 0, rng)
-    people = _people(trial)
+    people, markers = _people(trial)
     skeleton = avatar_skeleton()
     root = trial.avatar.root_in_world - [away, 0.0, 0.0]
     poses = [Pose.from_quaternions(*pair) for pair in zip(root, trial.avatar.quaternions, strict=True)]
@@ -71,22 +71,23 @@ def simulated_result(
         other_palm=palm,
         weight=np.clip(1.0 - np.abs(np.arange(count) - trial.contact_frame) / 60.0, 0.0, 1.0),
         expected=(trial.contact_frame - np.arange(count)) / RATE_HZ,
-        seen=np.ones((count, 16), dtype=bool),
+        markers=markers,
         tick_ms=rng.gamma(8.0, 0.08, count),
     )
 
 
-def _people(trial: PairTrial) -> tuple[HumanArm, ...]:
+def _people(trial: PairTrial) -> tuple[tuple[HumanArm, ...], tuple[TrackedMarkers, ...]]:
     marker_set = load_marker_set(PERSON_SET)
     estimate = HumanArmEstimator(marker_set)
     positions = markers_of(trial.person, marker_set)
     velocities = np.gradient(positions, 1.0 / RATE_HZ, axis=0)
     count = positions.shape[1]
     fixed = np.zeros((count, 3, 3)), np.ones(count, bool), np.zeros(count, np.int64), np.ones(count, bool)
-    return tuple(
-        estimate(TrackedMarkers(marker_set.names, p, v, *fixed, ~fixed[1], round(1e9 * i / RATE_HZ)))
+    markers = tuple(
+        TrackedMarkers(marker_set.names, p, v, *fixed, ~fixed[1], round(1e9 * i / RATE_HZ))
         for i, (p, v) in enumerate(zip(positions, velocities, strict=True))
     )
+    return tuple(map(estimate, markers)), markers
 
 
 def _perturbed(trial: PairTrial, rng: np.random.Generator) -> np.ndarray:

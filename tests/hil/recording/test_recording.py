@@ -20,7 +20,7 @@ SETTINGS = SessionSettings(seed=3, model="default", trials=2, command="highfive 
 
 def shortened(result, count):
     arrays = ["times", "people", "poses", "generated", "person_palm", "palm", "generated_palm"]
-    arrays += ["weight", "expected", "seen", "tick_ms"]
+    arrays += ["weight", "expected", "markers", "tick_ms"]
     return replace(result, **{name: getattr(result, name)[:count] for name in arrays})
 
 
@@ -55,6 +55,9 @@ def test_reads_what_was_written(recorded, result):
             np.testing.assert_allclose(pose.root_in_world, original.root_in_world, atol=1e-5)
             same = np.abs(np.sum(pose.quaternions * original.quaternions, axis=-1))
             np.testing.assert_allclose(same, 1.0, atol=1e-8)
+    markers = recording.channels["/markers"]
+    assert len(markers) == 300 and tuple(markers[0].data["names"]) == result.markers[0].names
+    np.testing.assert_allclose(markers[7].data["positions"], result.markers[7].positions, atol=1e-5)
     (contact, _) = recording.channels["/contact"]
     assert contact.data["met"] and contact.data["distance"] == pytest.approx(result.error, abs=1e-5)
 

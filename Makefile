@@ -13,10 +13,11 @@ SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
 unexport PYTHONDONTWRITEBYTECODE
 
 .NOTPARALLEL:
-.PHONY: demo test fast clock slow style check model format
+.PHONY: demo test fast clock slow style check model recording three format
 
 demo: $(READY)  ## one simulated session: report, film and recording in out/
 	$(BIN)/highfive simulate
+	@echo "See high fives move, in the browser: $(BIN)/highfive view"
 
 test: fast clock  ## fast tests
 
@@ -41,6 +42,12 @@ check: style test  ## style, types and fast tests
 model: $(READY)  ## the default model again, from nothing
 	$(BIN)/highfive capture --repetitions 4 --test-repetitions 1 --seed 0 --out out/captured --overwrite
 	$(BIN)/highfive train out/captured --seed 0 --out model/default.safetensors --overwrite
+
+recording: $(READY)  ## the short recording of `highfive view` again
+	$(BIN)/python docs/make_shipped_recording.py
+
+three:  ## three.js of the page again; needs Node
+	cd docs/three && npm install --no-audit --no-fund --no-package-lock && npm run build
 
 format: $(READY)
 	$(BIN)/ruff format .

@@ -57,8 +57,11 @@ ALLOWED: dict[str, set[str]] = {
     "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},
     "hil.report": MODEL | BRIDGE | SIM | ARM
     | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation"},
+    "hil.view": MODEL | BRIDGE | SIM
+    | {"hil.drivers.latch", "hil.session", "hil.trials.trial_result", "hil.recording"},
     "hil.commands": MODEL | BRIDGE | SIM | ARM
-    | {"calibration", "hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.report"},
+    | {"calibration", "hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.report"}
+    | {"hil.view"},
     "hil.bench": {"calibration", "hil", "mocap_bridge", "model", "scenes"},
     "hil.cli": {"model.errors", "hil.runtime", "hil.commands", PACKAGE},  # the package for its version
     PACKAGE: {"calibration", "hil", "mocap_bridge", "model", "scenes"},

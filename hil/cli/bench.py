@@ -185,6 +185,16 @@ def bench_latency(
     _run(json, lambda bar: bench.latency(latency, cell, seed, bar))
 
 
+@app.command("view")
+def bench_view(
+    seconds: Annotated[float, typer.Option(min=1.0, help="For so long poses are counted.")] = 60.0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Look at the live page: poses that arrive, a tab that sleeps, what pages cost the tick, pictures a second."""
+    _run(json, lambda bar: bench.view(seconds, seed, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

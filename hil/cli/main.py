@@ -15,7 +15,7 @@ from highfive.hil.cli import bench as cli_bench
 from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
-from highfive.hil.cli.options import Cells, Interrupted, Json, Overwrite, Seed, refuse_two_people
+from highfive.hil.cli.options import Cells, Https, Interrupted, Json, NoOpen, Overwrite, Port, Seed, refuse_two_people
 from highfive.hil.runtime.console import STDERR, escape, print_json, print_result, progress_bars, show_log
 from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 from highfive.model.errors import HighFiveError
@@ -114,6 +114,10 @@ def simulate(
     nobody_near: cli_rig.NobodyNear = False,
     slow: cli_rig.Slow = False,
     faults: cli_rig.Faults = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it live on a page in the browser.")] = False,
+    port: Port = None,
+    no_open: NoOpen = False,
+    https: Https = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -122,6 +126,7 @@ def simulate(
     from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
     from highfive.hil.commands.session_lines import print_session  # noqa: PLC0415
     from highfive.hil.commands.simulate import SimulateOptions, simulate, which_model  # noqa: PLC0415
+    from highfive.hil.commands.simulate_options import PageOptions  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     options = SimulateOptions(
@@ -141,6 +146,7 @@ def simulate(
         place=place,
         latency_ms=latency,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
+        view=PageOptions(port, not no_open, https) if view else None,
         overwrite=overwrite,
     )
     folder = out or next_folder("session")
@@ -152,6 +158,24 @@ def simulate(
         print_session(summary, folder)
     if summary["interrupted"] or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
         raise typer.Exit(1)
+
+
+@app.command()
+def view(
+    recording: Annotated[
+        Path | None,
+        typer.Argument(help="A session's session.mcap, or its folder (default: four high fives that come along)."),
+    ] = None,
+    port: Port = None,
+    no_open: NoOpen = False,
+    https: Https = False,
+) -> None:
+    """Show a recording on a page in the browser: from any side, step by step, in slow motion."""
+    from highfive.hil.commands.simulate_options import PageOptions  # noqa: PLC0415
+    from highfive.hil.commands.view import ViewOptions  # noqa: PLC0415
+    from highfive.hil.commands.view import view as show  # noqa: PLC0415
+
+    show(ViewOptions(recording, PageOptions(port, not no_open, https)))
 
 
 @app.command()

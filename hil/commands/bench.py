@@ -145,6 +145,13 @@ def latency(latencies_ms: list[float] | None, cells: list[str] | None, seed: int
     return Measured(bench_latency(options, bar), print_latency)
 
 
+def view(seconds: float, seed: int, bar: Bar) -> Measured:
+    """The live page; see :mod:`highfive.hil.bench.view`."""
+    from highfive.hil.bench.view import ViewBenchOptions, bench_view, print_view
+
+    return Measured(bench_view(ViewBenchOptions(seconds, seed), bar), print_view)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked

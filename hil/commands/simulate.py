@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.commands.live_options import check_live_options
+from highfive.hil.commands.programme import Programme
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.recording import SessionRecorder
@@ -33,6 +34,7 @@ from highfive.hil.trials.partners import Partner, recorded_partner, simulated_pa
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.hil.trials.trial import as_captured, run_trial, style_name
 from highfive.hil.trials.trial_result import TrialResult
+from highfive.hil.view.interruption import Interruption
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.address import is_live
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
     from highfive.hil.sim.rendering import NoPictures
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.trials.live_wiring import LiveWiring
+    from highfive.hil.view.live_page import LivePage
+    from highfive.hil.view.session_view import SessionView
 
 # What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
@@ -88,6 +92,10 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     live = options.source is not None and is_live(options.source)
     with ExitStack() as stack:
         check_live_options(options, live)
+        if options.view is not None and options.arm is not None and options.arm.port == "virtual":
+            raise HighFiveError(
+                "--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated"
+            )
         stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
             from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
@@ -131,9 +139,25 @@ def _simulate(
         watch = None if options.arm is None else _arm_watch(options.arm, bar, partners[0].marker_set, stack)
         # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
         session = _session(options, model, scene, partners[0])
+        page = None if options.view is None else _page(options, model, watch, stack)
         recorder = SessionRecorder(folder / "session.mcap", settings)
-        played = _run(options, session, scene, partners, person, recorder, bar, watch)
+        played = _run(options, session, scene, partners, person, recorder, bar, watch, page)
+        if page is not None:
+            page.tell("over", message=f"The session is over: {folder / 'report.html'}")
     return _report(options, played, settings, folder, bar, 0.0 if watch is None else watch.loop.retarget.settings.lag)
+
+
+def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatch | None, stack: ExitStack) -> LivePage:
+    """The live page; the session begins when somebody looks on."""
+    from highfive.hil.commands.page import open_page  # noqa: PLC0415
+
+    assert options.view is not None
+    cells = list(options.cells or CELLS) if options.source is None else []
+    about = {"mode": "session", "title": _shown(options.source), "emotions": list(model.emotions), "cells": cells}
+    estop = None if watch is None else watch.loop.estop
+    return stack.enter_context(
+        open_page(options.view, {**about, "arm": estop is not None, "rig": estop is not None}, estop)
+    )
 
 
 def _arm_watch(options: ArmOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch:
@@ -251,6 +275,7 @@ def _run(
     recorder: SessionRecorder,
     bar: Bar,
     watch: ArmWatch | None,
+    page: LivePage | None,
 ) -> _Played:
     played = _Played()
     results = played.results
@@ -258,27 +283,28 @@ def _run(
         try:
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
             advance = bar("high fives", len(partners))
+            view = None if page is None else _view(page, session, playout, scene, watch)
+            programme = Programme(options, partners, view)
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
             gc.freeze()
-            for number, partner in enumerate(partners):
-                style = options.style or {partner.emotion: 1.0}
+            while programme:
+                partner, style = programme.take()
                 session.set_style(style)
-                called = style_name(style)
+                called, number = style_name(style), programme.number
                 try:
-                    result, trouble = _trial(number, partner, called, session, playout, person, watch)
+                    programme.begin(partner, style)
+                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view)
+                except Interruption as asked:
+                    programme.follow(asked.wish, partner)
+                    continue
                 except PluginError as error:  # a model of the user's own
                     result, trouble = None, str(error)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    remedy = "" if watch is None else _remedy(watch, None)
-                    if not results:
-                        recorder.discard()  # an empty recording would only be in the way of the next attempt
-                        raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
-                    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
-                    _advise(remedy)
+                    _tell_broken_off(number, trouble, recorder, watch, first=not results)
                     return replace(played, interrupted=True)
-                result = replace(result, style=called)
-                arm = None if watch is None else watch.end(called, partner.cell, partner.contact_frame)
+                result = replace(result, style=programme.style_name(style))
+                arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
                 recorder.record_trial(result, arm)
                 results.append(result)
                 if arm is not None:
@@ -287,12 +313,37 @@ def _run(
                 if watch is not None and watch.loop.trouble:
                     say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
                     _advise(_remedy(watch, arm))
+                    if view is not None:
+                        view.stopped()
                     return replace(played, interrupted=True)
+                programme.judged(result, partner)
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
         finally:
             gc.unfreeze()
-    return played
+    return replace(played, interrupted=programme.ended)
+
+
+def _view(page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None) -> SessionView:
+    from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
+
+    return SessionView(page, session, playout, scene, arm=None if watch is None else watch.joints)
+
+
+def _tell_broken_off(
+    number: int, trouble: str, recorder: SessionRecorder, watch: ArmWatch | None, *, first: bool
+) -> None:
+    """A high five that was broken off.
+
+    Raises:
+        HighFiveError: it was the first one.
+    """
+    remedy = "" if watch is None else _remedy(watch, None)
+    if first:
+        recorder.discard()  # an empty recording would only be in the way of the next attempt
+        raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
+    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
+    _advise(remedy)
 
 
 def _remedy(watch: ArmWatch, arm: ArmTrial | None) -> str:
@@ -314,30 +365,29 @@ def _trial(
     playout: PlayOut,
     person: LivePerson | None,
     watch: ArmWatch | None,
+    view: SessionView | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
-    if person is None and watch is None:
+    if person is None and watch is None and view is None:
         return run_trial(number, partner, session, playout), ""
     try:
         if watch is not None:
             watch.begin()
     except HighFiveError as error:
         return None, str(error)
-    if person is None:
-        assert watch is not None
-        from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
-
-        frames = at_their_time(C3DSource(partner.recording, RATE_HZ), watch.loop.clock)
-        return run_trial(number, partner, session, playout, watch.inputs(as_captured(frames)), watch.watch), ""
-    say_aside(f"high five {number + 1}, {style}: raise the right hand")
-    live = person.trial()
-    inputs: Iterable[TickInput] = live if watch is None else watch.inputs(live)
+    live = None if person is None else person.trial()
+    inputs: Iterable[TickInput] = _recorded(partner, watch, view) if live is None else live
+    watchers = [each for each in (live, watch, view) if each is not None]
+    for each in (watch, view):
+        inputs = inputs if each is None else each.inputs(inputs)
 
     def seen(tick: Tick) -> None:
-        live.watch(tick)
-        if watch is not None:
-            watch.watch(tick)
+        for each in watchers:
+            each.watch(tick)
 
+    if live is None:
+        return run_trial(number, partner, session, playout, inputs, seen), ""
+    say_aside(f"high five {number + 1}, {style}: raise the right hand")
     result = run_trial(number, partner, session, playout, inputs, seen) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble
@@ -347,6 +397,17 @@ def _trial(
         f"poses {ahead:.1f} ms ahead of the newest frame"
     )
     return replace(result, notes=(*result.notes, note)), ""
+
+
+def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None) -> Iterable[TickInput]:
+    """The partner's recording at the pace of the clock; the arm's, where there is one."""
+    source = C3DSource(partner.recording, RATE_HZ)
+    if watch is not None:
+        from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
+
+        return as_captured(at_their_time(source, watch.loop.clock))
+    assert view is not None
+    return as_captured(view.in_time(source))
 
 
 def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:

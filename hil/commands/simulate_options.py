@@ -14,6 +14,21 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class PageOptions:
+    """Where the live page is.
+
+    Attributes:
+        port: of this machine; None for the usual one, or a free one where that is in use.
+        open_browser: opens the page here at once.
+        https: served to the whole network, with a certificate of its own.
+    """
+
+    port: int | None = None
+    open_browser: bool = True
+    https: bool = False
+
+
+@dataclass(frozen=True)
 class SimulateOptions:
     """What to simulate.
 
@@ -33,6 +48,7 @@ class SimulateOptions:
         pictures: draw the film and the pictures.
         place: keeps where a live person stands, for the next session; None for not.
         latency_ms: what cameras, network and screen take beyond what a live source says of itself.
+        view: the live page that shows it; None for none.
         arm: a servo arm that takes part, at the pace of the clock; None for none.
         overwrite: write into a folder that holds something.
     """
@@ -52,5 +68,6 @@ class SimulateOptions:
     pictures: bool = True
     place: Path | None = None
     latency_ms: float = 0.0
+    view: PageOptions | None = None
     arm: ArmOptions | None = None
     overwrite: bool = False

@@ -62,6 +62,37 @@ class MjModel:
     actuator_gainprm: _Floats
     actuator_biasprm: _Floats
     cam_fovy: _Floats
+    nbody: int
+    nmat: int
+    nskin: int
+    geom_pos: _Floats
+    geom_quat: _Floats
+    geom_size: _Floats
+    geom_rgba: _Floats
+    mat_rgba: _Floats
+    mat_specular: _Floats
+    site_pos: _Floats
+    site_quat: _Floats
+    skin_bonebindpos: _Floats
+    skin_bonebindquat: _Floats
+    skin_bonevertweight: _Floats
+    skin_vert: _Floats
+    geom_group: _Integers
+    geom_matid: _Integers
+    geom_type: _Integers
+    site_bodyid: _Integers
+    skin_boneadr: _Integers
+    skin_bonebodyid: _Integers
+    skin_bonenum: _Integers
+    skin_bonevertadr: _Integers
+    skin_bonevertid: _Integers
+    skin_bonevertnum: _Integers
+    skin_face: _Integers
+    skin_faceadr: _Integers
+    skin_facenum: _Integers
+    skin_matid: _Integers
+    skin_vertadr: _Integers
+    skin_vertnum: _Integers
     @classmethod
     def from_xml_string(cls, xml: str) -> Self: ...
     def joint(self, name: str | int) -> _Joint: ...
@@ -70,6 +101,8 @@ class MjModel:
     def site(self, name: str | int) -> _Named: ...
     def actuator(self, name: str | int) -> _Named: ...
     def camera(self, name: str | int) -> _Named: ...
+    def mat(self, name: str | int) -> _Named: ...
+    def skin(self, name: str | int) -> _Named: ...
 
 class _Contacts:
     dist: _Floats
@@ -82,6 +115,7 @@ class MjData:
     model: MjModel
     ncon: int
     contact: _Contacts
+    xquat: _Floats
     qpos: _Floats
     qvel: _Floats
     qacc: _Floats
@@ -137,10 +171,12 @@ class mjtObj(IntEnum):
     mjOBJ_SITE = 6
 
 class mjtGeom(IntEnum):
+    mjGEOM_PLANE = 0
     mjGEOM_SPHERE = 2
     mjGEOM_CAPSULE = 3
     mjGEOM_ELLIPSOID = 4
     mjGEOM_CYLINDER = 5
+    mjGEOM_BOX = 6
 
 class mjtJoint(IntEnum):
     mjJNT_SLIDE = 2

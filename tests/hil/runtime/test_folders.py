@@ -50,7 +50,7 @@ READ = {
     *("simulate --data", "simulate --rig-file", "simulate --limits", "simulate --estop"),
     *("simulate --registration", "bench locked --model"),
     *("train data", "evaluate paths", "evaluate --windows", "classify-style paths", "observe paths"),
-    *("serve file", "track file", "track --subject", "calibrate subject file"),
+    *("serve file", "view recording", "track file", "track --subject", "calibrate subject file"),
     *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),
     *("bench protocols --file", "bench contact --baseline"),
     *("rig emulate --rig", "rig check --rig", "rig configure --rig", "rig release --rig", "rig play --rig"),

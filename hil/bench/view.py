@@ -1,0 +1,208 @@
+"""The live page: poses at a page, what a page that sleeps gets, what pages cost the tick, pictures a second."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+from websockets.sync.client import connect
+
+from highfive.hil.bench.browser import Browser, browser_here
+from highfive.hil.runtime.clock import MACHINE
+from highfive.hil.runtime.console import Bar
+from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.playout import KinematicPlayOut
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.partners import Partner, simulated_partners
+from highfive.hil.trials.trial import as_captured, run_trial
+from highfive.hil.view import SHIPPED_RECORDING
+from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.player import play
+from highfive.hil.view.recorded import recorded_trials
+from highfive.hil.view.session_view import SessionView
+from highfive.hil.view.wire import decode_poses
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
+
+BLOCKS_S = (3.0, 20.0)
+STALE_MS = 100.0
+"""A pose that is older when it comes is of no use."""
+PAGES, PAIRS = 4, 3
+"""Pages that look on, and pairs of high fives with and without them."""
+
+
+@dataclass(frozen=True)
+class ViewBenchOptions:
+    """How long poses are counted, s, and the seed of the simulated person."""
+
+    seconds: float = 60.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a page got: numbers of the poses, and ms from being sent, and from holding, until they came."""
+
+    numbers: tuple[int, ...]
+    sent_ms: tuple[float, ...]
+    age_ms: tuple[float, ...]
+
+
+def look_on(address: str, seconds: float, blocked_s: float, said: Connection) -> None:
+    """A page without a picture, in a process of its own.
+
+    Args:
+        address: of the page.
+        seconds: for so long.
+        blocked_s: it first sleeps so long with the connection open, and counts only what comes then.
+        said: takes ``ready``, then what was :class:`Seen`.
+    """
+    numbers: list[int] = []
+    sent_ms: list[float] = []
+    age_ms: list[float] = []
+    with connect(address.replace("http", "ws", 1).replace("/?", "/live?", 1), max_queue=None, compression=None) as link:
+        said.send("ready")
+        if blocked_s:
+            _take(link, 1.0, lambda now, poses: None)
+            time.sleep(blocked_s)
+
+        def note(now: int, poses: Any) -> None:
+            numbers.append(poses.number)
+            sent_ms.append(1e-6 * (now - poses.sent_ns))
+            age_ms.append(1e-6 * (now - poses.holds_ns))
+
+        _take(link, seconds, note)
+    said.send(Seen(tuple(numbers), tuple(sent_ms), tuple(age_ms)))
+
+
+def _take(link: Any, seconds: float, note: Any) -> None:
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0.0:
+        try:
+            message = link.recv(left)
+        except TimeoutError:
+            return
+        if isinstance(message, bytes):
+            link.send(message[4:8])
+            note(time.monotonic_ns(), decode_poses(message))
+
+
+class _Page:
+    """Somebody who looks on."""
+
+    def __init__(self, address: str, seconds: float, blocked_s: float = 0.0) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._heard, said = context.Pipe(duplex=False)
+        self._process = context.Process(target=look_on, args=(address, seconds, blocked_s, said), daemon=True)
+        self._process.start()
+        said.close()
+        self._heard.recv()
+
+    def seen(self) -> Seen:
+        found = self._heard.recv()
+        self._process.join()
+        return found
+
+
+def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
+    """All of it; pictures a second are None where there is no browser.
+
+    Raises:
+        HighFiveError: the page cannot be served.
+    """
+    advance = bar("live page", 3 + len(BLOCKS_S))
+    scene = build_scene()
+    trials = recorded_trials(SHIPPED_RECORDING, scene)
+    with LivePage({"mode": "recording"}, port=None) as page:
+
+        def shown_to(seconds: float, blocked_s: float = 0.0) -> Seen:
+            one = _Page(page.address, seconds, blocked_s)
+            play(page, trials, until_ns=MACHINE.now() + round(1e9 * (seconds + blocked_s + 2.0)))
+            return one.seen()
+
+        one = shown_to(options.seconds)
+        advance()
+        stale = []
+        for blocked in BLOCKS_S:
+            stale.append(sum(age > STALE_MS for age in shown_to(2.0, blocked).age_ms))
+            advance()
+        fps = _pictures(page, trials)
+        advance()
+    tick = _ticks(options.seed)
+    advance()
+    span = one.numbers[-1] - one.numbers[0] + 1
+    return {
+        "poses_hz": round(len(one.numbers) / options.seconds, 2),
+        "lost": span - len(one.numbers),
+        "latency_ms": {"p50": _part(one.sent_ms, 50), "p99": _part(one.sent_ms, 99)},
+        "host_to_page_ms": {"p50": _part(one.age_ms, 50), "p99": _part(one.age_ms, 99)},
+        "stale_after_block": {f"{blocked:g}": count for blocked, count in zip(BLOCKS_S, stale, strict=True)},
+        **tick,
+        "fps": fps,
+    }
+
+
+def _part(values: Sequence[float], percent: float) -> float:
+    return round(float(np.percentile(values, percent)), 2)
+
+
+def _pictures(page: LivePage, trials: Any) -> dict[str, float] | None:
+    """Pictures a second of both people, by the size of the window."""
+    if browser_here() is None:
+        return None
+    found = {}
+    for width, height in ((1280, 720), (640, 360)):
+        with Browser((width, height)) as browser:
+            browser.go(page.address)
+            play(page, trials, until_ns=MACHINE.now() + round(18e9))
+            found[f"{width}x{height}"] = round(float(browser.evaluate("highfive.fps")), 1)
+    return found
+
+
+def _ticks(seed: int) -> dict[str, float]:
+    """p99 of whole ticks, markers in to poses handed over, with pages and without, in turns."""
+    scene, model = build_scene(), load_model(DEFAULT_MODEL)
+    emotion = next(iter(EMOTIONS))
+    partner = simulated_partners(1, (emotion,), ("B2",), seed)[0]
+    session, playout = Session(model, {emotion: 1.0}, partner.marker_set, scene), KinematicPlayOut(scene)
+    took: dict[bool, list[float]] = {True: [], False: []}
+    with LivePage({"mode": "session"}) as page:
+        for turn in range(2 * PAIRS):
+            watched = turn % 2 == 0
+            pages = [_Page(page.address, _length_s(partner) + 1.0) for _ in range(PAGES if watched else 0)]
+            view = SessionView(page, session, playout, scene)
+            view.begin(turn, 2 * PAIRS, partner.cell, {emotion: 1.0})
+            inputs = view.inputs(as_captured(view.in_time(C3DSource(partner.recording, RATE_HZ))))
+            result = run_trial(turn, partner, session, playout, inputs, view.watch)
+            took[watched] += result.tick_ms[1:].tolist()
+            for one in pages:
+                one.seen()
+    with_pages, without = (float(np.percentile(took[watched], 99)) for watched in (True, False))
+    return {"tick_p99_ms": round(without, 2), "tick_ratio": round(with_pages / without, 3)}
+
+
+def _length_s(partner: Partner) -> float:
+    return len(C3DSource(partner.recording, RATE_HZ)) / RATE_HZ
+
+
+def print_view(result: dict[str, Any]) -> None:
+    """The figures, for people."""
+    latency, host = result["latency_ms"], result["host_to_page_ms"]
+    print(f"poses at a page         {result['poses_hz']:.1f} Hz, {result['lost']} lost")
+    print(f"server to page          median {latency['p50']:.2f} ms, p99 {latency['p99']:.2f} ms")
+    print(f"host to page            median {host['p50']:.2f} ms, p99 {host['p99']:.2f} ms")
+    for blocked, count in result["stale_after_block"].items():
+        print(f"stale after {blocked:>2} s asleep  {count}")
+    print(f"tick p99                {result['tick_p99_ms']:.2f} ms; with {PAGES} pages × {result['tick_ratio']:.2f}")
+    if result["fps"] is None:
+        print("pictures a second       no browser here: install chromium")
+        return
+    for size, rate in result["fps"].items():
+        print(f"pictures a second       {rate:.1f} at {size}")

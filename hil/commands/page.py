@@ -1,0 +1,53 @@
+"""The live page of a command: its address is told, and a browser opened."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from highfive.hil.commands.simulate_options import PageOptions
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.console import say_aside
+from highfive.hil.view.live_page import LivePage
+from highfive.model.errors import HighFiveError
+
+PATIENCE_S = 120.0
+"""So long a session waits for somebody to open the page."""
+
+
+@contextmanager
+def open_page(options: PageOptions, about: dict[str, Any], estop: Latch | None = None) -> Iterator[LivePage]:
+    """A page that somebody has opened, or could have.
+
+    Args:
+        options: where it is.
+        about: what it is told first.
+        estop: is pulled by its button.
+
+    Raises:
+        HighFiveError: the port is in use, or this machine is in no network that the page could be served to.
+    """
+    with LivePage(about, port=options.port, estop=estop, **_network(options)) as page:
+        say_aside(f"open {page.address} in a browser")
+        if options.open_browser:
+            webbrowser.open(page.address)
+        if not page.wait_for_page(PATIENCE_S):
+            say_aside("nobody looks on; it begins")
+        yield page
+
+
+def _network(options: PageOptions) -> dict[str, Any]:
+    """This machine alone, or with TLS whoever has the address."""
+    if not options.https:
+        return {}
+    from highfive.hil.view.certificate import certificate, network_address  # noqa: PLC0415
+
+    address = network_address()
+    if address is None:
+        raise HighFiveError("this machine is in no network: leave out --https, and open the page here")
+    say_aside(
+        "the page is open to this network for who has its address; the browser asks once to trust its certificate"
+    )
+    return {"host": "0.0.0.0", "names": (address,), "tls": certificate((address,))}

@@ -1,0 +1,42 @@
+"""``highfive view``: a recording on the live page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from highfive.hil.commands.page import open_page
+from highfive.hil.commands.simulate_options import PageOptions
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.view import SHIPPED_RECORDING
+from highfive.hil.view.player import play
+from highfive.hil.view.recorded import recorded_trials
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """What to show, and where.
+
+    Attributes:
+        recording: an MCAP file, or the folder of a session; None for the short one that comes with High Five.
+        page: where it is shown.
+    """
+
+    recording: Path | None = None
+    page: PageOptions = field(default_factory=PageOptions)
+
+
+def view(options: ViewOptions) -> None:
+    """Shows a recording until Ctrl-C, or the page's end button.
+
+    Raises:
+        HighFiveError: the recording cannot be shown, or the port is in use.
+    """
+    path = options.recording or SHIPPED_RECORDING
+    path = path / "session.mcap" if path.is_dir() else path
+    trials = recorded_trials(path, build_scene())
+    about: dict[str, Any] = {"mode": "recording", "title": path.name if options.recording else ""}
+    about["rig"] = any(trial.rig for trial in trials)
+    with open_page(options.page, about) as page:
+        play(page, trials)

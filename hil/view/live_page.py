@@ -1,0 +1,155 @@
+"""The host's hold on the page: starts its server, hands it poses and texts, and takes what people ask for."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import select
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.view.access import new_key
+from highfive.hil.view.commands import Command
+from highfive.hil.view.mailbox import mailboxes
+from highfive.hil.view.server import ServerOptions, run_server
+from highfive.hil.view.wire import PoseMessage, encode_poses, encode_text
+from highfive.model.errors import HighFiveError
+
+PORT = 8150
+"""Where the page is, unless something else is there."""
+_START_S, _CLOSE_S = 30.0, 3.0
+
+
+class LivePage:
+    """A page that can be opened at :attr:`address`; close it, or use it in ``with``."""
+
+    def __init__(
+        self,
+        about: dict[str, Any],
+        *,
+        port: int | None = None,
+        host: str = "127.0.0.1",
+        names: tuple[str, ...] = (),
+        tls: tuple[Path, Path] | None = None,
+        estop: Latch | None = None,
+        key: str | None = None,
+    ) -> None:
+        """Starts the server and waits until it answers.
+
+        Args:
+            about: what every page is told first, for JSON.
+            port: None takes :data:`PORT`, or a free one where that is in use.
+            host: address to listen on; beyond this machine only where somebody says so.
+            names: further names of this machine under which the page may be asked for.
+            tls: files with certificate and key; None serves without TLS.
+            estop: is pulled by the page's button at once.
+            key: of the address; None makes a new one.
+
+        Raises:
+            HighFiveError: the port is in use, or the server does not start.
+        """
+        self._key = key or new_key()
+        self._box, others = mailboxes()
+        self.pages = 0
+        """How many look on."""
+        self._commands: list[Command] = []
+        self._count = 0
+        run = f"{time.time_ns():x}"
+        for chosen in (PORT, 0) if port is None else (port,):
+            options = ServerOptions(host, chosen, self._key, names, {**about, "run": run}, tls)
+            self._process = multiprocessing.get_context("spawn").Process(
+                target=run_server, args=(options, others, estop), name="highfive-page", daemon=True
+            )
+            self._process.start()
+            answer = self._wait_for(("ready", "failed"))
+            if answer["kind"] == "ready":
+                break
+            self._process.join(_CLOSE_S)
+        else:
+            self._box.close()
+            raise HighFiveError(
+                f"cannot show the page on port {port or PORT}: {answer['reason']}; choose another --port"
+            )
+        others.close()
+        self.port = int(answer["port"])
+        self._name = names[0] if names else "localhost"
+        self._scheme = "http" if tls is None else "https"
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser."""
+        return f"{self._scheme}://{self._name}:{self.port}/?key={self._key}"
+
+    def show(self, message: PoseMessage) -> None:
+        """Where everything is. Its number is given here. Takes some 50 µs and never waits."""
+        self._count += 1
+        self._box.put_newest(encode_poses(message.numbered(self._count)))
+
+    def tell(self, kind: str, **fields: Any) -> None:
+        """Something that must arrive, in order."""
+        self._box.put(encode_text(kind, **fields))
+
+    def commands(self) -> list[Command]:
+        """What was asked for since the last call."""
+        for message in self._take():
+            self._note(message)
+        asked, self._commands = self._commands, []
+        return asked
+
+    def wait_for_page(self, seconds: float) -> bool:
+        """Waits until somebody looks on; False if nobody does within ``seconds``."""
+        end = time.monotonic() + seconds
+        while not self.pages and (left := end - time.monotonic()) > 0.0:
+            select.select([self._box], [], [], left)
+            for message in self._take():
+                self._note(message)
+        return self.pages > 0
+
+    @property
+    def alive(self) -> bool:
+        """The server is there."""
+        return self._process.is_alive()
+
+    def close(self) -> None:
+        """Ends the server."""
+        self._box.put(encode_text("close"))
+        self._process.join(_CLOSE_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._box.close()
+
+    def __enter__(self) -> LivePage:
+        """Self."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Closes."""
+        self.close()
+
+    def _note(self, message: dict[str, Any]) -> None:
+        if message["kind"] == "pages":
+            self.pages = int(message["count"])
+        elif message["kind"] == "command":
+            self._commands.append(Command(message["name"], message["value"]))
+
+    def _take(self) -> list[dict[str, Any]]:
+        return [json.loads(data) for data in self._box.take()]
+
+    def _wait_for(self, kinds: tuple[str, ...]) -> dict[str, Any]:
+        end = time.monotonic() + _START_S
+        while (left := end - time.monotonic()) > 0.0 and (self._process.is_alive() or self._ready()):
+            select.select([self._box], [], [], min(left, 0.2))
+            for message in self._take():
+                if message["kind"] in kinds:
+                    return message
+                self._note(message)
+        raise HighFiveError("the server of the page does not start")
+
+    def _ready(self) -> bool:
+        return bool(select.select([self._box], [], [], 0.0)[0])

@@ -1,0 +1,100 @@
+// The link to the server: the newest poses, texts in order, the host's clock. Reconnects by itself.
+
+const VERSION = 1, HEAD = 40, RETRY_MS = 500, ASK_MS = 1000, KEPT = 10;
+
+/** A pose message; times in ms of the host's monotonic clock. */
+export function decodePoses(buffer) {
+  const view = new DataView(buffer);
+  const bodies = view.getUint8(2), markers = view.getUint8(3);
+  const ms = (at) => Number(view.getBigInt64(at, true)) / 1e6;
+  return {
+    version: view.getUint8(1), number: view.getUint32(4, true), holds: ms(8), captured: ms(16), sent: ms(24),
+    rate: view.getFloat32(32, true), time: view.getFloat32(36, true),
+    bodies: new Float32Array(buffer, HEAD, 7 * bodies),
+    markers: new Float32Array(buffer, HEAD + 28 * bodies, 3 * markers),
+    seen: new Uint8Array(buffer, HEAD + 28 * bodies + 12 * markers, markers),
+  };
+}
+
+export class Connection {
+  /** @param {{poses: Function, text: Function, link: Function}} listeners */
+  constructor(listeners) {
+    this.listeners = listeners;
+    this.answers = [];  // round trip and offset of the last questions for the time
+    this.counts = { poses: 0, lost: 0, latencies: [] };
+    this.last = null;
+    this.open();
+  }
+
+  open() {
+    const address = new URL("live", location.href);
+    address.protocol = address.protocol.replace("http", "ws");
+    address.search = location.search;
+    this.socket = new WebSocket(address);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => { this.answers = []; for (let i = 0; i < KEPT; i++) setTimeout(() => this.ask(), 20 * i); };
+    this.socket.onmessage = (event) => this.hear(event.data);
+    this.socket.onclose = () => {
+      this.listeners.link("lost");
+      setTimeout(() => this.open(), RETRY_MS);
+    };
+    clearInterval(this.asking);
+    this.asking = setInterval(() => this.ask(), ASK_MS);
+  }
+
+  /** For good. */
+  close() {
+    this.socket.onclose = null;
+    clearInterval(this.asking);
+    this.socket.close();
+  }
+
+  ask() { this.send({ kind: "time", asked: performance.now() }); }
+
+  command(name, value) { this.send({ kind: "command", name, value }); }
+
+  send(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  hear(data) {
+    const now = performance.now();
+    if (typeof data !== "string") {
+      this.socket.send(data.slice(4, 8));  // acknowledged: the number
+      const poses = decodePoses(data);
+      if (poses.version !== VERSION) return;
+      this.count(poses, now);
+      this.listeners.poses(poses);
+      return;
+    }
+    const text = JSON.parse(data);
+    if (text.kind === "time") {
+      this.answers.push({ trip: now - text.asked, offset: text.now_ms + (now - text.asked) / 2 - now });
+      if (this.answers.length > KEPT) this.answers.shift();
+      this.listeners.link("good");
+    } else if (text.kind === "hello") {
+      if (text.version !== VERSION) { this.listeners.link("old"); return; }
+      if (text.run !== this.run) this.last = null;
+      this.run = text.run;
+      this.listeners.text(text);
+    } else {
+      this.listeners.text(text);
+    }
+  }
+
+  count(poses, now) {
+    const { counts } = this;
+    if (this.last !== null && poses.number > this.last + 1) counts.lost += poses.number - this.last - 1;
+    this.last = poses.number;
+    counts.poses += 1;
+    if (this.answers.length && counts.latencies.length < 20000) counts.latencies.push(this.host(now) - poses.sent);
+  }
+
+  /** Host time, ms, of a time of performance.now(): by the answer that took least. */
+  host(now) {
+    if (!this.answers.length) return now;
+    return now + this.answers.reduce((best, one) => (one.trip < best.trip ? one : best)).offset;
+  }
+
+  get synchronised() { return this.answers.length > 0; }
+}

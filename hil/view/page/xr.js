@@ -1,0 +1,139 @@
+// In a headset: the avatar life-size before the person, floor on the floor; her own hands drawn, her own body hidden.
+
+import { CylinderGeometry, InstancedMesh, Matrix4, MeshStandardMaterial, Quaternion, SphereGeometry, Vector3 } from "./three.js";
+
+const FEATURES = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
+const MODES = { "immersive-vr": "Enter VR", "immersive-ar": "Enter AR" };
+const UP = new Vector3(0, 1, 0);
+const STAND_OFF = 1.0, FADE_MS = 600, PULSE = [0.8, 60];  // m; share of the strength, ms
+const JOINTS = 25;
+// Bones from joint to joint, in the order of XRHand: the wrist, four joints of the thumb, five of each finger.
+const BONES = [[1, 2, 3, 4], ...[5, 10, 15, 20].map((first) => [0, 1, 2, 3, 4].map((i) => first + i))]
+  .flatMap((finger) => [0, ...finger].slice(1).map((joint, i) => [[0, ...finger][i], joint]));
+
+export class Headset {
+  /**
+   * @param {Stage} stage
+   * @param {HTMLElement} place for the buttons
+   * @param {(text: string) => void} say
+   */
+  constructor(stage, place, say) {
+    Object.assign(this, { stage, place, say, session: null, counts: { frames: 0, hands: 0, lost: 0 } });
+    this.hands = ["left", "right"].map(() => this.hand());
+    this.offer();
+    navigator.xr?.addEventListener("devicechange", () => this.offer());
+  }
+
+  /** A button for each way in that this browser has. */
+  async offer() {
+    const buttons = [];
+    for (const [mode, label] of Object.entries(MODES)) {
+      const has = await navigator.xr?.isSessionSupported(mode).catch(() => false);
+      if (!has) continue;
+      const button = Object.assign(document.createElement("button"), { textContent: label });
+      button.dataset.mode = mode;
+      button.onclick = () => this.enter(mode).catch((error) => this.say(`${label} failed: ${error.message}`));
+      buttons.push(button);
+    }
+    this.place.replaceChildren(...buttons);
+    this.place.hidden = !buttons.length;
+  }
+
+  async enter(mode) {
+    const { stage } = this;
+    const session = await navigator.xr.requestSession(mode, FEATURES);
+    this.sound ??= new AudioContext();  // here, for browsers let sound begin only when somebody has pressed something
+    stage.renderer.xr.enabled = true;
+    stage.renderer.xr.setReferenceSpaceType("local-floor");
+    await stage.renderer.xr.setSession(session);
+    this.session = session;
+    this.began = performance.now();
+    this.placed = false;
+    stage.immerse(mode === "immersive-ar");
+    session.addEventListener("end", () => this.left());
+    stage.renderer.xr.getReferenceSpace().addEventListener("reset", () => { this.placed = false; });
+  }
+
+  left() {
+    this.session = null;
+    this.stage.renderer.xr.enabled = false;
+    for (const hand of this.hands) hand.visible = false;
+    this.stage.emerge();
+  }
+
+  /** Before each picture of the headset. */
+  frame(frame) {
+    const space = this.stage.renderer.xr.getReferenceSpace();
+    const viewer = space && frame.getViewerPose(space);
+    if (!viewer) { this.counts.lost += 1; return; }  // tracking is lost: what was there stays
+    this.counts.frames += 1;
+    if (!this.placed) this.recentre(viewer.transform);
+    this.stage.dim(Math.min((performance.now() - this.began) / FADE_MS, 1), viewer.transform.position);
+    let shown = 0;
+    for (const source of this.session.inputSources) {
+      if (!source.hand) continue;
+      const mesh = this.hands[source.handedness === "left" ? 0 : 1];
+      mesh.visible = this.drawHand(mesh, source.hand, frame, space);
+      shown += mesh.visible;
+    }
+    this.counts.hands += shown > 0;
+    if (!shown) for (const hand of this.hands) hand.visible = false;
+  }
+
+  /** Puts the avatar at an arm's length before where the person looks, on her floor. */
+  recentre({ position, orientation }) {
+    const ahead = new Vector3(0, 0, -1).applyQuaternion(new Quaternion(orientation.x, orientation.y, orientation.z, orientation.w));
+    const heading = Math.atan2(-ahead.x, -ahead.z);
+    this.stage.placeAvatar(new Vector3(position.x, 0, position.z), heading, STAND_OFF);
+    this.placed = true;
+  }
+
+  hand() {
+    const skin = new MeshStandardMaterial({ color: 0xd9a07c, roughness: 0.7 });
+    const mesh = new InstancedMesh(new SphereGeometry(1, 12, 8), skin, JOINTS);
+    mesh.bones = new InstancedMesh(new CylinderGeometry(1, 1, 1, 10), skin, BONES.length);
+    mesh.add(mesh.bones);
+    mesh.frustumCulled = mesh.bones.frustumCulled = false;
+    mesh.visible = false;
+    this.stage.scene.add(mesh);
+    return mesh;
+  }
+
+  /** All joints of a hand, or none: a hand that is not seen is not drawn. */
+  drawHand(mesh, hand, frame, space) {
+    const matrix = new Matrix4(), places = [], radii = [];
+    let i = 0;
+    for (const joint of hand.values()) {
+      const pose = frame.getJointPose(joint, space);
+      if (!pose) return false;
+      const { position } = pose.transform, radius = pose.radius || 0.008;
+      matrix.makeScale(radius, radius, radius).setPosition(position.x, position.y, position.z);
+      mesh.setMatrixAt(i++, matrix);
+      places.push(new Vector3(position.x, position.y, position.z));
+      radii.push(radius);
+    }
+    BONES.forEach(([from, to], bone) => {
+      const along = places[to].clone().sub(places[from]), length = along.length(), radius = 0.92 * Math.min(radii[from], radii[to]);
+      const turn = new Quaternion().setFromUnitVectors(UP, along.divideScalar(length || 1));
+      matrix.compose(places[from].clone().lerp(places[to], 0.5), turn, new Vector3(radius, length, radius));
+      mesh.bones.setMatrixAt(bone, matrix);
+    });
+    mesh.bones.instanceMatrix.needsUpdate = true;
+    mesh.instanceMatrix.needsUpdate = true;
+    return true;
+  }
+
+  /** Palms have met: it is heard, and felt where there is a controller. */
+  touch() {
+    if (!this.session) return;
+    const { sound } = this, clap = sound.createBufferSource(), volume = sound.createGain();
+    const length = Math.round(0.09 * sound.sampleRate), buffer = sound.createBuffer(1, length, sound.sampleRate);
+    const samples = buffer.getChannelData(0);
+    for (let i = 0; i < length; i++) samples[i] = (Math.random() * 2 - 1) * Math.exp(-i / (0.012 * sound.sampleRate));
+    clap.buffer = buffer;
+    volume.gain.value = 0.5;
+    clap.connect(volume).connect(sound.destination);
+    clap.start();
+    for (const source of this.session.inputSources) source.gamepad?.hapticActuators?.[0]?.pulse(...PULSE);
+  }
+}

@@ -1,0 +1,189 @@
+"""The high fives of a recording, ready to be shown: where every body was, tick by tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+
+from highfive.hil.recording.recording import RecordedMessage, SessionRecording, read_recording
+from highfive.hil.sim.avatar import Pose, avatar_skeleton
+from highfive.hil.sim.person import PersonBodies
+from highfive.hil.sim.scene import Scene
+from highfive.hil.view.arm_cast import ArmCast
+from highfive.hil.view.cast import PERSON, Cast
+from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+
+_SHORTEST = 2  # ticks of a high five that can be shown
+
+
+@dataclass(frozen=True)
+class RecordedTrial:
+    """A high five of T ticks.
+
+    Attributes:
+        title, style, cell: as recorded.
+        times: (T,) s, from its first tick.
+        bodies: (T, B, 7) position, m, and quaternion, of the bodies of :class:`Cast`, and, where a servo arm took part,
+            of :class:`ArmCast`.
+        markers: (T, M, 3) m; M is 0 where none were recorded.
+        seen: (T, M) whether each was measured.
+        weight: (T,) share of the correction.
+        expected: (T,) s, time to contact as the model said; NaN where unknown.
+        palms: (T,) m, from palm to palm.
+        contact: what was judged, as recorded; empty where nothing was.
+    """
+
+    title: str
+    style: str
+    cell: str
+    times: Float[np.ndarray, " T"]
+    bodies: Float[np.ndarray, "T B 7"]
+    markers: Float[np.ndarray, "T M 3"]
+    seen: Bool[np.ndarray, "T M"]
+    weight: Float[np.ndarray, " T"]
+    expected: Float[np.ndarray, " T"]
+    palms: Float[np.ndarray, " T"]
+    contact: dict[str, Any]
+
+    @property
+    def rig(self) -> bool:
+        """A servo arm took part."""
+        return self.bodies.shape[1] > len(avatar_skeleton().names) + len(PERSON)
+
+    @property
+    def contact_s(self) -> float | None:
+        """When the palms met, s; None where they did not."""
+        time = self.contact.get("met_time")
+        return float(time) if isinstance(time, int | float) else None
+
+
+def recorded_trials(path: Path, scene: Scene) -> tuple[RecordedTrial, ...]:
+    """The high fives of a recording; one that was cut short is shown up to its last whole chunk.
+
+    Args:
+        path: of the MCAP file.
+        scene: in which bodies are placed.
+
+    Raises:
+        HighFiveError: it cannot be read, holds no high five, or is of another version or another skeleton.
+    """
+    recording = read_recording(path)
+    if recording.joints != tuple(avatar_skeleton().names):
+        raise HighFiveError(
+            f"{path} was recorded with another skeleton ({len(recording.joints)} joints, this one has "
+            f"{len(avatar_skeleton().names)}); view it with the version that recorded it"
+        )
+    starts = [message.time_ns for message in recording.channels["/trial"]]
+    bounds = [*starts, np.iinfo(np.int64).max] if starts else [0, np.iinfo(np.int64).max]
+    heads = [message.data for message in recording.channels["/trial"]] or [{}]
+    try:
+        trials = [
+            _trial(recording, head, first, last, scene)
+            for head, first, last in zip(heads, bounds, bounds[1:], strict=False)
+        ]
+    except (KeyError, ValueError, TypeError, IndexError) as error:
+        raise HighFiveError(
+            f"{path} is a recording of another version: {type(error).__name__} in its messages"
+        ) from None
+    found = tuple(trial for trial in trials if trial is not None)
+    if not found:
+        raise HighFiveError(f"{path} holds no high five: no ticks of avatar and person in it")
+    return found
+
+
+def _trial(
+    recording: SessionRecording, head: dict[str, Any], first: int, last: int, scene: Scene
+) -> RecordedTrial | None:
+    def between(topic: str) -> dict[int, dict[str, Any]]:
+        return {m.time_ns: m.data for m in recording.channels[topic] if first <= m.time_ns < last}
+
+    people, poses, ticks, markers = (between(topic) for topic in ("/person", "/avatar", "/tick", "/markers"))
+    times = [time for time in poses if time in people and time in ticks]
+    if len(times) < _SHORTEST:
+        return None
+    cast, data, person = Cast.of(scene.model), scene.make_data(), PersonBodies(scene.model, scene.skeleton)
+    bodies, palms = np.empty((len(times), len(cast.names), 7)), np.empty(len(times))
+    for i, time in enumerate(times):
+        arm = _human(people[time], time)
+        scene.set_pose(data, Pose.from_quaternions(np.array(poses[time]["root"]), np.array(poses[time]["quaternions"])))
+        person.put(data, arm)
+        mujoco.mj_kinematics(scene.model, data)
+        bodies[i] = cast.poses(data)
+        palms[i] = np.linalg.norm(data.site_xpos[scene.palm_site] - arm.palm.position)
+    arm = _arm(recording, times, first, last)
+    if arm is not None:
+        bodies = np.concatenate([bodies, arm], axis=1)
+    contact = [m for m in recording.channels["/contact"] if first <= m.time_ns < last]
+    points, seen = _markers([markers.get(time) for time in times])
+    return RecordedTrial(
+        title=str(head.get("title", "")),
+        style=str(head.get("style", "")),
+        cell=str(head.get("cell", "")),
+        times=1e-9 * (np.array(times) - times[0]),
+        bodies=bodies,
+        markers=points,
+        seen=seen,
+        weight=_numbers([ticks[time]["weight"] for time in times]),
+        expected=_numbers([ticks[time]["time_to_contact"] for time in times]),
+        palms=palms,
+        contact=_last(contact),
+    )
+
+
+def _arm(recording: SessionRecording, times: Sequence[int], first: int, last: int) -> Array | None:
+    """(T, 2 A, 7) of the servo arm; None where none took part."""
+    wanted, measured = (
+        [(m.time_ns, m.data[name]) for m in recording.channels[topic] if first <= m.time_ns < last]
+        for topic, name in (("/safety", "wanted"), ("/arm", "positions"))
+    )
+    if not wanted or not measured:
+        return None
+    cast = ArmCast()
+    joints = [
+        np.array(
+            [np.interp(times, [time for time, _ in rows], joint) for joint in np.array([row for _, row in rows]).T]
+        ).T
+        for rows in (measured, wanted)
+    ]
+    return np.array([cast.poses(here, there) for here, there in zip(*joints, strict=True)])
+
+
+def _last(messages: Sequence[RecordedMessage]) -> dict[str, Any]:
+    return dict(messages[-1].data) if messages else {}
+
+
+def _numbers(values: Sequence[float | None]) -> Array:
+    return np.array([np.nan if value is None else float(value) for value in values])
+
+
+def _markers(rows: Sequence[dict[str, Any] | None]) -> tuple[Array, np.ndarray]:
+    count = max((len(row["names"]) for row in rows if row), default=0)
+    points, seen = np.zeros((len(rows), count, 3)), np.zeros((len(rows), count), dtype=bool)
+    for i, row in enumerate(rows):
+        if row and len(row["names"]) == count:
+            points[i], seen[i] = row["positions"], row["seen"]
+    return points, seen
+
+
+def _human(said: dict[str, Any], time_ns: int) -> HumanArm:
+    """The person of a ``/person`` message; the fingers go on from wrist to knuckles, across the palm's normal."""
+    wrist, knuckles, normal = (np.array(said[name], dtype=float) for name in ("wrist", "knuckles", "palm_normal"))
+    along = knuckles - wrist
+    along = along - normal * (along @ normal)
+    length = float(np.linalg.norm(along))
+    fingers = along / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+    head, turn, shoulder, elbow, palm = (
+        np.array(said[name], dtype=float) for name in ("head", "head_orientation", "shoulder", "elbow", "palm")
+    )
+    return HumanArm(
+        head, turn, shoulder, elbow, wrist, knuckles, PalmPose(palm, normal, fingers, np.zeros(3)),
+        np.array([wrist, knuckles]), bool(said["valid"]), int(said["age_ns"]), time_ns,
+    )  # fmt: skip

@@ -1,0 +1,276 @@
+"""The server of the page: files, and the newest pose to each who looks on, in a process of its own.
+
+A page acknowledges each pose. Whoever has :data:`CREDIT` of them unacknowledged gets no more, and then the newest: a
+tab that sleeps has no backlog when it wakes. Texts are few, ordered, and never dropped; who does not take them is let
+go.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import multiprocessing
+import signal
+import ssl
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from highfive.hil.drivers.latch import Cause, Latch
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.view.access import Access
+from highfive.hil.view.arm_cast import ArmCast
+from highfive.hil.view.cast import Cast
+from highfive.hil.view.commands import parse_command
+from highfive.hil.view.mailbox import Mailbox
+from highfive.hil.view.pages import TYPES, File, page_files, refusal
+from highfive.hil.view.skin_file import skin_file
+from highfive.hil.view.wire import LONGEST, POSES, VERSION, encode_text, number_of, stamped
+
+CREDIT = 8
+"""Poses that a page may owe: 120 Hz over a round trip of 66 ms."""
+MOST_TEXTS = 256
+"""Texts that may wait for a page before it is let go."""
+MOST_A_SECOND = 1000
+"""Messages that a page may send in a second before it is let go; it acknowledges some 120."""
+MOST_PAGES = 16
+FULL = "too many pages look on already"
+LIVE = "/live"
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """What the server is told as it starts.
+
+    Attributes:
+        host: address that it listens on.
+        port: 0 takes a free one.
+        key: of the page's address.
+        names: further names of this machine under which the page may be asked for.
+        about: text of the first message to every page: what is shown.
+        tls: files with certificate and key; None serves without TLS.
+    """
+
+    host: str
+    port: int
+    key: str
+    names: tuple[str, ...]
+    about: dict[str, object]
+    tls: tuple[Path, Path] | None = None
+
+
+def run_server(options: ServerOptions, mailbox: Mailbox, estop: Latch | None) -> None:
+    """What the process does until it is told to close, or its parent is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host decides when the page closes
+    asyncio.run(_Server(options, mailbox, estop).run())
+
+
+@dataclass(eq=False)
+class _Page:
+    """One that looks on."""
+
+    connection: ServerConnection
+    owed: deque[int] = field(default_factory=deque)
+    last: int = -1
+    texts: deque[str] = field(default_factory=deque)
+    news: asyncio.Event = field(default_factory=asyncio.Event)
+    second: int = 0
+    messages: int = 0
+
+    def tell(self, text: str) -> None:
+        """Queues a text; who has not taken so many is let go."""
+        self.texts.append(text)
+        if len(self.texts) > MOST_TEXTS:
+            self.connection.transport.abort()
+        self.news.set()
+
+    def floods(self) -> bool:
+        """Counts a message; too many have come in this second."""
+        second = int(time.monotonic())
+        if second != self.second:
+            self.second, self.messages = second, 0
+        self.messages += 1
+        return self.messages > MOST_A_SECOND
+
+
+class _Server:
+    """The pages, and what they are shown."""
+
+    def __init__(self, options: ServerOptions, mailbox: Mailbox, estop: Latch | None) -> None:
+        self._options, self._mailbox, self._estop = options, mailbox, estop
+        self._pages: set[_Page] = set()
+        self._newest: bytes | None = None
+        self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
+        self._done = asyncio.Event()
+        self._made: asyncio.Task[dict[str, File]] | None = None
+        self._secure = options.tls is not None
+        self._access = Access.to(options.port, options.key, options.names, secure=self._secure)
+
+    async def run(self) -> None:
+        loop = asyncio.get_running_loop()
+        loop.add_signal_handler(signal.SIGTERM, self._done.set)
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            loop.add_reader(parent.sentinel, self._done.set)
+        loop.add_reader(self._mailbox.fileno(), self._read)
+        try:
+            context = None
+            if self._options.tls is not None:
+                context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+                context.load_cert_chain(*self._options.tls)
+            server = await serve(
+                self._look_on, self._options.host, self._options.port, process_request=self._request,
+                ssl=context, compression=None, max_size=LONGEST, ping_interval=20, ping_timeout=60, close_timeout=1,
+            )  # fmt: skip
+        except OSError as error:
+            self._mailbox.put(encode_text("failed", reason=error.strerror or str(error)))
+            return
+        async with server:
+            port = next(iter(server.sockets)).getsockname()[1]
+            self._access = Access.to(port, self._options.key, self._options.names, secure=self._secure)
+            self._mailbox.put(encode_text("ready", port=port))
+            soon = asyncio.create_task(self._make("/skin.glb"))  # as long as nobody asks for it yet
+            await self._done.wait()
+            soon.cancel()
+
+    def _read(self) -> None:
+        """Takes what the host has put; of poses the newest."""
+        newest = None
+        for data in self._mailbox.take():
+            if data[0] == POSES:
+                newest = data
+                continue
+            text = data.decode()
+            kind = json.loads(text)["kind"]
+            if kind == "close":
+                self._done.set()
+                return
+            if kind in ("state", "contacts"):
+                self._kept[kind] = text
+            for page in self._pages:
+                page.tell(text)
+        if newest is not None:
+            self._newest = newest
+            for page in self._pages:
+                page.news.set()
+
+    async def _request(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answers for a file; None goes on to a live connection."""
+        path = urlsplit(request.path).path
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        reason = self._access.refusal(
+            request.path,
+            hosts[0] if len(hosts) == 1 else None,
+            ",".join(origins) or None,
+            needs_key=path in ("/", LIVE),
+        )
+        if reason:
+            return refusal(HTTPStatus.FORBIDDEN, reason)
+        if path == LIVE:
+            full = len(self._pages) >= MOST_PAGES
+            return refusal(HTTPStatus.SERVICE_UNAVAILABLE, FULL) if full else None
+        file = page_files().get(path)
+        if file is None and path in ("/skin.glb", "/scene.json"):
+            file = await self._make(path)
+        if file is None:
+            return refusal(HTTPStatus.NOT_FOUND, "there is no such file here")
+        return file.response(request.headers.get("Accept-Encoding", ""))
+
+    async def _make(self, path: str) -> File | None:
+        """Skin and scene, made once and off the loop: it takes seconds."""
+        if self._made is None:
+            self._made = asyncio.create_task(asyncio.to_thread(_make_scene, bool(self._options.about.get("rig"))))
+        return (await asyncio.shield(self._made)).get(path)
+
+    async def _look_on(self, connection: ServerConnection) -> None:
+        page = _Page(connection)
+        page.tell(encode_text("hello", version=VERSION, credit=CREDIT, **self._options.about))
+        for text in self._kept.values():
+            page.tell(text)
+        self._pages.add(page)
+        self._tell_count()
+        sender = asyncio.create_task(self._send(page))
+        try:
+            async for message in connection:
+                if page.floods():
+                    break
+                self._hear(page, message)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._pages.discard(page)
+            sender.cancel()
+            with suppress(asyncio.CancelledError, ConnectionClosed):
+                await sender
+            self._tell_count()
+
+    def _tell_count(self) -> None:
+        self._mailbox.put(encode_text("pages", count=len(self._pages)))
+
+    async def _send(self, page: _Page) -> None:
+        try:
+            while True:
+                await page.news.wait()
+                page.news.clear()
+                while page.texts:
+                    await page.connection.send(page.texts[0])
+                    page.texts.popleft()
+                data = self._newest
+                if data is not None and len(page.owed) < CREDIT and number_of(data) != page.last:
+                    page.last = number_of(data)
+                    page.owed.append(page.last)
+                    await page.connection.send(stamped(data, time.monotonic_ns()))
+        except ConnectionClosed:
+            return
+
+    def _hear(self, page: _Page, message: str | bytes) -> None:
+        """An acknowledgement (4 bytes), a question for the time, or a command; all else is dropped."""
+        if isinstance(message, bytes):
+            if len(message) == 4:
+                number = int.from_bytes(message, "little")
+                if number in page.owed:
+                    while page.owed.popleft() != number:
+                        pass
+                    page.news.set()
+            return
+        command = parse_command(message)
+        if command is not None:
+            if command.name == "estop" and self._estop is not None:
+                self._estop.pull(Cause.PAGE)  # here and now: the host may be busy
+            self._mailbox.put(encode_text("command", name=command.name, value=command.value))
+            return
+        asked = _asked(message)
+        if asked is not None:
+            page.tell(encode_text("time", asked=asked, now_ms=1e-6 * time.monotonic_ns()))
+
+
+def _asked(message: str) -> float | None:
+    """The page's own time in its question for ours."""
+    with suppress(ValueError, RecursionError, AttributeError):
+        question = json.loads(message)
+        asked = question.get("asked")
+        if question.get("kind") == "time" and isinstance(asked, int | float) and not isinstance(asked, bool):
+            return float(asked) if abs(asked) < 1e15 else None
+    return None
+
+
+def _make_scene(rig: bool) -> dict[str, File]:
+    cast = Cast.of(build_scene(visible=True).model)
+    found = cast.description()
+    if rig:
+        arm = ArmCast()
+        found["geoms"] += arm.geoms(len(cast.names))
+        found["bodies"] += arm.names
+    description = json.dumps(found, separators=(",", ":")).encode()
+    return {
+        "/skin.glb": File.of(TYPES[".glb"], skin_file(cast)),
+        "/scene.json": File.of(TYPES[".json"], description),
+    }

@@ -1,0 +1,203 @@
+"""A running session on the live page: every tick's poses, how it stands, and what people before the page ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.session.session import Session, Tick, TickInput
+from highfive.hil.sim.playout import PlayOut
+from highfive.hil.sim.scene import Scene
+from highfive.hil.view.arm_cast import ArmCast
+from highfive.hil.view.cast import Cast
+from highfive.hil.view.commands import Command
+from highfive.hil.view.interruption import Interruption
+from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.wire import PoseMessage
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+from highfive.model.hgpdm.contact_layer import BEGIN, END
+
+if TYPE_CHECKING:
+    from highfive.hil.trials.trial_result import TrialResult
+
+STATES_EVERY = 6
+"""Ticks between two texts that say how it stands."""
+TOUCHING, PARTED = 0.015, 0.05
+"""m between the palms: nearer they have met, and once further apart they may meet again."""
+_PAUSED_NS = 50_000_000
+
+
+class SessionView:
+    """The page of one session.
+
+    Attributes:
+        weights: style that was asked for; None as long as none was.
+        cell: where the hand is to be raised; None as long as nobody asked.
+    """
+
+    def __init__(
+        self, page: LivePage, session: Session, playout: PlayOut, scene: Scene, *,
+        arm: Callable[[], tuple[Array, Array] | None] | None = None, clock: Clock = MACHINE,
+    ) -> None:  # fmt: skip
+        """Of a session that plays in ``playout``.
+
+        With an ``arm``, of which it gives the joints (J,), rad, as measured and as wanted, a high five is never broken
+        off for a wish.
+        """
+        self._page, self._session, self._playout, self._scene = page, session, playout, scene
+        self._cast, self._arm, self._clock = Cast.of(scene.model), arm, clock
+        self._arm_cast = None if arm is None else ArmCast()
+        self.weights: dict[str, float] | None = None
+        self.cell: str | None = None
+        self.corrects = session.corrects
+        self._paused, self._wish, self._stopped = False, "", False
+        self._trial: dict[str, Any] = {}
+        self._count, self._met, self._begins_ns, self._captured_ns = 0, False, 0, 0
+        self._latest: PoseMessage | None = None
+
+    def begin(self, number: int, trials: int, cell: str, style: Mapping[str, float]) -> None:
+        """A new high five; waits as long as the page says pause.
+
+        Raises:
+            Interruption: the session is to end.
+        """
+        self._trial = {"trial": number, "trials": trials, "cell": cell, "weights": dict(style)}
+        self._count, self._met, self._wish = 0, False, ""
+        self._stand_still()
+
+    def in_time(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
+        """The frames of a recording as they would come from a live system, but for when the page says pause."""
+        start = self._clock.now()
+        for frame in frames:
+            before = self._clock.now()
+            self._stand_still()
+            start += self._clock.now() - before
+            self._clock.wait_until(start + frame.source_time_ns)
+            yield replace(frame, arrival_time_ns=self._clock.now())
+
+    def inputs(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
+        """The same inputs; keeps what the page is told of their times."""
+        for begins in inputs:
+            self._begins_ns = begins.at_ns
+            if begins.frame is not None:
+                self._captured_ns = begins.at_ns - begins.ahead_ns
+            yield begins
+
+    def watch(self, tick: Tick) -> None:
+        """Shows a tick that was played.
+
+        Raises:
+            Interruption: somebody wants another high five, or the end.
+        """
+        self._obey()
+        data, markers = self._playout.data, tick.markers
+        self._latest = PoseMessage(
+            0, self._begins_ns, self._captured_ns, 0, 1.0, 1e-9 * tick.time_ns,
+            self._bodies(), markers.positions, markers.seen & markers.valid,
+        )  # fmt: skip
+        self._page.show(self._latest)
+        palms = data.site_xpos[[self._scene.palm_site, self._scene.person_palm_site]]
+        distance = float(np.linalg.norm(palms[0] - palms[1]))
+        if distance < TOUCHING and not self._met:
+            self._page.tell("touch", where=palms.mean(axis=0))
+        self._met = distance < (PARTED if self._met else TOUCHING)
+        if self._count % STATES_EVERY == 0:
+            self._page.tell("state", **self._state(tick, distance))
+        self._count += 1
+        if self._wish and not self._arm:
+            raise Interruption(self._wish)
+
+    def _bodies(self) -> Array:
+        bodies = self._cast.poses(self._playout.data)
+        joints = None if self._arm is None else self._arm()
+        return (
+            bodies if self._arm_cast is None or joints is None else np.vstack([bodies, self._arm_cast.poses(*joints)])
+        )
+
+    def judged(self, result: TrialResult) -> str:
+        """A high five that is over; what is to be done now: ``again``, ``end``, or '' for the next one."""
+        error = result.touch_error if np.isfinite(result.touch_error) else result.error
+        self._page.tell("contact", met=result.contact.met, distance_m=error, style=result.style, cell=result.cell)
+        self._obey()
+        return self._wish if self._wish != "next" else ""
+
+    def stopped(self) -> None:
+        """The arm was stopped: the page says so from now on."""
+        self._stopped = True
+        self._page.tell("state", **self._trial, **self._standing(), time_s=0.0)
+
+    def _obey(self) -> None:
+        for command in self._page.commands():
+            self._follow(command)
+
+    def _follow(self, command: Command) -> None:
+        match command.name:
+            case "style":
+                self._restyle(command.value)
+            case "correct":
+                self.corrects = command.value
+                self._session.set_correct(command.value)
+            case "pause":
+                self._paused = command.value
+            case "cell":
+                self.cell = command.value
+            case "next" | "again" | "end":
+                self._wish = command.name
+            case _:  # what only recordings know; the emergency stop was pulled already
+                pass
+
+    def _restyle(self, weights: dict[str, float]) -> None:
+        """The responder moves there smoothly; what the model does not know is passed over."""
+        total = sum(weights.values())
+        wanted = {name: round(weight / total, 2) for name, weight in weights.items()}
+        try:
+            self._session.set_style(wanted)
+        except HighFiveError:
+            return
+        self.weights = self._trial["weights"] = wanted
+
+    def _stand_still(self) -> None:
+        """As long as it is paused."""
+        self._obey()
+        while self._paused and not self._wish:
+            if self._latest is not None:
+                self._page.show(replace(self._latest, rate=0.0, holds_ns=self._clock.now()))
+            self._page.tell("state", **self._trial, **self._standing(), time_s=0.0)
+            self._clock.wait_until(self._clock.now() + _PAUSED_NS)
+            self._obey()
+        if self._wish and not self._arm:
+            raise Interruption(self._wish)
+
+    def _standing(self) -> dict[str, Any]:
+        return {"paused": self._paused, "corrected": self.corrects, "stopped": self._stopped}
+
+    def _state(self, tick: Tick, distance: float) -> dict[str, Any]:
+        response = tick.response
+        forecast = response.contact if END < response.time_to_contact < BEGIN else None
+        left = response.time_to_contact if forecast is None else forecast.time
+        return {
+            **self._trial,
+            **self._standing(),
+            "time_s": 1e-9 * tick.time_ns,
+            "phase": tick.target.phase.value,
+            "correction": tick.target.weight,
+            "time_to_contact_s": left if response.in_distribution else None,
+            "palms_m": distance if tick.person.valid else None,
+            "tracked": int(tick.markers.seen.sum()),
+            "markers": len(tick.markers.seen),
+            "forecast": None
+            if forecast is None or forecast.time < 0.0
+            else _ellipsoid(forecast.point, forecast.covariance),
+        }
+
+
+def _ellipsoid(point: np.ndarray, covariance: np.ndarray) -> dict[str, Any]:
+    """Its centre, and its half axes of one standard deviation, a row each, m."""
+    spread, axes = np.linalg.eigh(covariance[:3, :3])
+    return {"point": point, "axes": (axes * np.sqrt(np.maximum(spread, 1e-8))).T}

@@ -1,0 +1,149 @@
+"""Recordings on the page: every body where it was, at any speed, and what cannot be shown said in one line."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from highfive.hil.recording.recording import read_recording
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.view import SHIPPED_RECORDING
+from highfive.hil.view.cast import Cast
+from highfive.hil.view.commands import Command
+from highfive.hil.view.player import REST_S, Player, between
+from highfive.hil.view.recorded import RecordedTrial, recorded_trials
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
+
+
+@cache
+def shipped() -> tuple[RecordedTrial, ...]:
+    return recorded_trials(SHIPPED_RECORDING, build_scene())
+
+
+def test_the_shipped_recording_is_small_and_has_every_emotion() -> None:
+    assert SHIPPED_RECORDING.stat().st_size < 1_000_000
+    assert sorted(trial.style for trial in shipped()) == ["angry", "happy", "neutral", "sad"]
+    for trial in shipped():
+        assert trial.contact["met"] and trial.contact_s is not None
+        assert 0.5 < trial.contact_s < trial.times[-1] - 0.3
+        at = int(np.searchsorted(trial.times, trial.contact_s))
+        assert trial.palms[at] < 0.02 and trial.palms[0] > 0.3
+
+
+def test_bodies_are_where_forward_kinematics_has_them() -> None:
+    recording, trial, skeleton = read_recording(SHIPPED_RECORDING), shipped()[0], avatar_skeleton()
+    _, poses = recording.poses()
+    names = Cast.of(build_scene().model).names
+    for tick in range(0, len(trial.times), 40):
+        positions, turns = skeleton.forward_kinematics(poses[tick].root_in_world, poses[tick].quaternions)
+        assert np.allclose(trial.bodies[tick, : len(skeleton), :3], positions, atol=1e-6)
+        assert np.allclose(np.abs((trial.bodies[tick, : len(skeleton), 3:] * turns).sum(axis=1)), 1.0, atol=1e-6)
+        head = trial.bodies[tick, names.index("person_head")]
+        said = recording.channels["/person"][tick].data
+        assert np.linalg.norm(head[:3] - said["head"]) < 0.2
+
+
+def test_it_goes_on_by_the_clock_at_its_speed_and_from_trial_to_trial() -> None:
+    player = Player(shipped())
+    for _ in range(60):
+        player.advance(1 / 120)
+    assert player.time_s == pytest.approx(0.5)
+    player.obey(Command("speed", 0.25))
+    for _ in range(120):
+        player.advance(1 / 120)
+    assert player.time_s == pytest.approx(0.75)
+    message = player.poses(7)
+    assert (message.rate, message.holds_ns, message.time_s) == (0.25, 7, player.time_s)
+    player.obey(Command("seek", 1e6))
+    assert player.time_s == shipped()[0].times[-1] and player.poses(0).rate == 0.0
+    player.advance(0.9 * REST_S)
+    assert player.trial == 0
+    player.advance(0.2 * REST_S)
+    assert (player.trial, player.time_s) == (1, 0.0)
+    player.obey(Command("trial", 99))
+    assert player.trial == len(shipped()) - 1
+    player.obey(Command("next"))
+    assert player.trial == 0
+    for name in ("style", "cell", "correct", "estop"):
+        player.obey(Command(name, {}))
+
+
+def test_steps_are_ticks_and_stand_still() -> None:
+    player, times = Player(shipped()), shipped()[0].times
+    player.obey(Command("seek", float(times[30])))
+    for step, at in ((1, 31), (1, 32), (-1, 31), (-100, 0), (10_000, len(times) - 1)):
+        player.obey(Command("step", step))
+        assert player.time_s == times[at] and not player.playing
+        assert np.allclose(player.poses(0).bodies, shipped()[0].bodies[at], atol=1e-9)
+        player.advance(1.0)
+        assert player.time_s == times[at]
+    assert player.poses(0).rate == 0.0
+    player.obey(Command("pause", False))
+    player.obey(Command("again"))
+    player.advance(0.1)
+    assert player.time_s == pytest.approx(0.1)
+
+
+def test_between_two_ticks_turns_go_the_short_way() -> None:
+    first = np.array([[0.0, 0.0, 0.0, *rotations.from_axis_angle("z", 0.2)]])
+    then = np.array([[1.0, 2.0, 3.0, *(-rotations.from_axis_angle("z", 0.4))]])
+    half = between(first, then, 0.5)[0]
+    assert np.allclose(half[:3], [0.5, 1.0, 1.5])
+    assert abs(half[3:] @ rotations.from_axis_angle("z", 0.3)) == pytest.approx(1.0)
+
+
+def test_a_recording_that_was_cut_short_is_shown_up_to_there(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    whole = SHIPPED_RECORDING.read_bytes()
+    cut.write_bytes(whole[: int(0.7 * len(whole))])
+    try:
+        found = recorded_trials(cut, build_scene())
+    except HighFiveError as error:  # its chunks are large: the first one may be all that is missing
+        assert "\n" not in str(error)
+    else:
+        assert 1 <= len(found) <= len(shipped())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joints": ["a", "b"]}, "recorded with another skeleton"),
+        ({"person": {"palm": [0, 0, 0]}}, "recording of another version"),
+        ({"avatar": {"root": "far", "quaternions": []}}, "recording of another version"),
+        ({}, "holds no high five"),
+    ],
+)
+def test_what_cannot_be_shown_is_said_in_one_line(change: dict[str, object], message: str, tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    write_other(path, change)
+    with pytest.raises(HighFiveError, match=message) as found:
+        recorded_trials(path, build_scene())
+    assert "\n" not in str(found.value)
+
+
+def write_other(path: Path, change: dict[str, object]) -> None:
+    """A recording of the shipped one's first ticks, with something else in it."""
+    import json  # noqa: PLC0415
+
+    recording = read_recording(SHIPPED_RECORDING)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="test")
+        about = {"settings": {}, "joints": change.get("joints", recording.joints)}
+        rows = [("/session", 0, about)]
+        if change and "joints" not in change:
+            for topic in ("/person", "/avatar", "/tick"):
+                for message in recording.channels[topic][:5]:
+                    data = change.get(topic[1:], message.data)
+                    rows.append((topic, message.time_ns, data))  # pyright: ignore[reportArgumentType]
+        channels: dict[str, int] = {}
+        for topic, time_ns, data in rows:
+            if topic not in channels:
+                schema = writer.register_schema(topic, "jsonschema", b"{}")
+                channels[topic] = writer.register_channel(topic, "json", schema)
+            writer.add_message(channels[topic], time_ns, json.dumps(data).encode(), time_ns)
+        writer.finish()

@@ -1,0 +1,148 @@
+"""A session that somebody looks on: by the real command and a page's own messages."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from highfive.hil.bench.browser import Browser, browser_here
+from highfive.hil.view.wire import PoseMessage, decode_poses
+
+COMMAND = [sys.executable, "-m", "highfive.hil.cli.main"]
+
+
+class Watched:
+    """A command with a page, and what its page got."""
+
+    def __init__(self, *arguments: object) -> None:
+        self.process = subprocess.Popen(
+            [*COMMAND, *map(str, arguments), "--no-open"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        self.said: list[str] = []
+        for line in self.process.stderr:
+            self.said.append(line)
+            if found := re.search(r"http://\S+", line):
+                self.address = found[0]
+                break
+        else:
+            raise AssertionError("".join(self.said))
+
+    def connect(self):
+        return connect(self.address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None)
+
+    def end(self) -> tuple[int, str]:
+        out, _ = self.process.communicate(timeout=120)
+        return self.process.returncode, out
+
+
+@pytest.mark.slow
+def test_a_session_is_shown_and_does_what_the_page_asks(tmp_path: Path) -> None:
+    cells = ("--cell", "B2", "--cell", "B3")
+    watched = Watched("simulate", "--view", "--trials", 4, *cells, "--no-pictures", "--json", "--out", tmp_path / "s")
+    poses: list[PoseMessage] = []
+    contacts, touches, states, over = [], 0, [], ""
+    asked: set[str] = set()
+
+    def ask(name: str, value: object = None) -> None:
+        if name not in asked:
+            asked.add(name)
+            link.send(json.dumps({"kind": "command", "name": name, "value": value}))
+
+    with watched.connect() as link:
+        try:
+            while True:
+                message = link.recv(60.0)
+                if isinstance(message, bytes):
+                    link.send(message[4:8])
+                    poses.append(decode_poses(message))
+                    continue
+                text = json.loads(message)
+                if text["kind"] == "state":
+                    states.append(text)
+                    if text["trial"] == 1 and text["time_s"] > 0.3:
+                        ask("style", {"angry": 0.6, "sad": 0.2})
+                        ask("correct", False)
+                    if text["trial"] == 2:
+                        ask("end" if "next" in asked and len(contacts) == 2 and text["time_s"] > 1.0 else "next")
+                contacts += [text] if text["kind"] == "contact" else []
+                touches += text["kind"] == "touch"
+                over = text.get("message", over) if text["kind"] == "over" else over
+        except ConnectionClosed:
+            pass
+    code, out = watched.end()
+    summary = json.loads(out)
+    assert code == 1 and summary["interrupted"], summary
+    assert [contact["met"] for contact in contacts] == [row["met"] for row in summary["rows"]] == [True, False]
+    assert touches == 1 and "report.html" in over
+    assert contacts[1]["style"] == "angry 0.75 + sad 0.25"
+    assert states[-1]["weights"] == {"angry": 0.75, "sad": 0.25} and not states[-1]["corrected"]
+    numbers = [one.number for one in poses]
+    assert numbers == sorted(set(numbers))
+    assert all(one.bodies.shape == (59, 7) and np.isfinite(one.bodies).all() for one in poses)
+    assert {len(one.markers) for one in poses} == {16}
+    assert all(one.holds_ns >= one.captured_ns > 0 for one in poses)
+    forecasts = [state["forecast"] for state in states if state.get("forecast")]
+    assert forecasts and all(len(one["axes"]) == 3 for one in forecasts)
+
+
+@pytest.mark.slow
+def test_the_page_draws_a_recording_and_says_no_error(tmp_path: Path) -> None:
+    if browser_here() is None:
+        pytest.skip("no Chromium here")
+    watched = Watched("view")
+    with Browser() as browser:
+        browser.go(watched.address)
+        ready = "new Promise(r => {const t = setInterval(() => {if (window.highfive?.stage?.ready && \
+highfive.counts.poses > 100 && highfive.fps > 1) {clearInterval(t); r(true)}}, 100)})"
+        assert browser.evaluate(ready)
+        drawn = browser.evaluate("highfive.stage.renderer.info.render.triangles")
+        assert drawn > 10_000
+        browser.evaluate("document.getElementById('trials').onchange({target: {value: '2'}})")
+        browser.evaluate("document.getElementById('play').click()")
+        browser.evaluate("document.getElementById('seek').oninput({target: {value: '1.5'}})")
+        settled = "new Promise(r => setTimeout(() => r(highfive.state()), 1500))"
+        state = browser.evaluate(settled)
+        assert (state["trial"], state["playing"], state["time_s"]) == (2, False, 1.5)
+        # What is drawn is what was sent, and the hand's place on the screen is inside the picture.
+        off = browser.evaluate(
+            "(() => {const s = highfive.stage, v = highfive.motion.newest.bodies; let most = 0;"
+            "s.bodies.forEach((b, i) => { for (let k = 0; k < 3; k++)"
+            "most = Math.max(most, Math.abs(b.matrix.elements[12 + k] - v[7 * i + k])); }); return most;})()"
+        )
+        assert off < 1e-5
+        picture = tmp_path / "page.png"
+        browser.picture(picture)
+        assert picture.stat().st_size > 50_000
+        errors = [line for line in browser.console if "error" in line.lower() and "favicon" not in line]
+        assert not errors
+    watched.process.send_signal(2)
+    assert watched.end()[0] in (0, 1, 130)
+
+
+@pytest.mark.slow
+def test_the_page_extrapolates_to_the_picture_and_then_freezes() -> None:
+    """motion.js itself, on a hand that moves as recorded ones do: 90 Hz pictures of 120 Hz poses."""
+    if browser_here() is None:
+        pytest.skip("no Chromium here")
+    watched = Watched("view")
+    with Browser() as browser:
+        browser.go(watched.address)
+        worst = browser.evaluate(
+            "import('/motion.js').then(({Motion}) => {const at = t => [0.3 * Math.sin(6 * t / 1000), 0, 0, 1, 0, 0, 0];"
+            "const m = new Motion(); let next = 0, errors = [];"
+            "for (let t = 40; t < 3000; t += 1000 / 90) { while (next <= t - 4)"
+            "{ m.add({holds: next, rate: 1, bodies: Float32Array.from(at(next))}); next += 1000 / 120; }"
+            "errors.push(Math.abs(m.at(t).bodies[0] - at(t)[0])); }"
+            "errors.sort((a, b) => a - b); const last = m.newest.holds, far = m.at(last + 900);"
+            "return [errors[Math.floor(0.95 * errors.length)], far.bodies[0] - m.at(last + 25).bodies[0], far.age];})"
+        )
+        assert worst[0] < 0.0015 and worst[1] == 0.0 and worst[2] == 900.0
+    watched.process.kill()
+    watched.process.communicate()

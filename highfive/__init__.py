@@ -19,26 +19,38 @@ if TYPE_CHECKING:
     from highfive.hil.session.session import Session, Tick
     from highfive.hil.sim.avatar import Pose, avatar_skeleton
     from highfive.hil.trials.partners import Partner, recorded_partner, simulated_person
-    from highfive.mocap_bridge.frames import MarkerFrame
+    from highfive.mocap_bridge.frames import HumanArm, MarkerFrame
+    from highfive.mocap_bridge.markers.marker_set import MarkerSet
     from highfive.mocap_bridge.sources.address import open_source
     from highfive.mocap_bridge.sources.live import Link
     from highfive.mocap_bridge.sources.scheme import Address, Scheme
+    from highfive.mocap_bridge.sources.source import Connection, Source, SourceHealth
     from highfive.mocap_bridge.tracking.tracked_recording import TrackedRecording, track
     from highfive.mocap_bridge.wire.errors import LinkError
     from highfive.model.errors import HighFiveError
     from highfive.model.hgpdm.store import load_model, save_model
     from highfive.model.hgpdm.trained import HGPDM
     from highfive.model.hgpdm.trials import Trial
-    from highfive.model.online.reaction import OnlineResponder, Reaction, ReactionModel, SimpleReaction
+    from highfive.model.online.contact_forecast import ContactForecast
+    from highfive.model.online.reaction import (
+        FitReactionModel,
+        OnlineResponder,
+        Reaction,
+        ReactionModel,
+        SimpleReaction,
+    )
     from highfive.model.online.responder import Responder, Response
+    from highfive.model.plugins import PluginError
 
     __version__: str
 
 __all__ = [
-    "HGPDM", "Address", "HighFiveError", "Link", "LinkError", "MarkerFrame", "OnlineResponder", "Partner", "Pose",
-    "Reaction", "ReactionModel", "Responder", "Response", "Scheme", "Session", "SessionRecording", "SimpleReaction",
-    "Tick", "TrackedRecording", "Trial", "__version__", "avatar_skeleton", "evaluate", "load_model", "open_session",
-    "open_source", "read_recording", "recorded_partner", "save_model", "simulated_person", "track", "train",
+    "HGPDM", "Address", "Connection", "ContactForecast", "FitReactionModel", "HighFiveError", "HumanArm", "Link",
+    "LinkError", "MarkerFrame", "MarkerSet", "OnlineResponder", "Partner", "PluginError", "Pose", "Reaction",
+    "ReactionModel", "Responder", "Response", "Scheme", "Session", "SessionRecording", "SimpleReaction", "Source",
+    "SourceHealth", "Tick", "TrackedRecording", "Trial", "__version__", "avatar_skeleton", "evaluate", "load_model",
+    "open_session", "open_source", "read_recording", "recorded_partner", "save_model", "simulated_person", "track",
+    "train",
 ]  # fmt: skip
 
 _WHERE = {
@@ -54,11 +66,16 @@ _WHERE = {
     "Partner": "hil.trials.partners",
     "recorded_partner": "hil.trials.partners",
     "simulated_person": "hil.trials.partners",
+    "HumanArm": "mocap_bridge.frames",
     "MarkerFrame": "mocap_bridge.frames",
+    "MarkerSet": "mocap_bridge.markers.marker_set",
     "open_source": "mocap_bridge.sources.address",
     "Link": "mocap_bridge.sources.live",
     "Address": "mocap_bridge.sources.scheme",
     "Scheme": "mocap_bridge.sources.scheme",
+    "Connection": "mocap_bridge.sources.source",
+    "Source": "mocap_bridge.sources.source",
+    "SourceHealth": "mocap_bridge.sources.source",
     "TrackedRecording": "mocap_bridge.tracking.tracked_recording",
     "track": "mocap_bridge.tracking.tracked_recording",
     "LinkError": "mocap_bridge.wire.errors",
@@ -67,12 +84,15 @@ _WHERE = {
     "save_model": "model.hgpdm.store",
     "HGPDM": "model.hgpdm.trained",
     "Trial": "model.hgpdm.trials",
+    "ContactForecast": "model.online.contact_forecast",
+    "FitReactionModel": "model.online.reaction",
     "OnlineResponder": "model.online.reaction",
     "Reaction": "model.online.reaction",
     "ReactionModel": "model.online.reaction",
     "SimpleReaction": "model.online.reaction",
     "Responder": "model.online.responder",
     "Response": "model.online.responder",
+    "PluginError": "model.plugins",
 }
 
 # A library is silent unless its user asks: logging.basicConfig(level="INFO") shows what it says.

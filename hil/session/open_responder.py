@@ -16,6 +16,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.reaction import OnlineResponder, Reaction, ReactionModel, SimpleReaction
 from highfive.model.online.responder import Responder
 from highfive.model.plugins import PluginError, fault
@@ -123,6 +124,7 @@ class _Guarded:
 
     def reset(self) -> None:
         self._took.clear()
+        self._last: Reaction | None = None
         _called(self._title, "reset", self._inner.reset)
 
     def step(self, hand_points: Array | None, covariance: Array | None = None) -> Reaction:
@@ -135,7 +137,7 @@ class _Guarded:
 
     def ahead(self, seconds: float) -> Reaction:
         """The last reaction, its times counted from then: nobody knows how the model's poses go on."""
-        last = self._last
+        last = self.step(None) if self._last is None else self._last
         return SimpleReaction(
             last.joints,
             last.root,
@@ -169,16 +171,23 @@ class _Guarded:
         for name, size in (("joints", self._joints), ("root", 3), ("palm", 3), ("contact_point", 3)):
             _array(self._title, name, _called(self._title, name, lambda name=name: getattr(reaction, name)), size)
         clock = _called(self._title, "time_to_contact", lambda: float(reaction.time_to_contact))
+        spread = _called(self._title, "time_to_contact_std", lambda: float(reaction.time_to_contact_std))
         if not np.isfinite(clock):
             raise PluginError(f"{self._title}: time_to_contact is {clock}; expected seconds")
-        for name in ("time_to_contact_std", "contact", "in_distribution"):
-            _called(self._title, name, lambda name=name: getattr(reaction, name))
+        if not (np.isfinite(spread) and spread >= 0.0):
+            raise PluginError(f"{self._title}: time_to_contact_std is {spread}; expected seconds, 0 or more")
+        contact = _called(self._title, "contact", lambda: reaction.contact)
+        if contact is not None and not isinstance(contact, ContactForecast):
+            raise PluginError(f"{self._title}: contact is {type(contact).__name__}; expected a ContactForecast or None")
+        familiar = _called(self._title, "in_distribution", lambda: reaction.in_distribution)
+        if not isinstance(familiar, bool | np.bool_):
+            raise PluginError(f"{self._title}: in_distribution is {type(familiar).__name__}; expected True or False")
 
 
 def _called(title: str, what: str, function: Callable[[], Value]) -> Value:
     try:
         return function()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise PluginError(f"{title}: {what} raised {fault(error)}") from error
 
 

@@ -35,7 +35,7 @@ def parse_address(text: str) -> Address:
         if not text.strip():
             raise HighFiveError(f"an address is empty; expected {examples()} or the path of a C3D file")
         return Address(FILE, text.strip())
-    scheme = scheme.lower()
+    scheme = scheme if is_known(scheme) else scheme.lower()  # a plug-in's name may have capitals
     if not is_known(scheme):
         raise HighFiveError(f"unknown address {text!r}: there are {examples()} and the paths of C3D files")
     kind = scheme_named(scheme)

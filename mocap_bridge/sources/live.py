@@ -14,6 +14,7 @@ import numpy as np
 
 from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_person
 from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.sources.frame_check import check_frame, checked_rate
 from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
 from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.sources.stamp_clock import StampClock
@@ -27,6 +28,9 @@ STALLED_S = 0.25
 
 SILENT_S = 1.0
 """Without a frame for so long a connection is taken for dead, and made anew, s."""
+
+HANGS_S = 2.0
+"""A connection that has not answered for so long hangs, s: it was to wait for a tenth of a second."""
 
 BACK_OFF_S = (0.1, 2.0)
 """First and longest pause before the next attempt to connect, s; it doubles in between."""
@@ -100,6 +104,7 @@ class LiveSource:
         self._came = 0, 0  # frames, and when the newest of them arrived, ns: read together
         self._hopeless = False
         self._linked = False
+        self._asked_ns: int | None = None  # when the connection was asked for frames, as long as it has not answered
         self._trouble = "connecting"
         self._closing = False
         self._names: tuple[str, ...] | None = None  # as they come, with their prefixes
@@ -162,12 +167,14 @@ class LiveSource:
         else:
             state = Connection.LIVE if age_ns <= STALLED_S * 1e9 else Connection.STALLED
         received, arrived_ns = self._came
+        asked_ns = self._asked_ns
+        hangs = asked_ns is not None and now_ns - asked_ns > HANGS_S * 1e9
         return SourceHealth(
             state,
             age_ns,
             received,
             self._lost,
-            self._trouble,
+            f"{self._title}: receive() has not returned; it may wait for 0.1 s" if hangs else self._trouble,
             self._refused,
             arrived_ns,
             self._impossible,
@@ -188,7 +195,7 @@ class LiveSource:
             before = self._received
             try:
                 self._follow()
-            except Exception as error:  # a source whose thread has died would be silent for ever
+            except (Exception, SystemExit) as error:  # a source whose thread has died would be silent for ever
                 reason = str(error) if isinstance(error, HighFiveError) else f"{self._title}: {fault(error)}"
                 self._trouble, self._hopeless = reason, False
             self._linked = False
@@ -202,21 +209,24 @@ class LiveSource:
         try:
             self._linked, last = True, self._now()
             while not self._closing:
+                self._asked_ns = self._now()
                 frames = link.receive(0.1)
-                now = self._now()
+                self._asked_ns, now = None, self._now()
                 if frames:
                     last = now
-                    self._rate_hz = link.rate_hz or self._rate_hz
+                    self._rate_hz = checked_rate(link.rate_hz, self._title) or self._rate_hz
                     self._take(frames, now)
                 elif now - last > SILENT_S * 1e9:
                     raise LinkError(f"connected, but nothing has come for {SILENT_S:g} s")
         finally:
+            self._asked_ns = None
             link.close()
 
     def _take(self, frames: Sequence[MarkerFrame], now: int) -> None:
         """Counts what came and keeps the newest."""
         newest, received = None, self._received
         for frame in frames:
+            check_frame(frame, self._title)
             step = 1 if self._number is None else frame.number - self._number
             if -REORDERED <= step <= 0:  # late: it was counted as lost; or the same once more
                 self._lost -= 1 if step and self._lost else 0
@@ -257,7 +267,6 @@ class LiveSource:
             self._own_names = tuple(frame.names[m].rpartition(":")[2] for m in columns)
             self._columns = np.array(columns, dtype=np.intp)
         self._names = frame.names
-        _check(frame, self._title)
         points, valid = frame.positions[self._columns], frame.valid[self._columns]
         valid = valid & np.isfinite(points).all(axis=1)  # a plug-in may forget that missing is a mask
         if frame.impossible > frame.valid.sum():
@@ -272,14 +281,3 @@ class LiveSource:
             )
         covariance = None if frame.covariance is None else frame.covariance[self._columns]
         return replace(frame, names=self._own_names, positions=points, valid=valid, covariance=covariance)
-
-
-def _check(frame: MarkerFrame, title: str) -> None:
-    """Refuses arrays that do not fit the names: a wrong plug-in would put one marker in another's place."""
-    count = len(frame.names)
-    arrays = [("positions", frame.positions, (count, 3)), ("valid", frame.valid, (count,))]
-    if frame.covariance is not None:
-        arrays.append(("covariance", frame.covariance, (count, 3, 3)))
-    for name, values, shape in arrays:
-        if np.shape(values) != shape:
-            raise HighFiveError(f"{title} gives {name} of shape {np.shape(values)}; expected {shape}, one a name")

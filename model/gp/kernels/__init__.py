@@ -4,24 +4,15 @@ A kernel is one class in one file, written for one pair of points; a line here m
 kernel"). All parameters are unconstrained (logarithms), so that any real vector is a valid kernel.
 """
 
-from highfive.model.gp.kernels.constant import Constant
-from highfive.model.gp.kernels.kernel import KERNELS, Kernel, Product, Sum, add_jitter, register_kernel
-from highfive.model.gp.kernels.linear import Linear
-from highfive.model.gp.kernels.matern import Matern52
-from highfive.model.gp.kernels.motion import MotionKernel, motion_kernel
-from highfive.model.gp.kernels.rbf import RBF
-
-__all__ = [
-    "KERNELS",
-    "RBF",
-    "Constant",
-    "Kernel",
-    "Linear",
-    "Matern52",
-    "MotionKernel",
-    "Product",
-    "Sum",
-    "add_jitter",
-    "motion_kernel",
-    "register_kernel",
-]
+from highfive.model.gp.kernels.constant import Constant as Constant
+from highfive.model.gp.kernels.kernel import KERNELS as KERNELS
+from highfive.model.gp.kernels.kernel import Kernel as Kernel
+from highfive.model.gp.kernels.kernel import Product as Product
+from highfive.model.gp.kernels.kernel import Sum as Sum
+from highfive.model.gp.kernels.kernel import add_jitter as add_jitter
+from highfive.model.gp.kernels.kernel import register_kernel as register_kernel
+from highfive.model.gp.kernels.linear import Linear as Linear
+from highfive.model.gp.kernels.matern import Matern52 as Matern52
+from highfive.model.gp.kernels.motion import MotionKernel as MotionKernel
+from highfive.model.gp.kernels.motion import motion_kernel as motion_kernel
+from highfive.model.gp.kernels.rbf import RBF as RBF

@@ -46,6 +46,10 @@ def test_its_resting_pose_is_played_while_it_waits() -> None:
         ({"contact_point": "there"}, "contact_point is str"),
         ({"time_to_contact": np.inf}, "time_to_contact is inf"),
         ({"time_to_contact": None}, "time_to_contact raised TypeError"),
+        ({"time_to_contact_std": np.nan}, "time_to_contact_std is nan"),
+        ({"time_to_contact_std": -0.1}, r"time_to_contact_std is -0\.1"),
+        ({"contact": "soon"}, "contact is str; expected a ContactForecast or None"),
+        ({"in_distribution": np.ones(2)}, "in_distribution is ndarray; expected True or False"),
     ],
 )
 def test_a_wrong_answer_is_named_before_the_session_begins(change: dict, says: str) -> None:
@@ -65,6 +69,23 @@ def test_what_goes_wrong_later_is_named_in_its_tick(answer, says: str) -> None:
         responder.step(HAND)
     responder.reset()
     responder.step(HAND)  # a new trial may go well
+
+
+def test_one_that_ends_the_program_is_named() -> None:
+    def leaves(number: int):
+        raise SystemExit(3)
+
+    with pytest.raises(PluginError, match="step raised SystemExit: 3"):
+        open_responder(Standing(leaves), "neutral", 120.0)
+
+
+def test_nothing_of_an_earlier_trial_is_answered_before_the_first_step() -> None:
+    responder = open_responder(Standing(), "neutral", 120.0)
+    assert responder.ahead(0.1).time_to_contact == standing(1).time_to_contact - 0.1
+    for _ in range(5):
+        responder.step(HAND)
+    responder.reset()
+    assert responder.ahead(0.1).time_to_contact == standing(1).time_to_contact - 0.1
 
 
 def test_what_is_no_answer_at_all() -> None:

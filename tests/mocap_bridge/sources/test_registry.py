@@ -105,9 +105,10 @@ def test_a_line_that_is_not_of_the_protocol_is_reported(lab: str) -> None:
         ("1 / 0", r"^odd://host:1: ZeroDivisionError: division by zero$"),
         (
             "frame(self.number, positions=np.ones((3, 3)), valid=np.ones(3, bool))",
-            r"^odd://host:1 gives positions of shape \(3, 3\); expected \(2, 3\), one a name$",
+            r"^odd://host:1 gives positions of shape \(3, 3\); expected \(2, 3\)$",
         ),
-        ("7", r"^odd://host:1: AttributeError"),
+        ("7", r"^odd://host:1 gives a int; expected a MarkerFrame$"),
+        ("exit(2)", r"^odd://host:1: SystemExit: 2$"),
     ],
 )  # fmt: skip
 def test_a_plug_in_that_misbehaves_is_named_in_one_line(site: Path, what: str, says: str) -> None:
@@ -132,6 +133,12 @@ def test_what_is_no_scheme_is_refused_where_the_address_is_read(site: Path) -> N
     install(site, "odd", GROUP, {"odd": "odd_number:SCHEME"}, {"odd_number": "SCHEME = 3\n"})
     with pytest.raises(PluginError, match=r"'odd' offers a int"):
         parse_address("odd://host")
+
+
+def test_a_plug_in_may_have_capitals_in_its_name(site: Path) -> None:
+    install(site, "odd", GROUP, {"Odd": "odd_capital:SCHEME"}, {"odd_capital": BASE.replace("{what}", "1")})
+    assert parse_address("Odd://host").scheme == "Odd"
+    assert parse_address("QTM://host").scheme == "qtm"
 
 
 def test_a_plug_in_by_the_name_of_ours_is_refused_with_both_names(site: Path) -> None:

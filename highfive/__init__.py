@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from highfive.model.hgpdm.trials import Trial
     from highfive.model.online.contact_forecast import ContactForecast
     from highfive.model.online.reaction import (
-        FitReactionModel,
         OnlineResponder,
         Reaction,
         ReactionModel,
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "HGPDM", "Address", "Connection", "ContactForecast", "FitReactionModel", "HighFiveError", "HumanArm", "Link",
+    "HGPDM", "Address", "Connection", "ContactForecast", "HighFiveError", "HumanArm", "Link",
     "LinkError", "MarkerFrame", "MarkerSet", "OnlineResponder", "Partner", "PluginError", "Pose", "Reaction",
     "ReactionModel", "Responder", "Response", "Scheme", "Session", "SessionRecording", "SimpleReaction", "Source",
     "SourceHealth", "Tick", "TrackedRecording", "Trial", "__version__", "avatar_skeleton", "evaluate", "load_model",
@@ -85,7 +84,6 @@ _WHERE = {
     "HGPDM": "model.hgpdm.trained",
     "Trial": "model.hgpdm.trials",
     "ContactForecast": "model.online.contact_forecast",
-    "FitReactionModel": "model.online.reaction",
     "OnlineResponder": "model.online.reaction",
     "Reaction": "model.online.reaction",
     "ReactionModel": "model.online.reaction",

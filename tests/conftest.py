@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from jaxtyping import install_import_hook
+from kept import kept
 
 # A shell that starts the tests in the background has them, and whatever they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -49,8 +50,13 @@ RANK = {name: rank for rank, name in enumerate(LONGEST)}
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first, so that no worker has one left at the end."""
-    items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
+    """The longest first, so that no worker has one left at the end; slow ones by the seconds in their mark."""
+    items.sort(key=lambda item: (-_seconds(item), RANK.get(item.path.name, len(RANK))))
+
+
+def _seconds(item: pytest.Item) -> float:
+    mark = item.get_closest_marker("slow")
+    return mark.args[0] if mark is not None and mark.args else 0.0
 
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -65,16 +71,18 @@ def recordings() -> Path:
 
 
 @pytest.fixture(scope="session")
-def captured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def captured() -> Path:
     """A folder with angry high fives at all nine cells, one each, of seed 5; not to be written to."""
-    folder = tmp_path_factory.mktemp("lab") / "captured"
-    words = ["capture", "--emotion", "angry", "--repetitions", "1", "--seed", "5", "--out", str(folder), "--json"]
-    done = subprocess.run(
-        [sys.executable, "-m", "highfive.hil.cli.main", *words], check=True, stdout=subprocess.PIPE, text=True
-    )
-    said = json.loads(done.stdout)
-    assert said == {"trials": 9, "emotions": ["angry"], "seed": 5, "folder": str(folder), "simulated": True}
-    return folder
+
+    def make(folder: Path) -> None:
+        words = ["capture", "--emotion", "angry", "--repetitions", "1", "--seed", "5", "--out", str(folder), "--json"]
+        done = subprocess.run(
+            [sys.executable, "-m", "highfive.hil.cli.main", *words], check=True, stdout=subprocess.PIPE, text=True
+        )
+        said = json.loads(done.stdout)
+        assert said == {"trials": 9, "emotions": ["angry"], "seed": 5, "folder": str(folder), "simulated": True}
+
+    return kept("captured", make)
 
 
 @pytest.fixture

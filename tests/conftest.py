@@ -35,15 +35,16 @@ from highfive.mocap_bridge.files.trial_table import read_table, write_table  # n
 
 use_one_blas_thread()  # as every session does
 
-# Files in the order of their cost (docs/testing.md), from those that compile the arm's planner, the tracker, a small
-# model and the filter: what one worker has compiled the others find ready, if they do not need it at the same time.
-# Of the rest each takes a few seconds.
+# Files in the order of their cost (docs/testing.md), of which the planner, the tracker and the tick of the model are no
+# part: tests/compile_ahead.py compiles those. Of the rest each takes a few seconds.
 LONGEST = (
-    "test_retarget.py", "test_tracker.py", "test_responder.py", "test_pose_filter.py", "test_contact.py",
-    "test_evaluate.py", "test_track.py", "test_rig_session.py", "test_simulate.py", "test_folders.py",
-    "test_report.py", "test_unseen.py", "test_session.py", "test_own_body.py", "test_arm_loop.py",
-    "test_actors.py", "test_stream.py", "test_calibrate.py", "test_safety_feed_forward.py", "test_film.py",
-    "test_lost_samples.py", "test_bench_tracker.py", "test_safety_faults.py",
+    "test_track.py", "test_rig_session.py", "test_simulate.py", "test_responder.py", "test_hierarchy.py",
+    "test_stream.py", "test_sparse.py", "test_training.py", "test_fault_schedules.py", "test_kernels.py",
+    "test_report.py", "test_rig_refusals.py", "test_safety_times.py", "test_session.py", "test_own_body.py",
+    "test_arm_loop.py", "test_contact.py", "test_unseen.py", "test_folders.py", "test_forecast.py",
+    "test_bench_locked.py", "test_arms.py", "test_tick.py", "test_lost_samples.py", "test_calibrate.py",
+    "test_tracker.py", "test_retarget.py", "test_emulate.py", "test_actors.py", "test_safety_feed_forward.py",
+    "test_film.py", "test_arm_look.py", "test_compiled.py",
 )  # fmt: skip
 RANK = {name: rank for rank, name in enumerate(LONGEST)}
 

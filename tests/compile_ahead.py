@@ -15,10 +15,15 @@ from highfive.model.hgpdm.store import load_model
 
 Session(load_model(DEFAULT_MODEL), {"neutral": 1.0}, load_marker_set("paper"), build_scene())
 """
+# The session's own process is at its tracker for so long that the arm's has time for the tick of the model.
 ARM = """
 from highfive.hil.bench.virtual_play import default_planner
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
+from highfive.model.online.responder import Responder
 
 default_planner()
+Responder(load_model(DEFAULT_MODEL), "neutral")
 """
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from jaxtyping import install_import_hook
+from kept import kept
 
 # A shell that starts the tests in the background has them, and whatever they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -34,23 +35,29 @@ from highfive.mocap_bridge.files.trial_table import read_table, write_table  # n
 
 use_one_blas_thread()  # as every session does
 
-# Files in the order of their cost (docs/testing.md), from those that compile the arm's planner, the tracker, a small
-# model and the filter: what one worker has compiled the others find ready, if they do not need it at the same time.
-# Of the rest each takes a few seconds.
+# Files in the order of their cost (docs/testing.md), of which the planner, the tracker and the tick of the model are no
+# part: tests/compile_ahead.py compiles those. Of the rest each takes a few seconds.
 LONGEST = (
-    "test_retarget.py", "test_tracker.py", "test_responder.py", "test_pose_filter.py", "test_contact.py",
-    "test_evaluate.py", "test_track.py", "test_rig_session.py", "test_simulate.py", "test_folders.py",
-    "test_report.py", "test_unseen.py", "test_session.py", "test_own_body.py", "test_arm_loop.py",
-    "test_actors.py", "test_stream.py", "test_calibrate.py", "test_safety_feed_forward.py", "test_film.py",
-    "test_lost_samples.py", "test_bench_tracker.py", "test_safety_faults.py",
+    "test_track.py", "test_rig_session.py", "test_simulate.py", "test_responder.py", "test_hierarchy.py",
+    "test_stream.py", "test_sparse.py", "test_training.py", "test_fault_schedules.py", "test_kernels.py",
+    "test_report.py", "test_rig_refusals.py", "test_safety_times.py", "test_session.py", "test_own_body.py",
+    "test_arm_loop.py", "test_contact.py", "test_unseen.py", "test_folders.py", "test_forecast.py",
+    "test_bench_locked.py", "test_arms.py", "test_tick.py", "test_lost_samples.py", "test_calibrate.py",
+    "test_tracker.py", "test_retarget.py", "test_emulate.py", "test_actors.py", "test_safety_feed_forward.py",
+    "test_film.py", "test_arm_look.py", "test_compiled.py",
 )  # fmt: skip
 RANK = {name: rank for rank, name in enumerate(LONGEST)}
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first, so that no worker has one left at the end."""
-    items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))
+    """The longest first, so that no worker has one left at the end; slow ones by the seconds in their mark."""
+    items.sort(key=lambda item: (-_seconds(item), RANK.get(item.path.name, len(RANK))))
+
+
+def _seconds(item: pytest.Item) -> float:
+    mark = item.get_closest_marker("slow")
+    return mark.args[0] if mark is not None and mark.args else 0.0
 
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -65,16 +72,18 @@ def recordings() -> Path:
 
 
 @pytest.fixture(scope="session")
-def captured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def captured() -> Path:
     """A folder with angry high fives at all nine cells, one each, of seed 5; not to be written to."""
-    folder = tmp_path_factory.mktemp("lab") / "captured"
-    words = ["capture", "--emotion", "angry", "--repetitions", "1", "--seed", "5", "--out", str(folder), "--json"]
-    done = subprocess.run(
-        [sys.executable, "-m", "highfive.hil.cli.main", *words], check=True, stdout=subprocess.PIPE, text=True
-    )
-    said = json.loads(done.stdout)
-    assert said == {"trials": 9, "emotions": ["angry"], "seed": 5, "folder": str(folder), "simulated": True}
-    return folder
+
+    def make(folder: Path) -> None:
+        words = ["capture", "--emotion", "angry", "--repetitions", "1", "--seed", "5", "--out", str(folder), "--json"]
+        done = subprocess.run(
+            [sys.executable, "-m", "highfive.hil.cli.main", *words], check=True, stdout=subprocess.PIPE, text=True
+        )
+        said = json.loads(done.stdout)
+        assert said == {"trials": 9, "emotions": ["angry"], "seed": 5, "folder": str(folder), "simulated": True}
+
+    return kept("captured", make)
 
 
 @pytest.fixture

@@ -47,20 +47,31 @@ class BlackBox:
         by_id = {servo.id: servo for servo in self.bus.servos}
         self._servos = [by_id[joint.id] for joint in self.rig.joints]
         self._all = [[by_id[servo] for servo in joint.ids] for joint in self.rig.joints]
+        self._registers: list[int] = []
 
     def look(self, now_ns: int) -> None:
         """Adds a row."""
         self.times.append(now_ns)
-        joints = self.rig.joints
-        self.goals.append(
-            [angle(joint, s.values["goal_position"]) for joint, s in zip(joints, self._servos, strict=True)]
-        )
-        self.allowed.append([to_si(s.table["goal_current"], s.values["goal_current"]) for s in self._servos])
-        self.powered.append([all(s.values["torque_enable"] for s in servos) for servos in self._all])
+        self._look_at_registers()
         self.trips.append(self.bus.watchdog_trips)
         positions, velocities = self.bus.body
         self.positions.append(np.array(positions))
         self.velocities.append(np.array(velocities))
+
+    def _look_at_registers(self) -> None:
+        """Goals and torque; where no register has changed, as in most rows, they are those of the row before."""
+        registers = [s.values[name] for s in self._servos for name in ("goal_position", "goal_current")]
+        registers += [s.values["torque_enable"] for servos in self._all for s in servos]
+        if registers == self._registers and self.goals:
+            for rows in (self.goals, self.allowed, self.powered):
+                rows.append(rows[-1])
+            return
+        self._registers = registers
+        self.goals.append(
+            [angle(joint, s.values["goal_position"]) for joint, s in zip(self.rig.joints, self._servos, strict=True)]
+        )
+        self.allowed.append([to_si(s.table["goal_current"], s.values["goal_current"]) for s in self._servos])
+        self.powered.append([all(s.values["torque_enable"] for s in servos) for servos in self._all])
 
     def clear(self) -> None:
         """Forgets what was."""

@@ -66,7 +66,8 @@ def draw(painters: Iterable[Callable[[], Drawing | None]]) -> list[Drawing]:
         drawings = [drawing for painter in painters if (drawing := painter()) is not None]
         for drawing in drawings:
             # Laid out once: every later drawing would do it again, at most of its cost.
-            drawing.figure.draw_without_rendering()
+            if (layout := drawing.figure.get_layout_engine()) is not None:
+                layout.execute(drawing.figure)
             drawing.figure.set_layout_engine("none")
     return drawings
 

@@ -99,6 +99,7 @@ class VirtualClock:
         self._now = START_NS
         self._rng = np.random.default_rng(seed)
         self._tasks = [VirtualTask("main", greenlet.getcurrent())]
+        self._running = self._tasks[0]
         self._after_an_end = greenlet(self._go_on)
 
     @property
@@ -183,12 +184,8 @@ class VirtualClock:
         while True:
             self._next().run.switch()
 
-    def _current(self) -> VirtualTask:
-        here = greenlet.getcurrent()
-        return next(task for task in self._tasks if task.run is here)
-
     def _wait(self, event: Event | None, until: int) -> None:
-        task = self._current()
+        task = self._running
         task.resumed()
         task.event, task.until, task.order = event, max(until, self._now), self._rng.random()
         following = self._next()
@@ -198,13 +195,12 @@ class VirtualClock:
         task.resumed()
 
     def _next(self) -> VirtualTask:
-        """The task that goes on next; it is its time."""
-        found, when = self._tasks[0], None
+        """The task that goes on next, to which whoever asks switches; it is its time."""
+        now, found, first = self._now, None, 0
         for task in self._tasks:
-            wake = task.wake_ns()
-            key = (max(wake, self._now), task.order)
-            if when is None or key < when:
-                found, when = task, key
-        assert when is not None
-        self._now = when[0]
+            wake = max(task.wake_ns(), now)
+            if found is None or wake < first or (wake == first and task.order < found.order):
+                found, first = task, wake
+        assert found is not None
+        self._now, self._running = first, found
         return found

@@ -1,11 +1,16 @@
 """A small made-up data set, and a small model trained on it once."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from kept import kept
 from made_up import EMOTIONS, SMALL, made_up_trial
+from same_model import assert_same_model
 
 from highfive.model.evaluation.predictions import Body
 from highfive.model.geometry.skeleton import skeleton_from_table
+from highfive.model.hgpdm.store import load_model, save_model
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.training import train
 from highfive.model.hgpdm.trials import Trial
@@ -21,7 +26,14 @@ def trials() -> list[Trial]:
 
 @pytest.fixture(scope="session")
 def model(trials: list[Trial]) -> HGPDM:
-    return train(trials, SMALL, inducing=40, skeleton_hash="0123456789abcdef")
+    """As it is read from the file that it is written to."""
+
+    def make(folder: Path) -> None:
+        trained = train(trials, SMALL, inducing=40, skeleton_hash="0123456789abcdef")
+        save_model(trained, folder / "model.safetensors")
+        assert_same_model(load_model(folder / "model.safetensors"), trained)
+
+    return load_model(kept("small-model", make) / "model.safetensors")
 
 
 @pytest.fixture(scope="session")

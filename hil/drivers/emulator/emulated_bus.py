@@ -164,11 +164,11 @@ class EmulatedBus:
             self._time = now_ns - LONGEST_CATCH_UP_NS
         while self._time + STEP_NS <= now_ns:
             self._happen(self._time)
-            torques = np.zeros(len(self._positions))
             positions, velocities = self._positions.tolist(), self._velocities.tolist()
+            torques = [0.0] * len(positions)
             for servo, joint in zip(self.servos, self._joints, strict=True):
                 torques[joint] += servo.step(positions[joint], velocities[joint], self._time, STEP_NS * 1e-9)
-            self._positions, self._velocities = self._plant.step(torques, STEP_NS * 1e-9)
+            self._positions, self._velocities = self._plant.step(np.array(torques), STEP_NS * 1e-9)
             self._time += STEP_NS
 
     def due(self, now_ns: int) -> list[Piece]:

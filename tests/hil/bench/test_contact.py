@@ -61,7 +61,7 @@ def check(result: dict[str, Any], player: str) -> None:
 
 
 @pytest.mark.contact
-@pytest.mark.slow
+@pytest.mark.slow(90)
 def test_avatar_and_twin_meet_hands_as_near_as_recorded() -> None:
     options = ContactOptions(players=("avatar", "twin"), baseline=BASELINE)
     result = bench_contact(options, load_model(DEFAULT_MODEL), quiet)
@@ -72,7 +72,7 @@ def test_avatar_and_twin_meet_hands_as_near_as_recorded() -> None:
 
 
 @pytest.mark.contact
-@pytest.mark.slow
+@pytest.mark.slow(55)
 def test_the_emulated_rig_meets_hands_as_near_as_recorded() -> None:
     """A third of the high fives, in virtual time."""
     options = ContactOptions(cells=("B1", "C2", "A3"), players=("rig",), baseline=BASELINE, virtual=True)

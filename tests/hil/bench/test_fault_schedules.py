@@ -122,7 +122,7 @@ def test_none_is_refused() -> None:
         bench_faults(replace(FaultsOptions(), seeds=0), quiet)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(400)
 def test_two_hundred_schedules_break_no_law() -> None:
     result = bench_faults(FaultsOptions(200), quiet)
     assert result["schedules"] == 200

@@ -77,7 +77,7 @@ def test_data_without_a_model_that_learns_is_refused(tmp_path: Path) -> None:
     assert "--data is what a model of your own learns from" in str(result.exception)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(50)
 def test_nearest_neighbours_learn_are_played_and_stand_in_the_table(tmp_path: Path, to_learn: Path) -> None:
     result = simulate(tmp_path / "out", "--model", NEIGHBOURS, "--data", to_learn, "--trials", 2, "--json")
     rows = json.loads(result.stdout)["rows"]

@@ -224,7 +224,7 @@ def test_high_fives_whose_arm_the_model_leads_into_its_body(
     assert max(deepest(scene, data, tick.pose) for tick in ticks) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 @pytest.mark.contact
 @pytest.mark.parametrize("seed", [0, 7, 101, 202])
 def test_no_high_five_touches_the_own_body(seed: int, scene: Scene, model: HGPDM, session: Session) -> None:

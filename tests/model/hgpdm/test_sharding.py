@@ -38,7 +38,7 @@ def assert_same(found: dict, expected: dict) -> None:
     assert np.linalg.norm(got - reference) < 1e-9 * np.linalg.norm(reference)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(60)
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_eight_devices_and_two_processes_give_objective_and_gradient_of_one_device(preset: str) -> None:
     with socket.socket() as free:

@@ -134,8 +134,8 @@ def _length_sigmas(
     sigmas = {}
     for name in marker_set.segments:
         slope = np.zeros(len(covariance))
-        for joint, share in _making_up(skeleton, skeleton.index(name)):
-            slope[measure_of[joint]] += share
+        for joint, length in _making_up(skeleton, skeleton.index(name)):
+            slope[measure_of[joint]] += length
         sigmas[name] = float(np.sqrt(slope @ covariance @ slope))
     return sigmas
 
@@ -278,8 +278,8 @@ def _body_columns(
         own = turned[:, within[joint]]
         out[:, n, :, measures + 3 * m : measures + 3 * m + 3] = own
         place = own @ marker_set.local_positions[m]
-        for child, share in _making_up(skeleton, joint):
-            out[:, n, :, measure_of[child]] += share / marker_set.segments[name].length * place
+        for child, length in _making_up(skeleton, joint):
+            out[:, n, :, measure_of[child]] += length / marker_set.segments[name].length * place
         while skeleton.parents[joint] >= 0:
             parent = skeleton.parents[joint]
             out[:, n, :, measure_of[joint]] += turned[:, within[parent]] @ skeleton.offsets[joint]

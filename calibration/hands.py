@@ -25,13 +25,13 @@ class Hands:
     Attributes:
         person, actor: 'right' or 'left'.
         distance: m, median over the trials of how near they come.
-        share: of the trials, in which these hands come nearest or within 5 cm of the nearest.
+        fraction: of the trials, in which these hands come nearest or within 5 cm of the nearest.
     """
 
     person: str
     actor: str
     distance: float
-    share: float
+    fraction: float
 
 
 def meeting_hands(pairs: Sequence[Pair], people: MarkerSet, actors: MarkerSet) -> Hands:

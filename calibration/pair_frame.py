@@ -17,27 +17,43 @@ from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
 Pair = tuple[Recording, Recording]
 """The person's recording and that of the avatar's actor, from one file."""
-
-STATURE = 1.7
-"""Height of a person, m, towards which the unit is taken that the numbers are in."""
-
-SIZES = (0.35, 3.5)
-"""Diagonal of the box about a person's points, m, for which the unit is believed."""
 
 _UNITS = {1e3: "metres, not millimetres", 1e-3: "millimetres, not metres", 10.0: "centimetres, not millimetres"} | {
     1e2: "metres, not centimetres", 1e-2: "centimetres, not metres", 0.1: "millimetres, not centimetres",
     25.4: "inches, not millimetres", 0.0254: "inches, not metres",
 }  # fmt: skip
-_UPRIGHT = 0.94  # cosine between head above feet and a coordinate axis, for the axis to be the vertical
-_AT_START_S = 0.2
-_NEAR = 0.3  # m; two people nearer than that do not tell a direction
-_HEAD_HEIGHT = 1.60  # m, of the head of a standing adult where nothing shows the floor
 
-# A set in the world already: the actor's pelvis from the origin, m, the floor from zero, m, heading from +x, rad.
-_AT_ORIGIN, _AT_FLOOR, _AHEAD = 0.15, 0.06, np.radians(15.0)
+
+@dataclass(frozen=True)
+class PairFrameSettings(Settings):
+    """What is believed of a set of recordings and its people. Set by hand."""
+
+    stature: float = setting(1.7, "m", above=0.0)
+    """Height of a person, towards which the unit is taken that the numbers are in."""
+    smallest: float = setting(0.35, "m", above=0.0)
+    largest: float = setting(3.5, "m", above=0.0)
+    """Diagonals of the box about a person's points, between which the unit is believed."""
+    upright: float = setting(0.94, above=0.0, most=1.0)
+    """Cosine between head above feet and a coordinate axis, for the axis to be the vertical."""
+    start: float = setting(0.2, "s", least=0.0)
+    """Beginning of a trial that says where its people stand."""
+    near: float = setting(0.3, "m", least=0.0)
+    """Two people nearer than that do not tell a direction."""
+    head_height: float = setting(1.60, "m", above=0.0)
+    """Of the head of a standing adult where nothing shows the floor."""
+    at_origin: float = setting(0.15, "m", least=0.0)
+    """The actor's pelvis from the origin in a set that is in the world already, ..."""
+    at_floor: float = setting(0.06, "m", least=0.0)
+    """... the floor from zero ..."""
+    ahead: float = setting(float(np.radians(15.0)), "rad", least=0.0)
+    """... and the person's direction from +x."""
+
+
+PAIR_FRAME = PairFrameSettings()
 
 
 @dataclass(frozen=True)
@@ -83,16 +99,18 @@ class _Body:
     sole: Array
 
 
-def find_frame(pairs: Sequence[Pair], people: MarkerSet, actors: MarkerSet) -> SetFrame:
+def find_frame(
+    pairs: Sequence[Pair], people: MarkerSet, actors: MarkerSet, settings: PairFrameSettings = PAIR_FRAME
+) -> SetFrame:
     """The frame of a whole set of recordings.
 
     Raises:
         HighFiveError: no frame shows head and trunk of the actor.
     """
-    scale, notes = _unit(pairs)
+    scale, notes = _unit(pairs, settings)
     sets = (people, actors)
     bodies = [_body(_scaled(r, scale), s) for pair in pairs for r, s in zip(pair, sets, strict=True)]
-    up, up_note = _up(bodies)
+    up, up_note = _up(bodies, settings)
     mirrored = _left_handed(bodies, up)
     if mirrored:
         notes.append("the recordings' axes are left-handed: as they stand left is right; x is turned round")
@@ -100,21 +118,27 @@ def find_frame(pairs: Sequence[Pair], people: MarkerSet, actors: MarkerSet) -> S
     rotation = rotations.rotation_between(up, np.array([0.0, 0.0, 1.0]))
     level = SetFrame(scale, mirrored, rotation, 0.0, False, ())
     levelled = [tuple(level.apply(r) for r in pair) for pair in pairs]
-    floor, floor_note = _floor([_body(r, s) for pair in levelled for r, s in zip(pair, sets, strict=True)])
-    as_is = scale == 1.0 and not mirrored and bool(np.all(up == [0.0, 0.0, 1.0])) and abs(floor) <= _AT_FLOOR
-    if as_is and _in_world([_starts(*pair, people, actors) for pair in pairs]):
+    floor, floor_note = _floor([_body(r, s) for pair in levelled for r, s in zip(pair, sets, strict=True)], settings)
+    as_is = scale == 1.0 and not mirrored and bool(np.all(up == [0.0, 0.0, 1.0])) and abs(floor) <= settings.at_floor
+    if as_is and _in_world([_starts(*pair, people, actors, settings) for pair in pairs], settings):
         return replace(level, in_world=True, notes=("the recordings are in the avatar's world already",))
     notes += [up_note, floor_note, "each trial begins with the actor at the origin, the person ahead"]
     return replace(level, floor=floor, notes=tuple(notes))
 
 
-def place_trial(person: Recording, actor: Recording, people: MarkerSet, actors: MarkerSet) -> Pair:
+def place_trial(
+    person: Recording,
+    actor: Recording,
+    people: MarkerSet,
+    actors: MarkerSet,
+    settings: PairFrameSettings = PAIR_FRAME,
+) -> Pair:
     """A levelled pair with the actor's pelvis above the origin at the start and the person in the direction of +x.
 
     Raises:
         HighFiveError: the two are never seen together.
     """
-    here, angle = _starts(person, actor, people, actors)
+    here, angle = _starts(person, actor, people, actors, settings)
     turn = rotations.from_axis_angle("z", -angle)
 
     def points(values: Array) -> Array:
@@ -135,14 +159,16 @@ def _scaled(recording: Recording, scale: float) -> Recording:
     return recording if scale == 1.0 else _mapped(recording, lambda points: scale * points)
 
 
-def _unit(pairs: Sequence[Pair]) -> tuple[float, list[str]]:
+def _unit(pairs: Sequence[Pair], s: PairFrameSettings) -> tuple[float, list[str]]:
     """Factor to metres, and a note if it is not 1."""
     size = float(np.median([_size(actor) for _, actor in pairs]))
-    if SIZES[0] <= size <= SIZES[1] or not size > 0.0:
+    if s.smallest <= size <= s.largest or not size > 0.0:
         return 1.0, []
-    scale = min(_UNITS, key=lambda factor: abs(np.log(factor * size / STATURE)))
-    if not SIZES[0] <= scale * size <= SIZES[1]:
-        raise HighFiveError(f"the actor's points span {size:.3g} m; a person spans about {STATURE} m in no known unit")
+    scale = min(_UNITS, key=lambda factor: abs(np.log(factor * size / s.stature)))
+    if not s.smallest <= scale * size <= s.largest:
+        raise HighFiveError(
+            f"the actor's points span {size:.3g} m; a person spans about {s.stature} m in no known unit"
+        )
     return scale, [f"the actor's points span {size:.3g} m: read as {_UNITS[scale]}"]
 
 
@@ -185,7 +211,7 @@ def _body(recording: Recording, marker_set: MarkerSet) -> _Body:
     )
 
 
-def _up(bodies: Sequence[_Body]) -> tuple[Array, str]:
+def _up(bodies: Sequence[_Body], settings: PairFrameSettings) -> tuple[Array, str]:
     """Unit vector upward in the recordings' axes."""
     directions = []
     for body in bodies:
@@ -199,7 +225,7 @@ def _up(bodies: Sequence[_Body]) -> tuple[Array, str]:
     mean = np.median(directions, axis=0)
     mean /= np.linalg.norm(mean)
     axis = int(np.argmax(np.abs(mean)))
-    if abs(mean[axis]) < _UPRIGHT:
+    if abs(mean[axis]) < settings.upright:
         return mean, "up is where the heads are above the feet, along no axis of the recordings"
     up = np.zeros(3)
     up[axis] = np.sign(mean[axis])
@@ -216,7 +242,7 @@ def _left_handed(bodies: Sequence[_Body], up: Array) -> bool:
     return len(votes) > 0 and float(np.mean(votes)) > 0.8
 
 
-def _floor(bodies: Sequence[_Body]) -> tuple[float, str]:
+def _floor(bodies: Sequence[_Body], settings: PairFrameSettings) -> tuple[float, str]:
     """Height of the floor in the levelled recordings, m."""
     soles = np.concatenate([body.sole for body in bodies])
     if np.isfinite(soles).any():
@@ -225,27 +251,30 @@ def _floor(bodies: Sequence[_Body]) -> tuple[float, str]:
     head = float(np.nanmedian(np.concatenate([body.head[:, 2] for body in bodies])))
     if 1.2 < head < 2.1:
         return 0.0, "the floor is the recordings' zero, as no feet are seen"
-    return head - _HEAD_HEIGHT, f"the floor is {_HEAD_HEIGHT} m below the heads, as no feet are seen"
+    height = settings.head_height
+    return head - height, f"the floor is {height} m below the heads, as no feet are seen"
 
 
-def _starts(person: Recording, actor: Recording, people: MarkerSet, actors: MarkerSet) -> tuple[Array, float]:
+def _starts(
+    person: Recording, actor: Recording, people: MarkerSet, actors: MarkerSet, settings: PairFrameSettings
+) -> tuple[Array, float]:
     """Where the actor's pelvis is at the start (3,), m, and in which direction, rad about z from +x, the person is."""
     one, other = _body(person, people), _body(actor, actors)
     together = np.flatnonzero(np.isfinite(one.centre + other.centre).all(axis=1))
     if not len(together):
         raise HighFiveError(f"{actor.source} never shows both people at once; the trial cannot be placed")
-    first = together[: max(1, round(_AT_START_S * actor.rate_hz))]
+    first = together[: max(1, round(settings.start * actor.rate_hz))]
     here, there = other.centre[first].mean(axis=0), one.centre[first].mean(axis=0)
     ahead = there - here
-    if np.hypot(*ahead[:2]) < _NEAR:
+    if np.hypot(*ahead[:2]) < settings.near:
         ahead = np.cross(other.left[first], [0.0, 0.0, 1.0])
         ahead = ahead[np.isfinite(ahead).all(axis=1)].sum(axis=0)
     return here, float(np.arctan2(ahead[1], ahead[0]))
 
 
-def _in_world(starts: Sequence[tuple[Array, float]]) -> bool:
+def _in_world(starts: Sequence[tuple[Array, float]], s: PairFrameSettings) -> bool:
     """The actors stand at the origin and have the person in the direction of +x, with few exceptions."""
     away = np.array([np.hypot(*here[:2]) for here, _ in starts])
     angle = np.abs([angle for _, angle in starts])
-    usual = np.median(away) <= _AT_ORIGIN and np.median(angle) <= _AHEAD
-    return bool(usual and np.quantile(away, 0.9) <= 2 * _AT_ORIGIN and np.quantile(angle, 0.9) <= 2 * _AHEAD)
+    usual = np.median(away) <= s.at_origin and np.median(angle) <= s.ahead
+    return bool(usual and np.quantile(away, 0.9) <= 2 * s.at_origin and np.quantile(angle, 0.9) <= 2 * s.ahead)

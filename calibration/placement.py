@@ -15,17 +15,25 @@ from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
-AVATAR_REACH = 0.50
-"""Horizontal distance of a comfortable contact from the avatar's pelvis, m."""
 
-DISTANCE = (0.90, 1.20)
-"""Nearest and furthest place of the avatar from the person where no partner shows it, m, pelvis to pelvis."""
+@dataclass(frozen=True)
+class PlacementSettings(Settings):
+    """Where the avatar is to stand, and what is believed of a person. Set by hand."""
 
-RAISED_BELOW = 0.15
-"""A hand that comes so near the shoulder's height, m below it, was raised."""
+    avatar_reach: float = setting(0.50, "m", above=0.0)
+    """Horizontal distance of a comfortable contact from the avatar's pelvis."""
+    nearest: float = setting(0.90, "m", above=0.0)
+    furthest: float = setting(1.20, "m", above=0.0)
+    """Places of the avatar from the person where no partner shows it, pelvis to pelvis."""
+    raised_below: float = setting(0.15, "m", least=0.0)
+    """A hand that comes so near the shoulder's height, below it, was raised."""
+    head_height: float = setting(1.60, "m", above=0.0)
+    """Of the head's markers of a standing adult where nothing shows the floor."""
 
-_HEAD_HEIGHT = 1.60  # m, of the head's markers of a standing adult where nothing shows the floor
+
+PLACEMENT = PlacementSettings()
 
 
 @dataclass(frozen=True)
@@ -83,6 +91,7 @@ def place_person(
     marker_set: MarkerSet,
     partner: Recording | None = None,
     partner_set: MarkerSet | None = None,
+    settings: PlacementSettings = PLACEMENT,
 ) -> Placement:
     """Where a recorded person stands in the world.
 
@@ -94,6 +103,7 @@ def place_person(
         marker_set: the person's set.
         partner: the markers of the partner in the same recording.
         partner_set: the partner's set; the person's if left out.
+        settings: of the search.
 
     Raises:
         HighFiveError: the recording lacks markers of the head or the arm, or never shows both hands.
@@ -107,10 +117,10 @@ def place_person(
         second = _turned(second, level)
         here, there, note = _beside_partner(first, second)
     else:
-        here, there, note = _before_hand(first)
-    floor, floor_note, floor_seen = _floor(first, second)
+        here, there, note = _before_hand(first, settings)
+    floor, floor_note, floor_seen = _floor(first, second, settings)
     guesses = () if floor_seen else (floor_note,)
-    if second is None and not _raised(first):
+    if second is None and not _raised(first, settings):
         guesses = (*guesses, f"{note}; no hand was raised as for a high five")
     facing = there - here
     yaw = rotations.from_axis_angle("z", -np.arctan2(facing[1], facing[0]))
@@ -164,13 +174,13 @@ def _up_axis(person: _Person) -> tuple[Array, tuple[str, ...]]:
     return up, (f"up is {'-' if up[axis] < 0 else '+'}{'xyz'[axis]} of the recording",)
 
 
-def _raised(person: _Person) -> bool:
+def _raised(person: _Person, settings: PlacementSettings) -> bool:
     """Whether the hand once came up to the shoulder, of a person who has been turned upright."""
     above = person.hand[:, 2] - person.shoulder[:, 2]
-    return bool(np.nanmax(above, initial=-np.inf) > -RAISED_BELOW)
+    return bool(np.nanmax(above, initial=-np.inf) > -settings.raised_below)
 
 
-def _floor(first: _Person, second: _Person | None) -> tuple[float, str, bool]:
+def _floor(first: _Person, second: _Person | None, settings: PlacementSettings) -> tuple[float, str, bool]:
     """Height of the floor in the levelled recording, m, how that is known, and whether anything shows it."""
     everything = [p.everything for p in (first, second) if p is not None]
     lowest = np.fmin.reduce([np.fmin.reduce(points[..., 2], axis=1) for points in everything])
@@ -180,7 +190,8 @@ def _floor(first: _Person, second: _Person | None) -> tuple[float, str, bool]:
         return low, f"the floor is at {low:+.3f} m, where the lowest markers are", True
     if 1.2 < head < 2.1:
         return 0.0, "the floor is the recording's zero, as no marker is near the feet", True
-    return head - _HEAD_HEIGHT, f"the floor is {_HEAD_HEIGHT} m below the head, as nothing shows it", False
+    height = settings.head_height
+    return head - height, f"the floor is {height} m below the head, as nothing shows it", False
 
 
 def _beside_partner(person: _Person, partner: _Person) -> tuple[Array, Array, str]:
@@ -196,7 +207,7 @@ def _beside_partner(person: _Person, partner: _Person) -> tuple[Array, Array, st
     return partner.centre[nearest], person.centre[nearest], note
 
 
-def _before_hand(person: _Person) -> tuple[Array, Array, str]:
+def _before_hand(person: _Person, s: PlacementSettings) -> tuple[Array, Array, str]:
     """Places of avatar and person, and how they were found."""
     reach = person.hand - person.shoulder
     left = person.left[:, :2]
@@ -214,7 +225,7 @@ def _before_hand(person: _Person) -> tuple[Array, Array, str]:
     # The hand comes to lie between the two pelvises: in a recorded pair it was within 3 cm of that line.
     ahead = (person.hand[furthest] - centre)[:2]
     facing = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    away = float(np.clip(np.linalg.norm(ahead) + AVATAR_REACH, *DISTANCE))
+    away = float(np.clip(np.linalg.norm(ahead) + s.avatar_reach, s.nearest, s.furthest))
     avatar = np.array([*(centre[:2] + away * facing), centre[2]])
     return (
         avatar,

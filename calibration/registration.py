@@ -17,19 +17,26 @@ from highfive.calibration.placement import Placement
 from highfive.calibration.placement_file import check_frame, vector
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 from highfive.model.toml_file import read_toml, table, typed
 
 FORMAT = 1
 """Version of the file's format."""
 
-LONGEST_AGE = timedelta(days=30)
-"""An older registration is not relied on: tripods and tables are moved."""
 
-WORST = 0.004
-"""m: most that the plate was off in 95 of 100 poses that were held out of the fit."""
+@dataclass(frozen=True)
+class RegistrationSettings(Settings):
+    """What a registration has to be for a real arm to rely on it."""
 
-FEWEST_POSES = 10
-"""Of the arm, that the fit rests on: with fewer the worst of 100 places is further off than :data:`WORST`."""
+    longest_age: float = setting(30.0, "days", above=0.0)
+    """An older registration is not relied on: tripods and tables are moved."""
+    worst: float = setting(0.004, "m", above=0.0)
+    """Most that the plate was off in 95 of 100 poses that were held out of the fit."""
+    fewest_poses: int = setting(10, least=1)
+    """Of the arm, that the fit rests on: with fewer the worst of 100 places is further off than ``worst``."""
+
+
+REGISTRATION = RegistrationSettings()
 
 
 @dataclass(frozen=True)
@@ -64,29 +71,31 @@ class Registration:
             self.world_from_mocap, self.translation, (f"the room is registered with the arm, {self.path.name}",)
         )
 
-    def mismatches(self, arm: str, system: str, now: datetime) -> tuple[str, ...]:
+    def mismatches(
+        self, arm: str, system: str, now: datetime, settings: RegistrationSettings = REGISTRATION
+    ) -> tuple[str, ...]:
         """Why this does not say where this arm stands in this room now, a line each; nothing where it does.
 
         Args:
             arm: fingerprint of the arm that is to move.
             system: of the live person's address; capitals do not matter.
             now: UTC.
+            settings: what it has to be.
         """
         found, age = [], now - self.date
         if self.arm != arm:
             found.append(f"it is of another arm ({self.arm}; this one is {arm})")
         if self.system.lower() != system.lower():
             found.append(f"it is of a {self.system} system; the person comes from {system}")
-        if age > LONGEST_AGE:
-            found.append(f"it is {age.days} days old, at most {LONGEST_AGE.days} are relied on")
+        if age > timedelta(days=settings.longest_age):
+            found.append(f"it is {age.days} days old, at most {settings.longest_age:g} are relied on")
         if age < timedelta(days=-1):
             found.append(f"it is from {self.date:%Y-%m-%d}, which is to come; set this computer's clock")
-        if self.poses < FEWEST_POSES:
-            found.append(f"it rests on {self.poses} poses, at least {FEWEST_POSES} are needed")
-        if self.held_out_p95 > WORST:
-            found.append(
-                f"the plate was {1e3 * self.held_out_p95:.1f} mm off (95 %), at most {1e3 * WORST:.0f} are safe"
-            )
+        if self.poses < settings.fewest_poses:
+            found.append(f"it rests on {self.poses} poses, at least {settings.fewest_poses} are needed")
+        if self.held_out_p95 > settings.worst:
+            off = f"the plate was {1e3 * self.held_out_p95:.1f} mm off (95 %)"
+            found.append(f"{off}, at most {1e3 * settings.worst:.0f} are safe")
         return tuple(f"registration {self.path}: {line}; measure it again" for line in found)
 
 

@@ -15,22 +15,15 @@ from numpy.typing import NDArray
 
 from highfive.mocap_bridge.body.body_solver import body_part, solve_body, solve_part_alone
 from highfive.mocap_bridge.body.kinematic_part import Part, forward, jacobian
-from highfive.mocap_bridge.body.pose_fit import ANGLE_SIGMA, MARKER_SIGMA
+from highfive.mocap_bridge.body.pose_fit import BODY_FIT, BodyFitSettings
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.markers.marker_set import MarkerSet, segment_lengths
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
-
-FRAMES = 40
-"""Frames of the recording that the fit looks at, spread over its length."""
-
-ROUNDS = 6
-SCALE_SIGMA = 0.10
-"""Standard deviation of a segment's scale about the body's overall scale: people's proportions differ by so much."""
+from highfive.model.settings import Settings, setting
 
 _LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
-_ALIKE = 0.035  # relative difference of limbs up to which two recordings are taken to be of one person
 
 # Joints whose offsets from their parents share one scale; left and right always do. Any other joint has its own.
 _MEASURES = {
@@ -39,6 +32,28 @@ _MEASURES = {
     "shoulders": ("clavicle", "shoulder"),
     "hand": tuple(f"{f}_{i}" for f in ("thumb", "index", "middle", "ring", "little") for i in (1, 2, 3)),
 }
+
+
+@dataclass(frozen=True)
+class SubjectSettings(Settings):
+    """What the fit of a person's body assumes, and how far it goes. Set by hand."""
+
+    frames: int = setting(40, least=1)
+    """Of the recording that the fit looks at, spread over its length."""
+    rounds: int = setting(6, least=1)
+    """Gauss–Newton steps of the body."""
+    scale_sigma: float = setting(0.10, above=0.0)
+    """Standard deviation of a segment's scale about the body's overall scale: people's proportions differ by so
+    much."""
+    damping: float = setting(1e-3, above=0.0)
+    """Of a step of the scales: all scales together are all but free."""
+    correlated: float = setting(4.0, "frames", above=0.0)
+    """That count as one: residuals are misfit of the model, alike in neighbouring frames."""
+    alike: float = setting(0.035, least=0.0)
+    """Relative difference of limbs up to which two recordings are taken to be of one person."""
+
+
+SUBJECT = SubjectSettings()
 
 
 @dataclass(frozen=True)
@@ -64,7 +79,12 @@ class Subject:
 
 
 def fit_subject(
-    skeleton: Skeleton, marker_set: MarkerSet, points: Array, valid: NDArray[np.bool_], frames: int = FRAMES
+    skeleton: Skeleton,
+    marker_set: MarkerSet,
+    points: Array,
+    valid: NDArray[np.bool_],
+    settings: SubjectSettings = SUBJECT,
+    body_fit: BodyFitSettings = BODY_FIT,
 ) -> Subject:
     """Fits bone lengths and marker places to a recording.
 
@@ -73,7 +93,8 @@ def fit_subject(
         marker_set: the markers as the set places them.
         points: (T, M, 3) m, in the order of the set; any movement, the livelier the better.
         valid: (T, M) bool.
-        frames: number of frames looked at.
+        settings: of the fit of the body.
+        body_fit: of the fit of its poses.
 
     Raises:
         HighFiveError: the recording shows too few markers to place the body.
@@ -82,23 +103,25 @@ def fit_subject(
     candidates = np.flatnonzero(often >= max(3, np.quantile(often, 0.5)))
     if not len(candidates):
         raise HighFiveError(f"no frame shows three markers of the set {marker_set.name}; the subject cannot be fitted")
-    chosen = candidates[np.unique(np.linspace(0, len(candidates) - 1, frames).astype(int))]
+    chosen = candidates[np.unique(np.linspace(0, len(candidates) - 1, settings.frames).astype(int))]
     points, valid = points[chosen], valid[chosen]
     measure_names, measure_of = _measures(skeleton)
     body, markers = skeleton, marker_set
     scales, moved = np.ones(len(measure_names)), np.zeros((len(marker_set), 3))
     poses, covariance = None, np.zeros((0, 0))
-    for attempt in range(ROUNDS):
+    for attempt in range(settings.rounds):
         part = body_part(body, markers)
         # Half way the poses are found anew: what was a poor minimum on the unfitted body need not be one any more.
-        poses = solve_part_alone(part, points, valid, None if attempt == ROUNDS // 2 else poses)
-        step, covariance = _improve(skeleton, marker_set, measure_of, part, poses, points, valid, scales, moved)
+        poses = solve_part_alone(part, points, valid, None if attempt == settings.rounds // 2 else poses, body_fit)
+        step, covariance = _improve(
+            skeleton, marker_set, measure_of, part, poses, points, valid, scales, moved, settings, body_fit
+        )
         scales, moved = scales + step[: len(scales)], moved + step[len(scales) :].reshape(-1, 3)
         body = replace(skeleton, offsets=skeleton.offsets * scales[measure_of][:, None])
         lengths = segment_lengths(body)
         stretch = [lengths[body.index(joint)] / marker_set.segments[joint].length for joint in marker_set.joints]
         markers = replace(marker_set, local_positions=marker_set.local_positions + moved / np.array(stretch)[:, None])
-    rms = solve_body(body, markers, points, valid, key_step=1).rms
+    rms = solve_body(body, markers, points, valid, replace(body_fit, key_step=1)).rms
     named = dict(zip(measure_names, scales.tolist(), strict=True))
     sigmas = _length_sigmas(skeleton, marker_set, measure_of, covariance[: len(scales), : len(scales)])
     return Subject(body, markers, rms, named, sigmas, len(chosen))
@@ -111,8 +134,8 @@ def _length_sigmas(
     sigmas = {}
     for name in marker_set.segments:
         slope = np.zeros(len(covariance))
-        for joint, share in _making_up(skeleton, skeleton.index(name)):
-            slope[measure_of[joint]] += share
+        for joint, length in _making_up(skeleton, skeleton.index(name)):
+            slope[measure_of[joint]] += length
         sigmas[name] = float(np.sqrt(slope @ covariance @ slope))
     return sigmas
 
@@ -123,7 +146,9 @@ def _making_up(skeleton: Skeleton, joint: int) -> list[tuple[int, float]]:
     return [(child, float(np.linalg.norm(skeleton.offsets[child])) / len(children)) for child in children]
 
 
-def same_bodies(recordings: Sequence[Recording], marker_set: MarkerSet) -> list[list[int]]:
+def same_bodies(
+    recordings: Sequence[Recording], marker_set: MarkerSet, settings: SubjectSettings = SUBJECT
+) -> list[list[int]]:
     """Indices of the recordings, in groups of people whose limbs are equally long, as a table of trials names nobody.
 
     Only joint centres tell; recordings of skin markers are taken to be of one person.
@@ -133,7 +158,7 @@ def same_bodies(recordings: Sequence[Recording], marker_set: MarkerSet) -> list[
     means: list[Array] = []
     for number, own in enumerate(lengths):
         apart = [_difference(own, mean) for mean in means]
-        if apart and min(apart) <= _ALIKE:
+        if apart and min(apart) <= settings.alike:
             nearest = int(np.argmin(apart))
             groups[nearest].append(number)
             both = np.array([lengths[i] for i in groups[nearest]])
@@ -193,6 +218,8 @@ def _improve(
     valid: NDArray[np.bool_],
     scales: Array,
     moved: Array,
+    settings: SubjectSettings,
+    body_fit: BodyFitSettings,
 ) -> tuple[Array, Array]:
     """Gauss–Newton step (S + 3 M,) of the scales and of the markers' shifts on their segments, m, and its covariance.
 
@@ -205,7 +232,7 @@ def _improve(
     error = kinematics.markers - points[:, part.markers]
     unknowns = by_body.shape[-1]
     normal, right = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    weak = np.eye(part.parameters) * (MARKER_SIGMA / ANGLE_SIGMA) ** 2
+    weak = np.eye(part.parameters) * (body_fit.marker_sigma / body_fit.angle_sigma) ** 2
     # A hinge at its limit does not give way.
     hinges = poses[:, :-3]
     by_pose[..., :-3] *= ((hinges > part.limits[:, 0]) & (hinges < part.limits[:, 1]))[:, None, None, :]
@@ -217,14 +244,15 @@ def _improve(
         left = c - j @ np.linalg.solve(j.T @ j + weak, j.T @ c)
         normal += left.T @ c
         right += left.T @ error[t, seen].reshape(-1)
-    normal, right = normal / MARKER_SIGMA**2, right / MARKER_SIGMA**2
+    normal, right = normal / body_fit.marker_sigma**2, right / body_fit.marker_sigma**2
     # Scales lie about their own mean, which is free; the places lie about the set's. The residuals are misfit of the
     # model, alike in neighbouring frames: all frames together count as a few.
-    weight = max(1.0, len(poses) / 4.0)
+    weight = max(1.0, len(poses) / settings.correlated)
     count = len(scales)
     about_mean = np.eye(count) - np.full((count, count), 1.0 / count)
-    normal[:count, :count] += weight / SCALE_SIGMA**2 * about_mean + weight * 1e-3 * np.eye(count)
-    right[:count] += weight / SCALE_SIGMA**2 * (about_mean @ scales)
+    tied = weight / settings.scale_sigma**2
+    normal[:count, :count] += tied * about_mean + weight * settings.damping * np.eye(count)
+    right[:count] += tied * (about_mean @ scales)
     places = np.arange(count, unknowns)
     tightness = weight / np.repeat(marker_set.spreads, 3) ** 2
     normal[places, places] += tightness
@@ -250,8 +278,8 @@ def _body_columns(
         own = turned[:, within[joint]]
         out[:, n, :, measures + 3 * m : measures + 3 * m + 3] = own
         place = own @ marker_set.local_positions[m]
-        for child, share in _making_up(skeleton, joint):
-            out[:, n, :, measure_of[child]] += share / marker_set.segments[name].length * place
+        for child, length in _making_up(skeleton, joint):
+            out[:, n, :, measure_of[child]] += length / marker_set.segments[name].length * place
         while skeleton.parents[joint] >= 0:
             parent = skeleton.parents[joint]
             out[:, n, :, measure_of[joint]] += turned[:, within[parent]] @ skeleton.offsets[joint]

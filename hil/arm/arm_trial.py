@@ -143,7 +143,7 @@ def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop) -> ArmTr
     ticks, cycles = loop.play(reference.goals)
     if len(ticks) < FEWEST or len(_meanwhile(ticks, cycles)) < FEWEST:
         return None
-    return arm_trial(reference, loop.retarget, ticks, cycles, loop.sacrifice)
+    return arm_trial(reference, loop.retarget, ticks, cycles, loop.relaxation)
 
 
 def arm_trial(
@@ -221,7 +221,7 @@ class ArmWatch:
     def inputs(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
         """What the trial's ticks begin with; after the last of them the arm goes to where it rests."""
         yield from self.loop.timed(inputs)
-        self._given_up = self.loop.sacrifice
+        self._given_up = self.loop.relaxation
         self._cycles += self.loop.cycles()
         self.loop.rest()
 
@@ -232,7 +232,7 @@ class ArmWatch:
         self._cycles += self.loop.cycles()
 
     def joints(self) -> tuple[Array, Array] | None:
-        """(J,) rad as measured last, and as wanted last; None before that."""
+        """(J,) rad as measured last, and as requested last; None before that."""
         return (self._cycles[-1].state.positions, self._ticks[-1].planned) if self._cycles and self._ticks else None
 
     def end(self, emotion: str, cell: str, met: int) -> ArmTrial | None:
@@ -306,10 +306,10 @@ def _row(trial: ArmTrial) -> dict[str, Any]:
         "error_mm": round(MS * met.error, 2),
         "time_error_ms": round(MS * met.late, 1) if met.touched else None,
         "relative_speed": round(met.speed, 3) if met.touched else None,
-        "scale": round(met.sacrifice.scale, 3),
-        "delay_ms": round(MS * met.sacrifice.delay, 1),
-        "miss_mm": round(MS * met.sacrifice.miss, 1),
-        "limits": list(met.sacrifice.limit_names),
+        "scale": round(met.relaxation.scale, 3),
+        "delay_ms": round(MS * met.relaxation.delay, 1),
+        "miss_mm": round(MS * met.relaxation.miss, 1),
+        "limits": list(met.relaxation.limit_names),
     }
 
 

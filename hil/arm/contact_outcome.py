@@ -106,7 +106,7 @@ class ContactOutcome:
         later: s after the palms met originally.
         speed: m/s, of the plate relative to the hand as they touched.
         notice: that the arm had; None of an avatar, which can be anywhere at once.
-        sacrifice: what the retargeting gave up.
+        relaxation: what the retargeting gave up.
     """
 
     emotion: str
@@ -117,7 +117,7 @@ class ContactOutcome:
     later: float
     speed: float
     notice: LeadTime | None
-    sacrifice: ConstraintRelaxation
+    relaxation: ConstraintRelaxation
 
     @property
     def possible(self) -> bool:
@@ -217,7 +217,7 @@ def judged(
     places: Array,
     normals: Array,
     had: LeadTime | None,
-    sacrifice: ConstraintRelaxation,
+    relaxation: ConstraintRelaxation,
     settings: OutcomeSettings = OUTCOME,
 ) -> ContactOutcome:
     """How a plate (or palm) that was at ``places`` (T, 3), m, facing ``normals`` (T, 3), met the hand.
@@ -236,5 +236,5 @@ def judged(
     speed = float(np.linalg.norm(apart[tick] - apart[tick - 1]) / TICK)
     late, later = ((tick - reference.due) * TICK, (tick - reference.met) * TICK) if touched else (np.nan, np.nan)
     return ContactOutcome(
-        reference.emotion, reference.cell, float(distance[tick]), touched, late, later, speed, had, sacrifice
+        reference.emotion, reference.cell, float(distance[tick]), touched, late, later, speed, had, relaxation
     )

@@ -23,7 +23,7 @@ from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.control_table import load_table, to_si
 from highfive.hil.drivers.bus.cycle_ring import Mode
-from highfive.hil.drivers.bus.rig import Rig, wanted_registers
+from highfive.hil.drivers.bus.rig import Rig, required_registers
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS, PATIENCE_MS
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
@@ -182,7 +182,7 @@ def checked(
     held = arm.engage(START_S)
     if first and (impossible := _posture(arm, body, limits, clock, held=False)):
         return Check(clock.now(), impossible)
-    expected = {servo: {**registers, "torque_enable": 1} for servo, registers in wanted_registers(rig).items()}
+    expected = {servo: {**registers, "torque_enable": 1} for servo, registers in required_registers(rig).items()}
     now = clock.now()
     near = room(options, rig, datetime.now(UTC))
     return start_up_check(

@@ -185,9 +185,9 @@ class ArmLoop:
         return self.state is State.STOPPING and self._arm.mode not in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED)
 
     @property
-    def sacrifice(self) -> ConstraintRelaxation:
+    def relaxation(self) -> ConstraintRelaxation:
         """What the high five that is on, or was last, had to give up."""
-        return ConstraintRelaxation() if self._state is None else self._state.sacrifice
+        return ConstraintRelaxation() if self._state is None else self._state.relaxation
 
     def timed(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
         """The inputs of a session's ticks, each with a note of when it is meant for."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from highfive.hil.arm.planner_settings import WEIGHTS
 from highfive.hil.arm.planning_cost import acceleration_cost, state_cost
 from highfive.hil.arm.planning_limits import next_state
 from highfive.hil.arm.planning_task import Aim, Task, aimed
@@ -46,8 +47,8 @@ def rolled_out(
             new_path[k + 1, 0, i] = new_path[k, 0, i] + seconds * speed + 0.5 * seconds**2 * acceleration
             new_path[k + 1, 1, i] = speed + seconds * acceleration
         cost += acceleration_cost(
-            arm, aim.task.effort, centres, frames, new_path[k, 1], new_accelerations[k], False,
-            no, no, nothing, nothing, nothing,
+            arm, aim.task.effort, WEIGHTS.torque_weight, centres, frames, new_path[k, 1], new_accelerations[k],
+            False, no, no, nothing, nothing, nothing,
         )  # fmt: skip
         joints, speeds = new_path[k + 1, 0], new_path[k + 1, 1]
         centres, frames = link_frames(arm, joints)
@@ -82,6 +83,7 @@ def linearised(arm: Arm, aim: Aim, path: Array, accelerations: Array) -> Derivat
         acceleration_cost(
             arm,
             aim.task.effort,
+            WEIGHTS.torque_weight,
             centres,
             frames,
             path[k, 1],
@@ -222,9 +224,6 @@ class Planned(NamedTuple):
     active: int
 
 
-GUESS_STEPS = 4
-
-
 @compiled
 def _afresh(arm: Arm, task: Task, guess: Array, path: Array, accelerations: Array) -> None:
     """Writes the accelerations (N, J) of a cubic in the joints to a posture, at the plate's velocity; 0 after it."""
@@ -255,25 +254,21 @@ def _afresh(arm: Arm, task: Task, guess: Array, path: Array, accelerations: Arra
             accelerations[k, j] = acceleration if t < length else 0.0
 
 
-DAMPINGS = 3
-SHARES = 2
-
-
 @compiled
 def _better(arm: Arm, aim: Aim, cost: float, path: Array, plan: Array, other: Array, trial: Array) -> float:
     """Writes an improved path and plan into ``other`` and ``trial``; returns its cost, or ``cost`` if there is none."""
     derivatives = linearised(arm, aim, path, plan)
     feed, gains = np.zeros((len(plan), 6)), np.zeros((len(plan), 6, 12))
-    damping = 0.0
-    for _ in range(DAMPINGS):
+    damping, s = 0.0, aim.task.plan
+    for _ in range(s.dampings):
         if improvement(arm, derivatives, aim.task.seconds, damping, plan, feed, gains):
             fraction = 1.0
-            for _ in range(SHARES):
+            for _ in range(s.step_lengths):
                 now = rolled_out(arm, aim, path, plan, fraction, feed, gains, other, trial)
                 if now < cost:
                     return now
-                fraction *= 0.35
-        damping = 0.1 * cost if damping == 0.0 else 30.0 * damping
+                fraction *= s.shortening
+        damping = s.first_damping * cost if damping == 0.0 else s.more_damping * damping
     return cost
 
 
@@ -297,7 +292,7 @@ def planned(
     cost = rolled_out(arm, aim, path, accelerations, 0.0, feed, gains, other, plan)
     path, other = other, path
     if task.time > 2.0 * tick and task.time < math.inf:
-        guess, _ = posture_from(arm, task.point, task.normal, guess, GUESS_STEPS)
+        guess, _ = posture_from(arm, task.point, task.normal, guess, task.plan.guess_steps)
         fresh = np.empty((count, 6))
         _afresh(arm, task, guess, path, fresh)
         for k in range(count + 1):
@@ -313,9 +308,9 @@ def planned(
         if not gained > 0.0:
             break
         cost, path, other, plan, trial = now, other, path, trial, plan
-        if gained < 1e-4 * cost:
+        if gained < task.plan.converged * cost:
             break
-    place, speed, torques, active = next_state(arm, joints, speeds, plan[0], tick, aim.task.head)
+    place, speed, torques, active = next_state(arm, joints, speeds, plan[0], tick, task.head, task.plan)
     centres, frames = link_frames(arm, place)
     plate, _ = plate_of(arm, centres, frames)
     miss = 0.0

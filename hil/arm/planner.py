@@ -5,7 +5,7 @@ accelerations at N knots that reach up to the expected contact and a little beyo
 as much as the forecast is sure of them, the avatar's style less: the plate follows a copy of the avatar's palm path,
 scaled about the place of contact, so that its speed profile and its direction of approach are the avatar's. Limits,
 distances and the largest speed relative to the person's hand are costs in the plan, and what the first step of the plan
-still breaks is cut off (:func:`highfive.hil.arm.optimal_control.moved_on`). The arm follows its commands late: the
+still breaks is cut off (:func:`highfive.hil.arm.planning_limits.next_state`). The arm follows its commands late: the
 plan runs ahead of time by that lag.
 
 State in, state out: the same inputs give the same outputs.
@@ -20,7 +20,7 @@ import numpy as np
 
 from highfive.hil.arm import optimal_control
 from highfive.hil.arm.optimal_control import Planned
-from highfive.hil.arm.planner_settings import RetargetSettings
+from highfive.hil.arm.planner_settings import PlanSettings, RetargetSettings
 from highfive.hil.arm.planner_values import (
     CONTACT_KNOT,
     KNOTS,
@@ -41,10 +41,14 @@ from highfive.model.geometry.rotations import Array
 class Retarget:
     """The arm, its ready posture and the settings: what does not change from tick to tick."""
 
-    def __init__(self, arm: ServoArm, ready: Array, settings: RetargetSettings | None = None) -> None:
+    def __init__(
+        self, arm: ServoArm, ready: Array, settings: RetargetSettings | None = None, plan: PlanSettings | None = None
+    ) -> None:
         """Compiles what has to be compiled."""
         self.arm, self.ready = arm, np.array(ready, float)
         self.settings = settings or RetargetSettings()
+        self.plan = plan or PlanSettings()
+        self._plan = self.plan.compiled()
         ready_plate = arm.plate_at(self.ready)
         self._ready_normal = ready_plate.normal
         self._low, self._high = arm.packed.low, arm.packed.high
@@ -86,10 +90,10 @@ class Retarget:
             plan.joints if self._sag is None else np.clip(plan.joints + plan.torques * self._sag, self._low, self._high)
         )
         step = ArmStep(command, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
-        late, together, sacrifice = self._accounted(state, goal, task, plan)
+        late, together, relaxation = self._accounted(state, goal, task, plan)
         state = RetargetState(
             plan.joints, plan.speeds, accelerations, plan.guess, task.seconds, state.scale, state.given, late, together,
-            sacrifice, goal.contact, unsaid,
+            relaxation, goal.contact, unsaid,
         )  # fmt: skip
         return state, step
 
@@ -121,8 +125,9 @@ class Retarget:
         theirs = np.linalg.norm(goal.palm.position - goal.contact.point)
         scale = float(np.clip(ours / max(theirs, 1e-3), 0.1, 1.0))
         given = max(goal.contact.time, self.settings.tick)
-        sacrifice = ConstraintRelaxation(scale)
-        return replace(state, scale=scale, given=given, guess=state.joints, late=0.0, together=0.0, sacrifice=sacrifice)
+        relaxation = ConstraintRelaxation(scale)
+        begun = replace(state, scale=scale, given=given, relaxation=relaxation)
+        return replace(begun, guess=state.joints, late=0.0, together=0.0)
 
     def _task(self, state: RetargetState, goal: PalmGoal) -> Task:
         s, contact, person = self.settings, goal.contact, goal.person
@@ -135,7 +140,7 @@ class Retarget:
             return Task(
                 math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOWHERE,
                 _NOWHERE, 1.0, hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, self._face,
-                10.0 * s.effort, s.calm, 0.05,
+                10.0 * s.effort, s.calm, 0.05, self._plan,
             )  # fmt: skip
         time = contact.time - s.lag
         closing, braked = self._meeting_speed(goal)
@@ -149,7 +154,7 @@ class Retarget:
             scale * (goal.palm.position - contact.point), scale * goal.palm.velocity, s.loose * freedom,
             hand, hand_velocity, braked, cap,
             self.ready, 1e-3, head, self._face, s.effort, s.calm,
-            min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot),
+            min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot), self._plan,
         )  # fmt: skip
 
     def _hurry(self, state: RetargetState, contact: ExpectedContact) -> float:
@@ -183,8 +188,8 @@ class Retarget:
     def _accounted(
         self, state: RetargetState, goal: PalmGoal, task: Task, plan: Planned
     ) -> tuple[float, float, ConstraintRelaxation]:
-        """Notes what had to be given up: s since contact was due, s since the plate is there, and the sacrifice."""
-        s, known, contact = self.settings, state.sacrifice, goal.contact
+        """Notes what had to be given up: s since contact was due, s since the plate is there, and what was relaxed."""
+        s, known, contact = self.settings, state.relaxation, goal.contact
         if contact is None:
             return state.late, state.together, known
         late = state.late + s.tick if contact.time == 0.0 else 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from highfive.model.settings import Settings, setting
+from highfive.model.settings import Settings, named_tuple, setting
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class RetargetSettings(Settings):
     facing: float = setting(0.3, "s", above=0.0)
     """Time before contact within which the plate turns from where it faces when it waits to the person's palm."""
     rounds: int = setting(1, least=1)
-    """Improvements of the plan a tick: the next tick goes on from there (real-time iteration, Diehl et al. 2005).
+    """Improvements of the plan per tick: the next one goes on from there (real-time iteration, Diehl et al. 2005).
     They bound the cost of a tick."""
     effort: float = setting(3e-5, least=0.0)
     """Cost of a joint acceleration of 1 rad/s² at a knot."""
@@ -88,3 +88,87 @@ class RetargetSettings(Settings):
     """The plan's knots are no nearer each other than this and ..."""
     longest_knot: float = setting(0.07, "s", above=0.0)
     """... no further apart than this."""
+
+
+@dataclass(frozen=True)
+class PlanSettings(Settings):
+    """Margins of the optimal control and how far it goes. Its compiled form is part of each task.
+
+    Set by hand on the high fives on which :class:`RetargetSettings` was chosen.
+    """
+
+    stop_margin: float = setting(0.06, "rad", least=0.0)
+    """Before a joint's stop, from which on nearness to it costs."""
+    speed_fraction: float = setting(0.93, above=0.0, most=1.0)
+    """Of a joint's largest speed, beyond which speed costs."""
+    gap_margin: float = setting(0.05, "m", least=0.0)
+    """Of a gap to arm, floor, mount or head, below which nearness costs."""
+    hard_gap: float = setting(0.015, "m", least=0.0)
+    """Of a gap, that no step goes below."""
+    cap_distance: float = setting(0.15, "m", least=0.0)
+    """From the hand, within which the largest closing speed holds."""
+    touching: float = setting(0.03, "m", least=0.0)
+    """Nearer than this the line from plate to hand is the desired normal."""
+    face_border: float = setting(0.05, "m", above=0.0)
+    """From the zone around a head, within which passing by counts the less."""
+    waiting_distance: float = setting(0.05, "m", above=0.0)
+    """A hand that is further than this from where it will be met is waited for this far before."""
+    braking_fraction: float = setting(0.5, above=0.0, most=1.0)
+    """Of a joint's acceleration, that is kept for stopping before a limit."""
+    torque_rounds: int = setting(3, least=0)
+    """Times that torques are looked at and what is too much is taken from the joint itself, before all are
+    shortened."""
+    guess_steps: int = setting(4, least=1)
+    """Improvements per tick of the posture that meets the hand."""
+    dampings: int = setting(3, least=1)
+    """Tried for an improvement, the first one 0, the second ..."""
+    first_damping: float = setting(0.1, "1/rad²", above=0.0)
+    """... this fraction of the cost, ..."""
+    more_damping: float = setting(30.0, above=1.0)
+    """... the next this many times more; for each ..."""
+    step_lengths: int = setting(2, least=1)
+    """... so many fractions of the step, ..."""
+    shortening: float = setting(0.35, above=0.0, below=1.0)
+    """... each this times the one before."""
+    converged: float = setting(1e-4, least=0.0)
+    """Fraction of the cost; an improvement by less is the last of a tick."""
+
+
+PlanSettingsValues = named_tuple(PlanSettings)
+
+
+@dataclass(frozen=True)
+class PlanWeights(Settings):
+    """What the plan's costs weigh: squares in units of what is tolerated. Chosen as :class:`PlanSettings`.
+
+    The defaults are compiled in. Passed at run time, the compiler orders the sums otherwise, and plans differ in their
+    last bits; to try another weight, change its default.
+    """
+
+    stop_weight: float = setting(1e4, "1/rad²", least=0.0)
+    """Of nearness to a joint's stop."""
+    speed_weight: float = setting(300.0, "s²/rad²", least=0.0)
+    """Of speed beyond a fraction of a joint's largest."""
+    gap_weight: float = setting(1e4, "1/m²", least=0.0)
+    """Of nearness to arm, floor, mount or head."""
+    torque_weight: float = setting(0.3, "1/(N²·m²)", least=0.0)
+    """Of torque beyond the torque–speed line."""
+    cap_weight: float = setting(400.0, "s²/m²", least=0.0)
+    """Of speed beyond what is allowed relative to the hand, and near a head."""
+    cap_braking: float = setting(6.0, "m/s²", least=0.0)
+    """A plate that is not yet near the hand may be faster, by what this takes off on the way there."""
+    hand_fading: float = setting(0.1, "s", above=0.0)
+    """In which a hand's velocity fades beyond the contact, and three times that before it."""
+    meeting_weight: float = setting(5.0, "s²/m²", least=0.0)
+    """Of the plate's velocity as it meets the hand."""
+    normal_before: float = setting(0.05, least=0.0, most=1.0)
+    """Fraction of the normal's weight that counts before."""
+    place_fading: float = setting(0.15, "m/s", least=0.0)
+    """By which the place in front of the hand is less strict for each s before the contact."""
+    path_knot: float = setting(0.05, "s", above=0.0)
+    """Of the path that count as one knot."""
+
+
+PlanWeightsValues = named_tuple(PlanWeights)
+WEIGHTS = PlanWeights().compiled()
+"""The defaults, as compiled code reads them."""

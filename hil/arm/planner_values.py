@@ -92,7 +92,7 @@ class RetargetState:
         given: s that were left when this approach began.
         late: s since contact was due.
         together: s since the commanded plate was there.
-        sacrifice: of the high five that is on, or was last.
+        relaxation: of the high five that is on, or was last.
         said: the contact that is expected, if one is.
         unsaid: s since it was last spoken of.
     """
@@ -106,7 +106,7 @@ class RetargetState:
     given: float = 0.0
     late: float = 0.0
     together: float = 0.0
-    sacrifice: ConstraintRelaxation = ConstraintRelaxation()
+    relaxation: ConstraintRelaxation = ConstraintRelaxation()
     said: ExpectedContact | None = None
     unsaid: float = 0.0
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from highfive.hil.arm.planner_settings import WEIGHTS
 from highfive.hil.arm.planning_task import Aim
 from highfive.hil.arm_model.arm import Arm
 from highfive.hil.arm_model.distances import along, arm_gaps
@@ -13,23 +14,6 @@ from highfive.hil.arm_model.dynamics import available_torque, friction_torque, j
 from highfive.hil.arm_model.kinematics import plate_jacobian, plate_of
 from highfive.model.compiled import compiled
 from highfive.model.geometry.rotations import Array
-
-TORQUE_WEIGHT = 0.3
-
-
-CAP_WEIGHT = 400.0
-
-
-YIELD = 6.0
-"""m/s²: a plate that is not yet near the hand may be faster, by what this takes off on the way there."""
-
-
-BORDER = 0.05
-"""m from the zone around a head within which passing by counts the less."""
-
-
-HARD_GAP = 0.015
-"""m of gap that no step goes below."""
 
 
 @compiled
@@ -47,7 +31,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
     by_joints: Array, by_speeds: Array, joints_twice: Array, speeds_twice: Array,
 ) -> float:  # fmt: skip
     """Cost of being there at a knot; with ``derivatives`` also its gradients (J,) and Gauss–Newton matrices (J, J)."""
-    cost = 0.0
+    cost, s = 0.0, aim.task.plan
     point, normal = plate_of(arm, centres, frames)
     of_point, of_normal = plate_jacobian(arm, centres, frames, point, normal)
     weights = aim.point_weights[knot]
@@ -87,56 +71,58 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
     if aim.caps[knot] < math.inf:
         apart = math.sqrt(apart)
         for r in range(3):
-            line[r] = line[r] / apart if apart > TOUCHING else aim.normals[knot, r]
+            line[r] = line[r] / apart if apart > s.touching else aim.normals[knot, r]
             towards += line[r] * plate[r]
             fleeing += line[r] * aim.hand_velocities[knot, r]
         there = max(0.0, aim.caps[knot] + fleeing)  # a hand that is faster by itself is not run away from
-        room = 4.0 * YIELD * max(0.0, apart - NEAR)
+        room = 4.0 * WEIGHTS.cap_braking * max(0.0, apart - s.cap_distance)
         over = towards - 0.5 * (there + fleeing + math.sqrt((there - fleeing) ** 2 + room))
         if over > 0.0:
-            cost += 0.5 * CAP_WEIGHT * over**2
+            cost += 0.5 * WEIGHTS.cap_weight * over**2
             if derivatives:
                 faster = np.empty(6)
                 along(line, of_point, faster)
-                _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
+                _add_square(WEIGHTS.cap_weight, over, faster, by_speeds, speeds_twice)
     if aim.task.head[3] > 0.0:
         for r in range(3):
             line[r] = aim.task.head[r] - point[r]
-        over, fast = _over_near_face(aim.task.face, line, plate)
+        over, fast = _over_near_face(aim.task.face, s.face_border, line, plate)
         if over > 0.0:
-            cost += 0.5 * CAP_WEIGHT * over**2
+            cost += 0.5 * WEIGHTS.cap_weight * over**2
             if derivatives:
                 faster = np.empty(6)
                 for r in range(3):
                     plate[r] /= fast
                 along(plate, of_point, faster)
-                _add_square(CAP_WEIGHT, over, faster, by_speeds, speeds_twice)
+                _add_square(WEIGHTS.cap_weight, over, faster, by_speeds, speeds_twice)
     for j in range(6):
         away = aim.task.rest_weight * (joints[j] - aim.task.rest[j])
         cost += 0.5 * away * (joints[j] - aim.task.rest[j])
-        beyond = max(0.0, joints[j] - arm.high[j] + STOP_MARGIN) - max(0.0, arm.low[j] + STOP_MARGIN - joints[j])
-        top = SPEED_SHARE * arm.speeds[j]
+        beyond = max(0.0, joints[j] - arm.high[j] + s.stop_margin) - max(0.0, arm.low[j] + s.stop_margin - joints[j])
+        top = s.speed_fraction * arm.speeds[j]
         fast = max(0.0, speeds[j] - top) - max(0.0, -top - speeds[j])
-        cost += 0.5 * (STOP_WEIGHT * beyond**2 + SPEED_WEIGHT * fast**2 + aim.task.calm * speeds[j] ** 2)
+        cost += 0.5 * (
+            WEIGHTS.stop_weight * beyond**2 + WEIGHTS.speed_weight * fast**2 + aim.task.calm * speeds[j] ** 2
+        )
         if derivatives:
-            by_joints[j] += away + STOP_WEIGHT * beyond
-            by_speeds[j] += SPEED_WEIGHT * fast + aim.task.calm * speeds[j]
-            joints_twice[j, j] += aim.task.rest_weight + (STOP_WEIGHT if beyond != 0.0 else 0.0)
-            speeds_twice[j, j] += aim.task.calm + (SPEED_WEIGHT if fast != 0.0 else 0.0)
+            by_joints[j] += away + WEIGHTS.stop_weight * beyond
+            by_speeds[j] += WEIGHTS.speed_weight * fast + aim.task.calm * speeds[j]
+            joints_twice[j, j] += aim.task.rest_weight + (WEIGHTS.stop_weight if beyond != 0.0 else 0.0)
+            speeds_twice[j, j] += aim.task.calm + (WEIGHTS.speed_weight if fast != 0.0 else 0.0)
     gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if derivatives else 0, 4, 6))
-    arm_gaps(arm, centres, frames, aim.task.head, GAP_MARGIN, gaps, wider, derivatives)
+    arm_gaps(arm, centres, frames, aim.task.head, s.gap_margin, gaps, wider, derivatives)
     for b in range(len(gaps)):
         for kind in range(4):
-            if gaps[b, kind] < GAP_MARGIN:
-                error = gaps[b, kind] - GAP_MARGIN
-                cost += 0.5 * GAP_WEIGHT * error**2
+            if gaps[b, kind] < s.gap_margin:
+                error = gaps[b, kind] - s.gap_margin
+                cost += 0.5 * WEIGHTS.gap_weight * error**2
                 if derivatives:
-                    _add_square(GAP_WEIGHT, error, wider[b, kind], by_joints, joints_twice)
+                    _add_square(WEIGHTS.gap_weight, error, wider[b, kind], by_joints, joints_twice)
     return cost
 
 
 @compiled
-def _over_near_face(face: Array, line: Array, plate: Array) -> tuple[float, float]:
+def _over_near_face(face: Array, border: float, line: Array, plate: Array) -> tuple[float, float]:
     """m/s by which a plate of velocity ``plate`` (3,) is too fast for a head ``line`` (3,) m away; and its speed.
 
     As :func:`highfive.hil.safety.people.face_zone_fraction` has it, for a head at rest.
@@ -148,7 +134,7 @@ def _over_near_face(face: Array, line: Array, plate: Array) -> tuple[float, floa
         along += line[r] * plate[r]
     away, fast = math.sqrt(away), math.sqrt(fast)
     way = max(0.0, away - face[1])
-    straight = max(along / max(away * fast, 1e-9), 1.0 - way / BORDER)
+    straight = max(along / max(away * fast, 1e-9), 1.0 - way / border)
     if straight <= 1e-3 or fast <= face[0]:
         return 0.0, fast
     there = straight * face[0]
@@ -157,10 +143,11 @@ def _over_near_face(face: Array, line: Array, plate: Array) -> tuple[float, floa
 
 @compiled
 def acceleration_cost(
-    arm: Arm, effort: float, centres: Array, frames: Array, speeds: Array, acceleration: Array, derivatives: bool,
-    by_acceleration: Array, by_speeds: Array, acceleration_twice: Array, cross: Array, speeds_twice: Array,
+    arm: Arm, effort: float, weight: float, centres: Array, frames: Array, speeds: Array, acceleration: Array,
+    derivatives: bool, by_acceleration: Array, by_speeds: Array, acceleration_twice: Array, cross: Array,
+    speeds_twice: Array,
 ) -> float:  # fmt: skip
-    """Cost of an ``acceleration`` (J,), rad/s²: effort, and torque beyond the torque–speed line."""
+    """Cost of an ``acceleration`` (J,), rad/s²: effort, and torque beyond the torque–speed line times ``weight``."""
     cost, torques, weighed = 0.0, np.empty(6), False
     joint_torques(arm, centres, frames, speeds, acceleration, torques)
     mass = np.empty((0, 0))
@@ -170,7 +157,7 @@ def acceleration_cost(
         sign = 1.0 if torque > 0.0 else -1.0
         over = sign * torque - available_torque(arm, j, speeds[j], sign)
         if over > 0.0:
-            cost += 0.5 * TORQUE_WEIGHT * over**2
+            cost += 0.5 * weight * over**2
         if not derivatives:
             continue
         by_acceleration[j] += effort * acceleration[j]
@@ -179,26 +166,11 @@ def acceleration_cost(
             if not weighed:
                 mass, weighed = mass_matrix(arm, centres, frames), True
             slower = sign * arm.stall[j] / arm.no_load[j]  # strength lost by a faster joint
-            by_speeds[j] += TORQUE_WEIGHT * over * slower
-            speeds_twice[j, j] += TORQUE_WEIGHT * slower**2
+            by_speeds[j] += weight * over * slower
+            speeds_twice[j, j] += weight * slower**2
             for i in range(6):
-                by_acceleration[i] += TORQUE_WEIGHT * over * sign * mass[j, i]
-                cross[i, j] += TORQUE_WEIGHT * sign * mass[j, i] * slower
+                by_acceleration[i] += weight * over * sign * mass[j, i]
+                cross[i, j] += weight * sign * mass[j, i] * slower
                 for k in range(6):
-                    acceleration_twice[i, k] += TORQUE_WEIGHT * mass[j, i] * mass[j, k]
+                    acceleration_twice[i, k] += weight * mass[j, i] * mass[j, k]
     return cost
-
-
-STOP_MARGIN, STOP_WEIGHT = 0.06, 1e4
-"""rad before a joint's stop where it begins to count, and by how much."""
-
-
-SPEED_SHARE, SPEED_WEIGHT = 0.93, 300.0
-
-
-GAP_MARGIN, GAP_WEIGHT = 0.05, 1e4
-"""m of gap where nearness begins to count."""
-
-
-NEAR, TOUCHING = 0.15, 0.03
-"""m from the hand at which its cap holds; nearer than the second the line between them is the desired normal."""

@@ -6,22 +6,21 @@ import math
 
 import numpy as np
 
-from highfive.hil.arm.planning_cost import HARD_GAP
+from highfive.hil.arm.planner_settings import PlanSettings
 from highfive.hil.arm_model.arm import Arm
 from highfive.hil.arm_model.distances import smallest_gap
 from highfive.hil.arm_model.dynamics import available_torque, friction_torque, joint_torques, mass_matrix
 from highfive.hil.arm_model.kinematics import link_frames
-from highfive.model.compiled import compiled, compiled_entry
+from highfive.model.compiled import compiled
 from highfive.model.geometry.rotations import Array
-
-BRAKES = 0.5
-"""Share of a joint's acceleration that is kept for stopping before a limit."""
 
 
 @compiled
-def keeps_limits(arm: Arm, joint: int, place: float, speed: float, acceleration: float, seconds: float) -> bool:
-    """Whether the joint can still stop before its limits after a step."""
-    brake = BRAKES * arm.accelerations[joint]
+def keeps_limits(
+    arm: Arm, joint: int, place: float, speed: float, acceleration: float, seconds: float, braking: float
+) -> bool:
+    """Whether the joint can still stop before its limits after a step, with ``braking`` times its acceleration."""
+    brake = braking * arm.accelerations[joint]
     after = place + seconds * speed + 0.5 * seconds**2 * acceleration
     faster = speed + seconds * acceleration
     way = 0.5 * faster * (abs(faster) / brake + seconds)  # the last step of braking takes a whole one
@@ -30,16 +29,17 @@ def keeps_limits(arm: Arm, joint: int, place: float, speed: float, acceleration:
 
 @compiled
 def allowed(  # noqa: PLR0912  (a kernel)
-    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array, torques: Array
-) -> int:
+    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array, settings: PlanSettings,
+    torques: Array,
+) -> int:  # fmt: skip
     """Shortens accelerations (J,) until every limit holds after the step; returns the bits of those that did it.
 
     Writes the torques (J,) that the step takes into ``torques``.
     """
-    active, brakes = 0, np.empty(6)
+    active, brakes, braking = 0, np.empty(6), settings.braking_fraction
     for j in range(6):
         most = arm.accelerations[j]
-        brakes[j] = min(max(-speeds[j] / seconds, -BRAKES * most), BRAKES * most)
+        brakes[j] = min(max(-speeds[j] / seconds, -braking * most), braking * most)
         low, high = -most, most
         if not math.isfinite(acceleration[j]):
             acceleration[j] = brakes[j]
@@ -49,23 +49,23 @@ def allowed(  # noqa: PLR0912  (a kernel)
         if acceleration[j] > fastest or acceleration[j] < slowest:
             active |= SPEED
         requested = min(max(acceleration[j], low, slowest), high, fastest)
-        if not keeps_limits(arm, j, joints[j], speeds[j], requested, seconds):
+        if not keeps_limits(arm, j, joints[j], speeds[j], requested, seconds, braking):
             active |= STOP
             good, bad = brakes[j], requested
             for _ in range(20):
                 middle = 0.5 * (good + bad)
-                if keeps_limits(arm, j, joints[j], speeds[j], middle, seconds):
+                if keeps_limits(arm, j, joints[j], speeds[j], middle, seconds, braking):
                     good = middle
                 else:
                     bad = middle
             requested = good
         acceleration[j] = requested
     centres, frames = link_frames(arm, joints)
-    if torques_limited(arm, centres, frames, speeds, brakes, acceleration):
+    if torques_limited(arm, centres, frames, speeds, brakes, acceleration, settings.torque_rounds):
         active |= TORQUE
     slow = np.empty(6)
     for j in range(6):  # what stays as it is, where that does not lead into a stop
-        slow[j] = 0.0 if keeps_limits(arm, j, joints[j], speeds[j], 0.0, seconds) else brakes[j]
+        slow[j] = 0.0 if keeps_limits(arm, j, joints[j], speeds[j], 0.0, seconds, braking) else brakes[j]
     fraction = kept_fraction(arm, centres, frames, speeds, acceleration, slow)
     if fraction <= 0.0:
         slow = brakes
@@ -78,9 +78,9 @@ def allowed(  # noqa: PLR0912  (a kernel)
     for j in range(6):
         after = speeds[j] + seconds * acceleration[j]
         stopped[j] = joints[j] + seconds * speeds[j] + 0.5 * seconds**2 * acceleration[j]
-        stopped[j] += after * abs(after) / (2.0 * BRAKES * arm.accelerations[j])
+        stopped[j] += after * abs(after) / (2.0 * braking * arm.accelerations[j])
     gap = smallest_gap(arm, stopped, head)
-    if gap < HARD_GAP and gap < smallest_gap(arm, joints, head):
+    if gap < settings.hard_gap and gap < smallest_gap(arm, joints, head):
         active |= NEARNESS
         for j in range(6):
             acceleration[j] = brakes[j]
@@ -91,11 +91,13 @@ def allowed(  # noqa: PLR0912  (a kernel)
 
 
 @compiled
-def torques_limited(arm: Arm, centres: Array, frames: Array, speeds: Array, brakes: Array, acceleration: Array) -> bool:
+def torques_limited(
+    arm: Arm, centres: Array, frames: Array, speeds: Array, brakes: Array, acceleration: Array, rounds: int
+) -> bool:
     """Takes from each joint that asks too much of its servo what is too much, towards braking; whether one did."""
     torques, limited = np.empty(6), False
     mass = np.empty((0, 0))
-    for _ in range(SPARED):
+    for _ in range(rounds):
         joint_torques(arm, centres, frames, speeds, acceleration, torques)
         for j in range(6):
             torque = torques[j] + friction_torque(arm, j, speeds[j])
@@ -130,33 +132,18 @@ def kept_fraction(arm: Arm, centres: Array, frames: Array, speeds: Array, accele
     return fraction
 
 
-@compiled_entry
-def step_within_limits(
-    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array
-) -> tuple[Array, Array, Array, int]:
-    """Joints and speeds (J,) a step later, with an ``acceleration`` (J,), as far as limits allow.
-
-    Also the torques (J,), N·m, that it takes, and the bits of the limits that shortened it.
-    """
-    return next_state(arm, joints, speeds, acceleration, seconds, head)
-
-
 @compiled
 def next_state(
-    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array
+    arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array, settings: PlanSettings
 ) -> tuple[Array, Array, Array, int]:
     """Joints and speeds (J,) after a step with an ``acceleration`` (J,), as limits allow it; bits of the limits."""
     acceleration, torques = acceleration.copy(), np.empty(6)
-    active = allowed(arm, joints, speeds, acceleration, seconds, head, torques)
+    active = allowed(arm, joints, speeds, acceleration, seconds, head, settings, torques)
     place, speed = joints.copy(), speeds.copy()
     for j in range(6):
         place[j] += seconds * speeds[j] + 0.5 * seconds**2 * acceleration[j]
         speed[j] += seconds * acceleration[j]
     return place, speed, torques, active
-
-
-SPARED = 3
-"""Times that torques are looked at and what is too much is taken from the joint itself, before all are shortened."""
 
 
 ACCELERATION, SPEED, STOP, TORQUE, NEARNESS = 1, 2, 4, 8, 16

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from highfive.hil.arm.planner_settings import WEIGHTS, PlanSettings
 from highfive.model.compiled import compiled
 from highfive.model.geometry.rotations import Array
 from highfive.model.linear_algebra import cholesky, cholesky_solve
@@ -33,6 +34,7 @@ class Task(NamedTuple):
         face: (3,) m/s that the plate may have near that head, m from its centre where it may, m/s² to get there.
         effort, calm: s⁴/rad² and s²/rad², weights of joint accelerations and speeds.
         seconds: s between knots.
+        plan: what the plan weighs; the compiled form of its settings.
     """
 
     time: float
@@ -60,6 +62,7 @@ class Task(NamedTuple):
     effort: float
     calm: float
     seconds: float
+    plan: PlanSettings
 
 
 class Aim(NamedTuple):
@@ -88,30 +91,6 @@ class Aim(NamedTuple):
     caps: Array
 
 
-FADING = 0.1
-"""s in which a hand's velocity fades beyond the contact, and three times that before it."""
-
-
-MEETING_WEIGHT = 5.0
-"""s²/m², of the plate's velocity as it meets the hand."""
-
-
-BEFORE = 0.05
-"""Share of the normal's weight that counts before."""
-
-
-BEFOREHAND = 0.15
-"""m/s by which the place in front of the hand is less strict for each s before the contact."""
-
-
-WAITED = 0.05
-"""m: a hand that is further than this from where it will be met is waited for this far before."""
-
-
-STYLE_KNOT = 0.05
-"""s of the path that count as one knot."""
-
-
 @compiled
 def aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
     """The task, knot by knot."""
@@ -133,7 +112,7 @@ def aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
         for r in range(3):
             sure[r, c] = column[r]
     settled = task.time - task.settle
-    length, calm = max(settled, task.seconds), 3.0 * FADING
+    length, calm = max(settled, task.seconds), 3.0 * WEIGHTS.hand_fading
     end, pace = np.empty(3), np.empty(3)
     if settled < math.inf:
         _awaited(task, max(settled, 0.0), end, pace)
@@ -149,7 +128,7 @@ def aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
         if task.cap < math.inf:
             _met_hand(task, t, aim.hands[k], aim.hand_velocities[k])
         past = t - task.time
-        aim.normal_weights[k] = BEFORE * task.firm
+        aim.normal_weights[k] = WEIGHTS.normal_before * task.firm
         if t - settled < -0.5 * task.seconds:  # on the way
             x = t / length
             for r in range(3):
@@ -157,18 +136,19 @@ def aimed(task: Task, count: int) -> Aim:  # noqa: PLR0912 (a kernel)
                 cubic = stop + (task.point[r] + task.away[r] - stop) * (1.0 - x) ** 2 * (1.0 + 2.0 * x)
                 cubic += length * x * (1.0 - x) * (task.drift[r] * (1.0 - x) - pace[r] * x)
                 aim.points[k, r] = cubic
-                aim.point_weights[k, r, r] = task.seconds / STYLE_KNOT / task.loose**2
+                aim.point_weights[k, r, r] = task.seconds / WEIGHTS.path_knot / task.loose**2
             continue
         aim.normal_weights[k] = task.firm
         if abs(past) < 1.5 * task.seconds:
-            aim.velocity_weights[k] = MEETING_WEIGHT
+            aim.velocity_weights[k] = WEIGHTS.meeting_weight
         through = task.press if task.pressed else min(task.closing * past, task.press)
+        early = WEIGHTS.place_fading * min(past, 0.0)
         _awaited(task, t, aim.points[k], aim.velocities[k])
         for r in range(3):
             aim.points[k, r] += max(through, -task.standoff) * task.normal[r]
             aim.velocities[k, r] = task.braked[r] + task.closing * task.normal[r]
             for c in range(3):
-                aim.point_weights[k, r, c] = sure[r, c] * variance / (variance + (BEFOREHAND * min(past, 0.0)) ** 2)
+                aim.point_weights[k, r, c] = sure[r, c] * variance / (variance + early**2)
     return aim
 
 
@@ -184,11 +164,11 @@ def _awaited(task: Task, t: float, place: Array, pace: Array) -> None:
     away = 0.0
     for r in range(3):
         away += (place[r] - task.point[r]) ** 2
-    away = math.sqrt(away)
-    if away > WAITED:
+    away, waited = math.sqrt(away), task.plan.waiting_distance
+    if away > waited:
         for r in range(3):
-            place[r] = task.point[r] + WAITED / away * (place[r] - task.point[r])
-            pace[r] *= (WAITED / away) ** 2
+            place[r] = task.point[r] + waited / away * (place[r] - task.point[r])
+            pace[r] *= (waited / away) ** 2
 
 
 @compiled
@@ -196,7 +176,7 @@ def _met_hand(task: Task, t: float, place: Array, pace: Array) -> None:
     """Writes where the hand is in t s, (3,) m, and its velocity (3,): a cubic from now to the contact, then fading."""
     past = t - task.time
     if past >= 0.0 or task.cap == math.inf:
-        gone = past if past < 0.0 else FADING * (1.0 - math.exp(-past / FADING))
+        gone = past if past < 0.0 else WEIGHTS.hand_fading * (1.0 - math.exp(-past / WEIGHTS.hand_fading))
         for r in range(3):
             place[r], pace[r] = task.point[r] + gone * task.braked[r], task.braked[r]
         return

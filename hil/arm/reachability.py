@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize
@@ -24,9 +23,7 @@ from highfive.hil.arm_model.servo_arm import JOINTS, Mount, ServoArm, solve
 from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
-
-if TYPE_CHECKING:
-    pass
+from highfive.model.settings import Settings, setting
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -38,27 +35,37 @@ BACK = 0.16
 """The ready plate waits so far behind the plane of contact, m, ..."""
 DOWN = 0.04
 """... and so much lower than the grid's middle."""
-NEAR = 1e-3
-"""A posture that misses by more, m, does not reach."""
-MARGIN = np.radians(10.0)
-"""Least distance of a joint from its limit that counts as reached; forearm and wrist have turns to spare."""
-GAP = 0.02
-"""Least gap, m, to floor, mount and the arm itself."""
-AGILE = 0.03
-"""Least singular value of the plate's Jacobian (m, and 0.2 m per rad of normal): below, a joint must race."""
 
-ASIDE = np.radians(35.0)
-"""The waiting plate faces the person at least so well."""
 
-HEIGHTS = (0.90, 1.00, 1.10, 1.20, 1.30)
-STANDOFFS = (0.40, 0.45, 0.50, 0.55, 0.60)
-SIDES = (0.0, 10.0, 20.0)
-TILTS = (0.0, 12.5, 25.0)
-PLATES = (0.10, 0.15, 0.20)
-FINALISTS = 8
-"""Of the best bases, that get a better ready posture before one is chosen."""
-STARTS = 24
-"""Postures from which each place is solved for."""
+@dataclass(frozen=True)
+class ReachabilitySettings(Settings):
+    """What counts as reached, and which bases are tried. Set by hand (docs/decisions)."""
+
+    near: float = setting(1e-3, "m", above=0.0)
+    """A posture that misses by more does not reach."""
+    margin: float = setting(float(np.radians(10.0)), "rad", least=0.0)
+    """Least distance of a joint from its limit that counts as reached; forearm and wrist have turns to spare."""
+    gap: float = setting(0.02, "m", least=0.0)
+    """Least gap to floor, mount and the arm itself."""
+    agile: float = setting(0.03, "m", least=0.0)
+    """Least singular value of the plate's Jacobian (m, and 0.2 m per rad of normal): below, a joint must race."""
+    aside: float = setting(float(np.radians(35.0)), "rad", least=0.0)
+    """The waiting plate faces the person at least so well."""
+    heights: tuple[float, ...] = setting((0.90, 1.00, 1.10, 1.20, 1.30), "m", above=0.0)
+    standoffs: tuple[float, ...] = setting((0.40, 0.45, 0.50, 0.55, 0.60), "m", above=0.0)
+    sides: tuple[float, ...] = setting((0.0, 10.0, 20.0), "°", above=-180.0, most=180.0)
+    tilts: tuple[float, ...] = setting((0.0, 12.5, 25.0), "°", above=-90.0, below=90.0)
+    plates: tuple[float, ...] = setting((0.10, 0.15, 0.20), "m", above=0.0)
+    """Of the bases that are tried (:class:`Base`)."""
+    finalists: int = setting(8, least=1)
+    """Of the best bases, that get a better ready posture before one is chosen."""
+    rounds: int = setting(200, least=1)
+    """Postures that are tried for it."""
+    starts: int = setting(24, least=1)
+    """Postures from which each place is solved for."""
+
+
+REACHABILITY = ReachabilitySettings()
 
 
 @dataclass(frozen=True)
@@ -157,56 +164,67 @@ def ready_point() -> Array:
     return np.array([DEPTH, 0.0, GRID_Z[1] - DOWN]) - BACK * facing()
 
 
-def reach_of(base: Base) -> BaseReach:
+def reach_of(base: Base, settings: ReachabilitySettings = REACHABILITY) -> BaseReach:
     """Solves for postures of the ready plate and of every cell, and takes those that are quickest from each other."""
     arm, normal = base.arm(), facing()
-    ready = postures(arm, ready_point(), normal)
-    at_cells = [postures(arm, cell_point(cell), normal) for cell in CELLS]
-    return max((from_ready(base, arm, start, at_cells) for start, _ in ready[:6]), key=lambda reach: reach.rank)
+    ready = postures(arm, ready_point(), normal, settings)
+    at_cells = [postures(arm, cell_point(cell), normal, settings) for cell in CELLS]
+    reaches = (from_ready(base, arm, start, at_cells, settings) for start, _ in ready[:6])
+    return max(reaches, key=lambda reach: reach.rank)
 
 
-def postures(arm: ServoArm, point: Array, normal: Array) -> list[tuple[Array, float]]:
+def postures(
+    arm: ServoArm, point: Array, normal: Array, settings: ReachabilitySettings = REACHABILITY
+) -> list[tuple[Array, float]]:
     """Different postures (J,) that put the plate there, with what they miss by; at least the one that is nearest."""
-    draws = np.random.default_rng(0).uniform(0.7 * arm.packed.low, 0.7 * arm.packed.high, (STARTS, JOINTS))
+    draws = np.random.default_rng(0).uniform(0.7 * arm.packed.low, 0.7 * arm.packed.high, (settings.starts, JOINTS))
     draws[:, 5] = 0.0  # turns the plate in itself, which changes nothing
     found: list[tuple[Array, float]] = []
     for start in draws:
         joints, miss = solve(arm, point, normal, start, 60)
-        if not found or miss > NEAR:
+        if not found or miss > settings.near:
             if not found or miss < found[0][1]:
                 found[:1] = [(joints, miss)]
             continue
-        if found[0][1] > NEAR:
+        if found[0][1] > settings.near:
             found = []
         if all(np.abs(joints - other).max() > 0.1 for other, _ in found):
             found.append((joints, miss))
     return found
 
 
-def from_ready(base: Base, arm: ServoArm, ready: Array, at_cells: list[list[tuple[Array, float]]]) -> BaseReach:
+def from_ready(
+    base: Base,
+    arm: ServoArm,
+    ready: Array,
+    at_cells: list[list[tuple[Array, float]]],
+    settings: ReachabilitySettings = REACHABILITY,
+) -> BaseReach:
     """The base with that ready posture (J,), and of each cell's postures the one that is quickest from it."""
-    rated = [[_rated(arm, cell, *it, ready) for it in found] for cell, found in zip(CELLS, at_cells, strict=True)]
+    rated = [
+        [_rated(arm, cell, *it, ready, settings) for it in found] for cell, found in zip(CELLS, at_cells, strict=True)
+    ]
     return BaseReach(base, ready, tuple(max(cells, key=lambda it: (it.reached, -it.seconds)) for cells in rated))
 
 
-def _rated(arm: ServoArm, cell: str, joints: Array, miss: float, ready: Array) -> CellReach:
+def _rated(arm: ServoArm, cell: str, joints: Array, miss: float, ready: Array, s: ReachabilitySettings) -> CellReach:
     plate = arm.plate_at(joints)
     values = np.linalg.svd(np.vstack([plate.jacobian, 0.2 * plate.normal_jacobian]), compute_uv=False)
     margin, gap = float(arm.margins(joints)[[0, 1, 2, 4]].min()), arm.clearance(joints)
-    good = miss < NEAR and margin > MARGIN and gap > GAP and values[4] > AGILE
+    good = miss < s.near and margin > s.margin and gap > s.gap and values[4] > s.agile
     seconds = float(dynamics.quickest(arm.packed, ready, joints))
     return CellReach(cell, bool(good), miss, joints, margin, gap, float(values[4]), seconds)
 
 
-def better_ready(reach: BaseReach, rounds: int = 200) -> BaseReach:
+def better_ready(reach: BaseReach, settings: ReachabilitySettings = REACHABILITY) -> BaseReach:
     """The same base with a ready posture from which its slowest cell is reached sooner (Nelder–Mead over the joints).
 
     The plate stays behind the plane of contact, about where it was, and faces about the person.
     """
     arm, normal, middle = reach.base.arm(), facing(), ready_point()
-    at_cells = [postures(arm, cell_point(cell), normal) for cell in CELLS]
+    at_cells = [postures(arm, cell_point(cell), normal, settings) for cell in CELLS]
     good = [
-        [joints for joints, miss in found if _rated(arm, cell, joints, miss, reach.ready).reached]
+        [joints for joints, miss in found if _rated(arm, cell, joints, miss, reach.ready, settings).reached]
         for cell, found in zip(CELLS, at_cells, strict=True)
     ]
 
@@ -217,27 +235,33 @@ def better_ready(reach: BaseReach, rounds: int = 200) -> BaseReach:
         behind = float((plate.position - middle) @ normal)
         aside = float(np.linalg.norm(plate.position - middle))
         turned = float(np.arccos(np.clip(plate.normal @ normal, -1.0, 1.0)))
-        out = max(0.0, behind - 0.02) + max(0.0, aside - 0.12) + max(0.0, turned - ASIDE)
-        out += max(0.0, float(MARGIN - arm.margins(ready)[[0, 1, 2, 4]].min()))
+        out = max(0.0, behind - 0.02) + max(0.0, aside - 0.12) + max(0.0, turned - settings.aside)
+        out += max(0.0, float(settings.margin - arm.margins(ready)[[0, 1, 2, 4]].min()))
         return max(times) + 0.3 * float(np.mean(times)) + 20.0 * out
 
-    found = minimize(cost, reach.ready[:5], method="Nelder-Mead", options={"maxfev": rounds, "xatol": 1e-3})
-    return from_ready(reach.base, arm, np.append(found.x, 0.0), at_cells)
+    found = minimize(cost, reach.ready[:5], method="Nelder-Mead", options={"maxfev": settings.rounds, "xatol": 1e-3})
+    return from_ready(reach.base, arm, np.append(found.x, 0.0), at_cells, settings)
 
 
-def bases() -> list[Base]:
+def bases(settings: ReachabilitySettings = REACHABILITY) -> list[Base]:
     """Every base of the search."""
-    return [Base(*values) for values in itertools.product(HEIGHTS, STANDOFFS, SIDES, TILTS, PLATES)]
+    s = settings
+    return [Base(*values) for values in itertools.product(s.heights, s.standoffs, s.sides, s.tilts, s.plates)]
 
 
-def search(chosen: Sequence[Base], advance: Callable[[], None] = lambda: None) -> list[BaseReach]:
+def search(
+    chosen: Sequence[Base],
+    advance: Callable[[], None] = lambda: None,
+    settings: ReachabilitySettings = REACHABILITY,
+) -> list[BaseReach]:
     """Every base's reach, the best first; the best few with a better ready posture than the first that was found."""
     found = []
     for base in chosen:
-        found.append(reach_of(base))
+        found.append(reach_of(base, settings))
         advance()
     found.sort(key=lambda reach: reach.rank, reverse=True)
-    found[:FINALISTS] = [better_ready(reach) for reach in found[:FINALISTS]]
+    best = found[: settings.finalists]
+    found[: settings.finalists] = [better_ready(reach, settings) for reach in best]
     return sorted(found, key=lambda reach: reach.rank, reverse=True)
 
 

@@ -110,7 +110,7 @@ def _really(trial: ArmTrial, reference: ReferenceTrajectory, box: BlackBox) -> C
     planner = default_planner()
     plates = [planner.arm.plate_at(pose) for pose in _joints_at(box, [tick.frame_ns for tick in trial.ticks])]
     places, normals = np.array([it.position for it in plates]), np.array([it.normal for it in plates])
-    return judged(reference, places, normals, notice(reference, planner), trial.met.sacrifice)
+    return judged(reference, places, normals, notice(reference, planner), trial.met.relaxation)
 
 
 def _real_speeds(trial: ArmTrial, reference: ReferenceTrajectory, box: BlackBox) -> tuple[float, float]:

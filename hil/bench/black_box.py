@@ -1,4 +1,4 @@
-"""What really happens on an emulated rig, every millisecond: what the servos were told, and where the body is."""
+"""What really happens on an emulated rig, every millisecond: what the servos were commanded, and where the body is."""
 
 from __future__ import annotations
 
@@ -84,19 +84,19 @@ class BlackBox:
         changed = times[1:][(np.diff(goals, axis=0) != 0.0).any(axis=1)]
         return int(max(changed.max(initial=since_ns), since_ns))
 
-    def told_after_ms(self, since_ns: int, until_ns: int | None = None) -> float:
-        """When a servo was last told another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
+    def commanded_after_ms(self, since_ns: int, until_ns: int | None = None) -> float:
+        """When a servo last had another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
 
         What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count, nor
-        does a joint that is told to stay where it is.
+        does a joint that is commanded to stay where it is.
         """
         times, powered = np.array(self.times), np.array(self.powered)
         own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
         goals, positions = np.array(self.goals), np.array(self.positions)
         stays = (np.abs(goals - positions) < HERE) & (np.abs(np.array(self.velocities)) < SAGS)
-        told = ((np.diff(goals, axis=0) != 0.0) & ~stays[1:]).any(axis=1) & ~own
-        told &= (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
-        return 1e-6 * float(times[1:][told].max(initial=since_ns) - since_ns)
+        changed = ((np.diff(goals, axis=0) != 0.0) & ~stays[1:]).any(axis=1) & ~own
+        changed &= (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
+        return 1e-6 * float(times[1:][changed].max(initial=since_ns) - since_ns)
 
     def stands_since_ns(self, slower: float = STANDS) -> int:
         """Since when every joint of the body has been slower than that, rad/s."""

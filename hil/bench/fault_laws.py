@@ -1,4 +1,4 @@
-"""Laws that an arm keeps whatever goes wrong, judged by what was told to its servos and where its body was."""
+"""Laws that an arm keeps whatever goes wrong, judged by what its servos were commanded and where its body was."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def judge_times(laws: Laws, schedule: FaultSchedule, box: BlackBox, begun_ns: in
     Args:
         laws: added to.
         schedule: what went wrong.
-        box: what the servos were told.
+        box: what the servos were commanded.
         begun_ns: from when the schedule's times count.
         pulled_ns: when the emergency stop was pulled; None where it was not.
     """
@@ -138,18 +138,18 @@ def judge_times(laws: Laws, schedule: FaultSchedule, box: BlackBox, begun_ns: in
     if pulled_ns is not None:
         away = [it for it in standstills if _meets(it.at_s, it.lasts_s, 1e-9 * (pulled_ns - begun_ns), 0.05)]
         if not away:
-            laws.judge("emergency stop to the last goal, ms", box.told_after_ms(pulled_ns), ESTOP_MS)
+            laws.judge("emergency stop to the last goal, ms", box.commanded_after_ms(pulled_ns), ESTOP_MS)
     for it in schedule.of("host killed", "driver killed"):
         at = begun_ns + round(1e9 * it.at_s)
         if at < box.times[-1]:
             others = [one for one in standstills if one.at_s + one.lasts_s > it.at_s]
             if not others:
-                laws.judge(f"{it.kind} to the last goal, ms", box.told_after_ms(at), HELD_MS)
+                laws.judge(f"{it.kind} to the last goal, ms", box.commanded_after_ms(at), HELD_MS)
     for it in schedule.of("host stall", "machine stall", "stall", "burst"):
         if it.lasts_s > _LONG_S and len(schedule.happenings) == 1:
             at = begun_ns + round(1e9 * it.at_s)
-            told = box.told_after_ms(at, at + round(1e9 * it.lasts_s) - 1)
-            laws.judge("nobody leads the arm to the last goal, ms", told, HELD_MS)
+            commanded = box.commanded_after_ms(at, at + round(1e9 * it.lasts_s) - 1)
+            laws.judge("nobody leads the arm to the last goal, ms", commanded, HELD_MS)
 
 
 def _meets(start: float, lasts: float, other: float, other_lasts: float) -> bool:

@@ -17,7 +17,7 @@ LATENCIES_MS = (0.0, 10.0, 20.0, 40.0)
 
 @dataclass(frozen=True)
 class LatencyOptions:
-    """What is played: every emotion at these cells, with each latency, once told of it and once not."""
+    """What is played: every emotion at these cells, with each latency, once reported by the system and once not."""
 
     latencies_ms: tuple[float, ...] = LATENCIES_MS
     cells: tuple[str, ...] = CELLS
@@ -37,17 +37,17 @@ def bench_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
     if strange:
         raise HighFiveError(f"unknown cell {strange[0]!r}; the grid has {', '.join(CELLS)}")
     persons = people(tuple(EMOTIONS), options.cells, options.seed, bar)
-    cases = [(latency, told) for latency in options.latencies_ms for told in (True, False)]
+    cases = [(latency, reported) for latency in options.latencies_ms for reported in (True, False)]
     jobs = [
-        LiveJob(person, System(latency_ms=latency, reported_ms=latency if told else 0.0), options.seed + number)
-        for latency, told in cases
+        LiveJob(person, System(latency_ms=latency, reported_ms=latency if reported else 0.0), options.seed + number)
+        for latency, reported in cases
         for number, person in enumerate(persons)
     ]
     felt = list(parallel_map(play, jobs, lambda total: bar("high fives", total)))
     count, found = len(persons), dict[str, Any]()
-    for number, (latency, told) in enumerate(cases):
+    for number, (latency, reported) in enumerate(cases):
         row = figures(felt[number * count : (number + 1) * count])
-        found.setdefault(f"{latency:g}", {})["with" if told else "without"] = row
+        found.setdefault(f"{latency:g}", {})["with" if reported else "without"] = row
     return found
 
 

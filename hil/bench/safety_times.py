@@ -1,6 +1,6 @@
 """How long the emulated rig takes to stop, in virtual time: from an event at any phase of the cycle to the last motion.
 
-The arm swings, as fast as it may near nobody; then something happens. What counts is what the servos were told
+The arm swings, as fast as it may near nobody; then something happens. What counts is what the servos were commanded
 (:class:`~highfive.hil.bench.black_box.BlackBox`): when a goal last changed.
 """
 
@@ -42,13 +42,13 @@ class Stopped:
     """What came of an event.
 
     Attributes:
-        told_ms: until a goal last changed, ms after it.
+        changed_ms: until a goal last changed, ms after it.
         stood_ms: until the body stood, ms after it.
         mode: of the driver in the end.
         trips: watchdogs that have tripped.
     """
 
-    told_ms: float
+    changed_ms: float
     stood_ms: float
     mode: Mode
     trips: int
@@ -123,8 +123,8 @@ def stopped_by(happening: Happening, phase: float, rig: Rig | None = None) -> St
         at = clock.now()
         happening(it)
         clock.wait_until(at + _AFTER_NS)
-        told, stood = box.last_change_ns(at) - at, max(0, box.stands_since_ns() - at)
-        return Stopped(1e-6 * told, 1e-6 * stood, arm.mode, bus.watchdog_trips)
+        changed, stood = box.last_change_ns(at) - at, max(0, box.stands_since_ns() - at)
+        return Stopped(1e-6 * changed, 1e-6 * stood, arm.mode, bus.watchdog_trips)
 
 
 def _swing(it: Swinging) -> None:

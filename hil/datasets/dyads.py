@@ -83,7 +83,7 @@ def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[
         raise HighFiveError(f"none of the {len(paths)} files shows two people for {SHORTEST_S} s or longer")
     hands = meeting_hands(list(placed.values()), people, actors)
     if (hands.person, hands.actor) != ("right", "right"):
-        share = f"in {hands.share:.0%} of the trials"
+        share = f"in {hands.fraction:.0%} of the trials"
         say(f"the person's {hands.person} hand meets the actor's {hands.actor} one ({share}); left hands are mirrored")
     seen = [
         (

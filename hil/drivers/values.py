@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointCommand:
-    """What the arm is told in one cycle.
+    """What the arm is commanded in one cycle.
 
     Attributes:
         positions: (J,) rad, where the joints shall be.

@@ -19,7 +19,7 @@ from highfive.model.geometry.rotations import Array
 
 T = TypeVar("T")
 
-FORESEEN = 0.9
+LEAD_TIME = 0.9
 """s before contact from which on the arm knows of it: a recording knows, but nobody lifts a hand earlier."""
 TOGETHER = 0.06
 """s for which palms stay together."""
@@ -34,7 +34,7 @@ UNIT = 0.01
 def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, ReferenceTrajectory]:
     """What each high five of a recording asks of the arm, by the trial's number; those without contact are left out.
 
-    The recording knows when and where palms met, so that the arm learns of it :data:`FORESEEN` s before.
+    The recording knows when and where palms met, so that the arm learns of it :data:`LEAD_TIME` s before.
 
     Raises:
         HighFiveError: it is of another avatar, no palms met in it, or a value in it cannot be: it says which.
@@ -180,7 +180,7 @@ def _reference(emotion: str, cell: str, due: int, ours: list[PalmPose], theirs: 
     for tick, (our, their) in enumerate(zip(ours, theirs, strict=True)):
         left = (due - tick) / RATE_HZ
         contact = None
-        if their.valid and -TOGETHER <= left <= FORESEEN:
+        if their.valid and -TOGETHER <= left <= LEAD_TIME:
             at = theirs[due].palm if left > 0.0 else their.palm
             contact = ExpectedContact(at.position, SURE**2 * np.eye(3), -at.normal, max(left, 0.0))
         goals.append(PalmGoal(our, their.palm if their.valid else None, their.head if their.valid else None, contact))

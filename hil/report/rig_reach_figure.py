@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from highfive.hil.arm.reachability import DEPTH, HEIGHTS, STANDOFFS, BaseReach, cell_point
+from highfive.hil.arm.reachability import DEPTH, REACHABILITY, BaseReach, cell_point
 from highfive.hil.arm_model import kinematics
 from highfive.hil.report.page import write_file
 from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
@@ -66,22 +66,23 @@ def _search(axes: Axes, found: Sequence[BaseReach]) -> None:
         axes.text(0.5, 0.5, "not searched", ha="center", va="center", color=QUIET, transform=axes.transAxes)
         axes.set_axis_off()
         return
-    best = np.full((len(HEIGHTS), len(STANDOFFS)), np.nan)
+    heights, standoffs = REACHABILITY.heights, REACHABILITY.standoffs
+    best = np.full((len(heights), len(standoffs)), np.nan)
     for reach in found:
-        row, column = HEIGHTS.index(reach.base.height), STANDOFFS.index(reach.base.standoff)
+        row, column = heights.index(reach.base.height), standoffs.index(reach.base.standoff)
         if not reach.reached <= best[row, column]:
             best[row, column] = reach.reached
     axes.imshow(best, origin="lower", cmap="Greens", vmin=0, vmax=9)
-    for row, height in enumerate(HEIGHTS):
-        for column, standoff in enumerate(STANDOFFS):
+    for row, height in enumerate(heights):
+        for column, standoff in enumerate(standoffs):
             here = [r for r in found if (r.base.height, r.base.standoff) == (height, standoff)]
             whole = [r.slowest for r in here if r.reached == len(CELLS)]
             if not here:
                 continue
             text = f"9\n{min(whole):.2f} s" if whole else f"{best[row, column]:.0f}"
             axes.text(column, row, text, ha="center", va="center", color="white" if best[row, column] > 6 else INK)
-    axes.set_xticks(range(len(STANDOFFS)), [f"{value:.2f}" for value in STANDOFFS])
-    axes.set_yticks(range(len(HEIGHTS)), [f"{value:.1f}" for value in HEIGHTS])
+    axes.set_xticks(range(len(standoffs)), [f"{value:.2f}" for value in standoffs])
+    axes.set_yticks(range(len(heights)), [f"{value:.1f}" for value in heights])
     axes.set_xlabel("stand-off, m")
     axes.set_ylabel("height of the base, m")
 

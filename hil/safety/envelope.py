@@ -1,6 +1,6 @@
-"""The safety envelope: what stands between where the arm is wanted and what is sent to it.
+"""The safety envelope: what stands between where the arm is requested to be and what is sent to it.
 
-:func:`step` is called once a tick. It keeps no state of its own, reads no clock and sends nothing. Whoever calls it
+:func:`step` is called once per tick. It keeps no state of its own, reads no clock and sends nothing. Whoever calls it
 sends the command that comes back, and nothing else, and records the report. Nothing is added after it: what goals lead
 by, because loaded joints stand off them, comes in as a request and is held to the rules like everything else.
 """
@@ -53,19 +53,19 @@ def step(
         inputs: what is known now.
         now_ns: monotonic clock, ns.
     """
-    asked = inputs.wanted
+    requested = inputs.requested
     inputs, reasons = finite(inputs)
-    told = None if before.motion is None else before.motion.positions
-    watch = faults.watched(limits, before.watch, inputs.arm, told, now_ns)
-    points = None if told is None else placed(kinematics, told, inputs)
-    goals = None if told is None else placed(kinematics, told + before.feed_forward.offsets, inputs)
-    if told is not None and (points is None or goals is None):
+    reference = None if before.motion is None else before.motion.positions
+    watch = faults.watched(limits, before.watch, inputs.arm, reference, now_ns)
+    points = None if reference is None else placed(kinematics, reference, inputs)
+    goals = None if reference is None else placed(kinematics, reference + before.feed_forward.offsets, inputs)
+    if reference is not None and (points is None or goals is None):
         reasons, points, goals = {Rule.NOT_FINITE: "the kinematics of the arm are not finite"}, None, None
     reasons |= faults.faults(limits, watch, inputs.arm, inputs.health, now_ns)
 
-    wanted_ns = before.wanted_ns if inputs.wanted is None else now_ns
+    requested_ns = before.requested_ns if inputs.requested is None else now_ns
     seen_s = NEVER_S if inputs.human is None else 1e-9 * inputs.human.measured_ns
-    age_s = max(seen_s, 1e-9 * (now_ns - wanted_ns))
+    age_s = max(seen_s, 1e-9 * (now_ns - requested_ns))
     event = happened(limits, before, inputs, bool(reasons), age_s)
     now = entered(limits, before, event, inputs, reasons, now_ns)
     acted = set(reasons)
@@ -78,9 +78,9 @@ def step(
     fraction, closing, then, way_point, offset = 1.0, None, now.motion, now.way_point, now.feed_forward
     if then is not None and now.state is not State.ESTOPPED:
         dt = min(max(watch.gap_s, 0.0), LATE_TICK * limits.timing.period_s)
-        velocities, wanted, kept = np.zeros_like(then.positions), then.wanted, np.zeros_like(then.positions)
+        velocities, target, kept = np.zeros_like(then.positions), then.target, np.zeros_like(then.positions)
         if now.state in MOVING:
-            velocities, wanted, way_point, clamped = led(limits, now, then, inputs.wanted, dt)
+            velocities, target, way_point, clamped = led(limits, now, then, inputs.requested, dt)
             kept, closing, slowing = monitored(limits, now.state, seen, human, points, velocities, dt)
             kept = motion.fraction_within(limits, then, kept, dt) * kept
             acted |= clamped | slowing
@@ -91,10 +91,10 @@ def step(
         within = min(motion.fraction_within(limits, then, sent.reference, dt), joint_fraction(limits, sent))
         fraction = motion.kept_fraction(velocities, within * sent.reference)
         acted |= leading
-        then = motion.moved(then, within * sent.reference, wanted, dt)
+        then = motion.moved(then, within * sent.reference, target, dt)
         offset = feed_forward.moved(limits, offset, within * sent.offset, then.positions, dt)
     now = EnvelopeState(
-        now.state, now.since_ns, now.reason, then, watch, seen, wanted_ns, way_point, offset, now.stopped_by
+        now.state, now.since_ns, now.reason, then, watch, seen, requested_ns, way_point, offset, now.stopped_by
     )
 
     gap = None
@@ -106,7 +106,7 @@ def step(
         state=now.state,
         event=event,
         reason=now.reason or unchecked(now, inputs, reasons),
-        asked=asked,
+        requested=requested,
         reference=None if then is None else then.positions,
         sent=command,
         acted=frozenset(acted | limited),
@@ -128,10 +128,10 @@ def finite(inputs: Inputs) -> tuple[Inputs, dict[Rule, str]]:
 
 def numbers(inputs: Inputs) -> Iterator[tuple[str, str, NDArray[Any], tuple[int, ...]]]:
     """All arrays of the inputs: in which of their fields, what it is, the array, and the shape it has to have."""
-    wanted, arm, health, human = inputs.wanted, inputs.arm, inputs.health, inputs.human
+    requested, arm, health, human = inputs.requested, inputs.arm, inputs.health, inputs.human
     joints, vector = (len(JOINTS),), (3,)
-    if wanted is not None:
-        yield "wanted", "wanted positions", wanted, joints
+    if requested is not None:
+        yield "requested", "requested positions", requested, joints
     if inputs.feed_forward is not None:
         yield "feed_forward", "what goals shall lead by", inputs.feed_forward, joints
     if arm is not None:
@@ -155,12 +155,12 @@ def numbers(inputs: Inputs) -> Iterator[tuple[str, str, NDArray[Any], tuple[int,
         yield "human", "how sure head and palm are", deviations, (2,)
 
 
-def placed(kinematics: Kinematics, told: Array, inputs: Inputs) -> Points | None:
-    """Where the arm's points are if the joints are where they were ``told`` (J,), rad, to be, and where they are.
+def placed(kinematics: Kinematics, positions: Array, inputs: Inputs) -> Points | None:
+    """Where the arm's points are if the joints are at ``positions`` (J,), rad, and where they are.
 
     None where that is no number.
     """
-    places, jacobians = kinematics(told)
+    places, jacobians = kinematics(positions)
     measured = places if inputs.arm is None else kinematics(inputs.arm.positions)[0]
     if not (faults.all_finite(places) and faults.all_finite(jacobians) and faults.all_finite(measured)):
         return None
@@ -176,22 +176,22 @@ def known(limits: Limits, human: Human | None) -> Human | None:
 
 
 def led(
-    limits: Limits, now: EnvelopeState, told: Motion, wanted: Array | None, dt: float
+    limits: Limits, now: EnvelopeState, reference: Motion, requested: Array | None, dt: float
 ) -> tuple[Array, Array | None, int, set[Rule]]:
     """What the state asks for: velocities (J,), rad/s, within the limits of the joints.
 
     Returns:
-        the velocities, where the joints are wanted within their limits, the way point, and the rules that acted.
+        the velocities, what is requested within the limits of position, the way point, and the rules that acted.
     """
-    velocities, within, way_point = motion.braked(limits, told, dt), None, now.way_point
+    velocities, within, way_point = motion.braked(limits, reference, dt), None, now.way_point
     acted: set[Rule] = set()
-    if now.state is State.TRACKING and wanted is not None:
-        within, outside = motion.position_wanted(limits, wanted)
-        velocities, slower = motion.towards(limits, told, within, dt)
+    if now.state is State.TRACKING and requested is not None:
+        within, outside = motion.target_position(limits, requested)
+        velocities, slower = motion.towards(limits, reference, within, dt)
         acted = outside | slower
     elif now.state is State.RETRACTING:
-        velocities, way_point = retracting(limits, told, way_point, dt)
-    velocities, clamped = motion.within_limits(limits, told, velocities, dt)
+        velocities, way_point = retracting(limits, reference, way_point, dt)
+    velocities, clamped = motion.within_limits(limits, reference, velocities, dt)
     return velocities, within, way_point, acted | clamped
 
 
@@ -240,13 +240,13 @@ def joint_fraction(limits: Limits, rates: wire.Rates) -> float:
 
 
 def commanded(
-    limits: Limits, told: Motion | None, offset: FeedForward, gap: float | None
+    limits: Limits, reference: Motion | None, offset: FeedForward, gap: float | None
 ) -> tuple[JointCommand | None, set[Rule]]:
     """What is sent: goals that lead the reference by the ``offset``, with little current unless the hand is known to be
     further away than ``near`` (``gap``, m)."""
-    if told is None:
+    if reference is None:
         return None, set()
-    goals = told.positions + offset.offsets
+    goals = reference.positions + offset.offsets
     if gap is not None and gap > limits.contact.near:
         return JointCommand(goals, limits.current), set()
     return JointCommand(goals, limits.contact_current), {Rule.CURRENT}

@@ -23,7 +23,7 @@ class Watch:
     Attributes:
         time_ns: of the last tick.
         heard_ns: for each joint, when it last answered.
-        strayed_ns: for each joint, since when it has not been where it was told to be; None where it is.
+        strayed_ns: for each joint, since when it has not been where it was commanded to be; None where it is.
         parted_ns: for each joint, since when its two servos have not agreed; None where they do.
         late: ticks in a row that came late.
         gap_s: s between the last two ticks; negative where time ran backwards.
@@ -42,8 +42,8 @@ def watch_from(now_ns: int) -> Watch:
     return Watch(now_ns, (now_ns,) * len(JOINTS), (None,) * len(JOINTS), (None,) * len(JOINTS))
 
 
-def watched(limits: Limits, watch: Watch, arm: JointState | None, told: Array | None, now_ns: int) -> Watch:
-    """The watch one tick later, after a look at the arm, which had been ``told`` (J,), rad, to be somewhere."""
+def watched(limits: Limits, watch: Watch, arm: JointState | None, reference: Array | None, now_ns: int) -> Watch:
+    """The watch one tick later, after a look at the arm, which had a ``reference`` (J,), rad."""
     gap = (now_ns - watch.time_ns) * 1e-9
     late = watch.late + 1 if gap > 1.5 * limits.timing.period_s else 0
     heard, strayed, parted = watch.heard_ns, watch.strayed_ns, watch.parted_ns
@@ -56,12 +56,12 @@ def watched(limits: Limits, watch: Watch, arm: JointState | None, told: Array | 
             arm.time_ns if answered else last
             for answered, last in zip(arm.answered.tolist(), watch.heard_ns, strict=True)
         )
-    if told is None:
+    if reference is None:
         strayed = (None,) * len(strayed)
     elif arm is not None:
         strayed = tuple(
             (since or now_ns) if abs(is_at - goal) > limits.servo.following else None
-            for is_at, goal, since in zip(arm.positions.tolist(), told.tolist(), strayed, strict=True)
+            for is_at, goal, since in zip(arm.positions.tolist(), reference.tolist(), strayed, strict=True)
         )
     return Watch(now_ns, heard, strayed, parted, late, gap)
 
@@ -102,7 +102,7 @@ def silent_servo(servo: Servo, watch: Watch, now_ns: int) -> str:
 
 
 def following(servo: Servo, watch: Watch, now_ns: int) -> str:
-    """Joints that have not been where they were told to be for too long."""
+    """Joints that have not been where they were commanded to be for too long."""
     joint, strayed = _longest(watch.strayed_ns, now_ns)
     if strayed <= servo.following_s:
         return ""

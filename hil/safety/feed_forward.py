@@ -36,7 +36,7 @@ def next_rates(
     limits: Limits,
     before: FeedForward,
     requested: Array | None,
-    told: Motion,
+    reference: Motion,
     velocities: Array,
     within: tuple[Array, Array],
     dt: float,
@@ -49,9 +49,9 @@ def next_rates(
     if dt <= 0.0:
         return np.zeros_like(before.rates)
     own, most = limits.feed_forward, limits.acceleration
-    wanted = before.offsets if requested is None else np.clip(requested, -own.largest, own.largest)
-    accelerations = (velocities - told.velocities) / dt
-    displacement = wanted - before.offsets
+    target = before.offsets if requested is None else np.clip(requested, -own.largest, own.largest)
+    accelerations = (velocities - reference.velocities) / dt
+    displacement = target - before.offsets
     distance = np.abs(displacement)
     braking = np.sqrt(dt**2 + 2.0 * distance / own.acceleration)  # as motion.braking_speed: no overshoot
     fastest = np.minimum(np.minimum(distance / RISE_S, 2.0 * distance / (dt + braking)), own.speed)

@@ -86,7 +86,7 @@ class Servo:
     Attributes:
         temperature: °C.
         voltage_low, voltage_high: V at the servo.
-        following: rad between where a joint was told to be and where it is ...
+        following: rad between where a joint was commanded to be and where it is ...
         following_s: ... for longer than this, s.
         shadow: rad between the two servos of a joint ...
         shadow_s: ... for longer than this, s.
@@ -176,7 +176,7 @@ class Face:
 
 @dataclass(frozen=True)
 class Stale:
-    """When the person, or where the arm is wanted, is no longer known.
+    """When the person, or where the arm is requested to be, is no longer known.
 
     Attributes:
         hold_s: s, then the arm holds.
@@ -192,7 +192,7 @@ class Motion:
     """How the arm moves where nobody leads it.
 
     Attributes:
-        catch_up: rad/s, how much faster than what is wanted of it a joint may go to make up for being behind.
+        catch_up: rad/s, how much faster than what is requested of it a joint may go to make up for being behind.
         retract: rad/s of the fastest joint while the arm retracts.
         point_speed: m/s of every known point of the arm, wherever it is; lowered where nobody is tracked.
     """

@@ -1,4 +1,4 @@
-"""What a joint may be told next: towards what is wanted of it, within position, speed and acceleration.
+"""What a joint may be commanded next: towards what is requested of it, within position, speed and acceleration.
 
 In every tick the joints have a commanded position q and velocity v. The next velocity v' is chosen, and q' = q + v' dt
 is sent. A joint is *viable* if it can still brake inside its limits: v² / (2 b) ≤ room, the distance to the limit it
@@ -26,17 +26,17 @@ NO_TIME = 1e-6
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the joints were last told to be.
+    """Where the joints were last commanded to be: the reference.
 
     Attributes:
         positions: (J,) rad, as sent.
         velocities: (J,) rad/s, with which they came there.
-        wanted: (J,) rad, where they were wanted then; None where nothing was.
+        target: (J,) rad, what was requested then, within the limits of position; None where nothing was.
     """
 
     positions: Array
     velocities: Array
-    wanted: Array | None = None
+    target: Array | None = None
 
 
 def at_rest(positions: Array) -> Motion:
@@ -47,8 +47,8 @@ def at_rest(positions: Array) -> Motion:
 def braking_speed(room: float, braking: float, dt: float) -> float:
     """Largest speed, rad/s, for this tick with which there is room to brake afterwards.
 
-    That is the root of v dt + v² / (2 b) = room. Braking by b dt a tick takes less distance than v² / (2 b): the sum of
-    falling speeds, each taken at its tick's end, is below their integral.
+    That is the root of v dt + v² / (2 b) = room. Braking by b dt per tick takes less distance than v² / (2 b): the sum
+    of falling speeds, each taken at its tick's end, is below their integral.
 
     Args:
         room: rad; where it is not positive the answer is 0.
@@ -61,26 +61,26 @@ def braking_speed(room: float, braking: float, dt: float) -> float:
     return 2.0 * room / (dt + math.sqrt(dt * dt + 2.0 * room / braking))
 
 
-def position_wanted(limits: Limits, wanted: Array) -> tuple[Array, set[Rule]]:
-    """What is wanted, (J,) rad, brought within the limits of position."""
-    asked = wanted.tolist()
-    within = [clamp(q, joint.lowest, joint.highest) for joint, q in zip(limits.joints, asked, strict=True)]
-    return np.array(within), {Rule.POSITION} if within != asked else set()
+def target_position(limits: Limits, requested: Array) -> tuple[Array, set[Rule]]:
+    """What is ``requested``, (J,) rad, brought within the limits of position."""
+    values = requested.tolist()
+    within = [clamp(q, joint.lowest, joint.highest) for joint, q in zip(limits.joints, values, strict=True)]
+    return np.array(within), {Rule.POSITION} if within != values else set()
 
 
-def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Array, set[Rule]]:
-    """Velocities (J,), rad/s, that bring the joints to where they are wanted and along with it.
+def towards(limits: Limits, reference: Motion, target: Array, dt: float) -> tuple[Array, set[Rule]]:
+    """Velocities (J,), rad/s, that bring the joints to the ``target`` (J,), rad, and along with it.
 
-    Joints that are where they were wanted go on exactly as they are wanted. Where one is behind, all make up for it in
-    step, none faster than :attr:`highfive.hil.safety.limits.Motion.catch_up`, and so that each can brake when it is
-    there.
+    Joints that are at the target of the tick before go on exactly as the target does. Where one is behind, all make up
+    for it in step, none faster than :attr:`highfive.hil.safety.limits.Motion.catch_up`, and so that each can brake when
+    it is there.
     """
-    before = told.wanted if told.wanted is not None else wanted
+    before = reference.target if reference.target is not None else target
     paces: list[float] = []
     behind: list[float] = []
     rate, furthest = 1.0 / max(dt, NO_TIME), 0.0
     for joint, goal, last, q in zip(
-        limits.joints, wanted.tolist(), before.tolist(), told.positions.tolist(), strict=True
+        limits.joints, target.tolist(), before.tolist(), reference.positions.tolist(), strict=True
     ):
         pace = clamp((goal - last) / max(dt, NO_TIME), -joint.speed, joint.speed)
         displacement = goal - pace * dt - q
@@ -94,37 +94,37 @@ def towards(limits: Limits, told: Motion, wanted: Array, dt: float) -> tuple[Arr
     return np.array(velocities), {Rule.CATCH_UP} if slower < rate else set()
 
 
-def braked(limits: Limits, told: Motion, dt: float) -> Array:
+def braked(limits: Limits, reference: Motion, dt: float) -> Array:
     """Velocities (J,), rad/s, a tick of dt s nearer to standing still."""
     change = limits.braking * dt
-    return told.velocities - np.minimum(np.maximum(told.velocities, -change), change)
+    return reference.velocities - np.minimum(np.maximum(reference.velocities, -change), change)
 
 
-def within_limits(limits: Limits, told: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:
-    """The velocities (J,), rad/s, nearest to those asked for that acceleration, speed and position allow."""
+def within_limits(limits: Limits, reference: Motion, velocities: Array, dt: float) -> tuple[Array, set[Rule]]:
+    """The velocities (J,), rad/s, nearest to those requested that acceleration, speed and position allow."""
     results: list[float] = []
     acted: set[Rule] = set()
-    for joint, q, v, asked in zip(
-        limits.joints, told.positions.tolist(), told.velocities.tolist(), velocities.tolist(), strict=True
+    for joint, q, v, requested in zip(
+        limits.joints, reference.positions.tolist(), reference.velocities.tolist(), velocities.tolist(), strict=True
     ):
         step = joint.acceleration * dt
-        reached = clamp(asked, v - step, v + step)
+        reached = clamp(requested, v - step, v + step)
         slower = clamp(reached, -joint.speed, joint.speed)
         up = braking_speed(joint.highest - q, joint.braking, dt)
         down = braking_speed(q - joint.lowest, joint.braking, dt)
         result = clamp(slower, -down, up)
-        if result != asked:
-            acted |= {Rule.ACCELERATION} if abs(reached - asked) > SAME else set()
+        if result != requested:
+            acted |= {Rule.ACCELERATION} if abs(reached - requested) > SAME else set()
             acted |= {Rule.SPEED} if abs(slower - reached) > SAME else set()
             acted |= {Rule.POSITION} if abs(result - slower) > SAME else set()
         results.append(result)
     return np.array(results), acted
 
 
-def fraction_within(limits: Limits, told: Motion, velocities: Array, dt: float) -> float:
+def fraction_within(limits: Limits, reference: Motion, velocities: Array, dt: float) -> float:
     """Largest fraction, 0 to 1, of velocities (J,), rad/s, that keeps every joint's speed, and its room to brake."""
     fraction = 1.0
-    for joint, q, v in zip(limits.joints, told.positions.tolist(), velocities.tolist(), strict=True):
+    for joint, q, v in zip(limits.joints, reference.positions.tolist(), velocities.tolist(), strict=True):
         room = joint.highest - q if v > 0.0 else q - joint.lowest
         most = min(joint.speed, braking_speed(room, joint.braking, dt))
         if abs(v) > most:
@@ -138,9 +138,9 @@ def kept_fraction(whole: Array, kept: Array) -> float:
     return min(1.0, float(np.linalg.norm(kept)) / before) if before > 0.0 else 1.0
 
 
-def moved(told: Motion, velocities: Array, wanted: Array | None, dt: float) -> Motion:
+def moved(reference: Motion, velocities: Array, target: Array | None, dt: float) -> Motion:
     """The joints after a tick of dt s with these velocities (J,), rad/s."""
-    return Motion(told.positions + velocities * dt, velocities, wanted)
+    return Motion(reference.positions + velocities * dt, velocities, target)
 
 
 def clamp(value: float, least: float, most: float) -> float:

@@ -78,12 +78,12 @@ class Points:
     """Points of the arm that may meet the person; the first is the palm plate's centre.
 
     Attributes:
-        told: (P, 3) m, where they are if the joints are where they were told to be.
-        jacobians: (P, 3, J) m/rad, of ``told``.
+        commanded: (P, 3) m, where they are if the joints are where they were commanded to be.
+        jacobians: (P, 3, J) m/rad, of ``commanded``.
         measured: (P, 3) m, where they are if the joints are where the servos say.
     """
 
-    told: Array
+    commanded: Array
     jacobians: Array
     measured: Array
 
@@ -148,14 +148,14 @@ def allowed_speed(limit: float, fleeing: float, distance: float, braking: float,
 
 
 def gap_to_hand(human: Human, points: Points) -> float:
-    """From the plate, where it is or is told to be, to the nearest place where the palm may be, m.
+    """From the plate, where it is or is commanded to be, to the nearest place where the palm may be, m.
 
     0 where the palm is not known.
     """
     if human.palm is None:
         return 0.0
     palm = human.palm.tolist()
-    gap = min(math.dist(palm, points.told[0].tolist()), math.dist(palm, points.measured[0].tolist()))
+    gap = min(math.dist(palm, points.commanded[0].tolist()), math.dist(palm, points.measured[0].tolist()))
     return max(0.0, gap - human.palm_seen.margin)
 
 
@@ -200,10 +200,10 @@ def face_zone_fraction(
         return 0.0
     fraction, limit, radius = 1.0, STRAIGHT * limits.speed, limits.radius + margin
     head, head_velocity = seen.head.tolist(), seen.head_velocity.tolist()
-    told, measured = points.told.tolist(), points.measured.tolist()
+    commanded, measured = points.commanded.tolist(), points.measured.tolist()
     for number, velocity in enumerate(velocities.tolist()):
         speed = length(velocity)
-        for place in (told[number], measured[number]):
+        for place in (commanded[number], measured[number]):
             away = [h - p for h, p in zip(head, place, strict=True)]
             distance = length(away)
             if distance - speed * dt > radius and _dot(away, velocity) <= 0.0:

@@ -20,20 +20,20 @@ def nearest(limits: Limits, positions: Array) -> int:
     return int(np.abs(limits.way_points - positions).max(axis=1).argmin())
 
 
-def retracting(limits: Limits, told: Motion, way_point: int, dt: float) -> tuple[Array, int]:
+def retracting(limits: Limits, reference: Motion, way_point: int, dt: float) -> tuple[Array, int]:
     """Velocities (J,), rad/s, towards the next way point, all joints in step; and which one that is."""
-    displacement = limits.way_points[way_point] - told.positions
+    displacement = limits.way_points[way_point] - reference.positions
     if np.abs(displacement).max() < ARRIVED and way_point + 1 < len(limits.way_points):
         way_point += 1
-        displacement = limits.way_points[way_point] - told.positions
+        displacement = limits.way_points[way_point] - reference.positions
     longest = float(np.abs(displacement).max())
     braking = min(braking_speed(longest, joint.braking, dt) for joint in limits.joints)
     speed = min(limits.motion.retract, braking)
     return displacement * (speed / max(longest, 1e-9)), way_point
 
 
-def rests(limits: Limits, told: Motion, way_point: int) -> bool:
+def rests(limits: Limits, reference: Motion, way_point: int) -> bool:
     """The arm is at the end of the path, and stands."""
-    if way_point + 1 < len(limits.way_points) or np.abs(told.velocities).max() > STANDS:
+    if way_point + 1 < len(limits.way_points) or np.abs(reference.velocities).max() > STANDS:
         return False
-    return bool(np.abs(limits.way_points[-1] - told.positions).max() < ARRIVED)
+    return bool(np.abs(limits.way_points[-1] - reference.positions).max() < ARRIVED)

@@ -60,13 +60,13 @@ class ServoLimits:
     torque: bool
 
 
-def register_mismatches(wanted: Registers, found: Registers) -> list[str]:
+def register_mismatches(required: Registers, found: Registers) -> list[str]:
     """A line for every register that was read back and is not what it has to be, or was not read back at all.
 
     Calibration (homing offset, direction) is among them.
     """
     lines: list[str] = []
-    for servo, registers in wanted.items():
+    for servo, registers in required.items():
         if servo not in found:
             lines.append(f"servo {servo} did not answer")
             continue
@@ -147,7 +147,7 @@ def room_unknown(real_port: bool, room: Room) -> list[str]:
 
 def start_up_check(
     limits: Limits,
-    wanted: Registers,
+    required: Registers,
     found: Registers,
     servos: Iterable[ServoLimits],
     real_port: bool,
@@ -159,7 +159,7 @@ def start_up_check(
 
     Args:
         limits: all of them.
-        wanted: what the registers have to hold.
+        required: what the registers have to hold.
         found: what they hold.
         servos: the same of what they hold, in SI units, a servo each.
         real_port: the port is not the emulated bus.
@@ -170,7 +170,7 @@ def start_up_check(
     lines = [
         *not_armed(real_port, armed),
         *room_unknown(real_port, room),
-        *register_mismatches(wanted, found),
+        *register_mismatches(required, found),
         *limit_mismatches(limits, servos),
     ]
     return Check(time_ns, tuple(lines))

@@ -14,7 +14,7 @@ class State(StrEnum):
     READY = "ready"
     """Checked; it stands still."""
     TRACKING = "tracking"
-    """It goes where it is wanted."""
+    """It goes where it is requested to be."""
     HOLDING = "holding"
     """The person is not seen: it brakes and stays."""
     RETRACTING = "retracting"
@@ -51,7 +51,7 @@ class Event(StrEnum):
     RETRACTED = "retracted"
     """The arm has come to where it rests."""
     STILL = "still"
-    """The arm is told to move no more."""
+    """The arm is commanded to move no more."""
 
 
 S, E = State, Event

@@ -21,8 +21,8 @@ def happened(limits: Limits, now: EnvelopeState, inputs: Inputs, faulty: bool, a
         limits: all of them.
         now: what was carried on.
         inputs: of the tick.
-        faulty: a rule wants a controlled stop.
-        age_s: s, of the person, or of what is wanted, whichever is older.
+        faulty: a rule requests a controlled stop.
+        age_s: s, of the person, or of what is requested, whichever is older.
     """
     if inputs.estop_ns is not None:
         event = Event.ESTOP
@@ -39,7 +39,7 @@ def without_fault(limits: Limits, now: EnvelopeState, inputs: Inputs, age_s: flo
     """What happened, if nothing is wrong."""
     # The next tick would be too late to hold in time.
     next_s = age_s + limits.timing.period_s
-    fresh, told, event = next_s <= limits.stale.hold_s, now.motion, None
+    fresh, reference, event = next_s <= limits.stale.hold_s, now.motion, None
     match now.state:
         case State.UNCHECKED if start_up(now, inputs):
             event = Event.CHECKED
@@ -53,9 +53,9 @@ def without_fault(limits: Limits, now: EnvelopeState, inputs: Inputs, age_s: flo
             event = Event.FRESH
         case State.RETRACTING if inputs.run and fresh:
             event = Event.FRESH
-        case State.RETRACTING if told is not None and retract.rests(limits, told, now.way_point):
+        case State.RETRACTING if reference is not None and retract.rests(limits, reference, now.way_point):
             event = Event.RETRACTED
-        case State.STOPPING if told is None or not told.velocities.any():
+        case State.STOPPING if reference is None or not reference.velocities.any():
             event = Event.STILL
         case _:
             pass
@@ -77,7 +77,7 @@ def entered(
     limits: Limits, now: EnvelopeState, event: Event | None, inputs: Inputs, reasons: dict[Rule, str], now_ns: int
 ) -> EnvelopeState:
     """The envelope in the state that the event leads to."""
-    state, told = after(now.state, event), now.motion
+    state, reference = after(now.state, event), now.motion
     if event is None:
         return now
     now = replace(now, state=state, since_ns=now_ns)
@@ -86,15 +86,15 @@ def entered(
             now = replace(now, motion=at_rest(inputs.arm.positions))
         case Event.ESTOP:
             now = replace(now, reason=pulled(limits, inputs, now_ns), stopped_by=frozenset({Rule.ESTOP}))
-            now = replace(now, motion=frozen(limits, told, inputs))
+            now = replace(now, motion=frozen(limits, reference, inputs))
         case Event.FAULT:
             now = replace(now, reason="; ".join(reasons.values()), stopped_by=frozenset(reasons))
         case Event.ACKNOWLEDGE:
             now = replace(now, reason="", stopped_by=frozenset())
-        case Event.LOST | Event.END if told is not None:
-            now = replace(now, way_point=retract.nearest(limits, told.positions))
-        case Event.RETRACTED if told is not None:
-            now = replace(now, motion=at_rest(told.positions))
+        case Event.LOST | Event.END if reference is not None:
+            now = replace(now, way_point=retract.nearest(limits, reference.positions))
+        case Event.RETRACTED if reference is not None:
+            now = replace(now, motion=at_rest(reference.positions))
         case _:
             pass
     return now
@@ -107,13 +107,13 @@ def pulled(limits: Limits, inputs: Inputs, now_ns: int) -> str:
     return f"emergency stop, seen by the session {1e3 * delay:.1f} ms after it was pulled{late}"
 
 
-def frozen(limits: Limits, told: Motion | None, inputs: Inputs) -> Motion | None:
-    """The joints told to stay where they are, not where they were going.
+def frozen(limits: Limits, reference: Motion | None, inputs: Inputs) -> Motion | None:
+    """The joints commanded to stay where they are, not where they were going.
 
-    Where they do not answer they stay where they were told to be. So that a wrong reading moves nothing far, nowhere is
-    further from there than what a joint may stray.
+    Where they do not answer they stay where they were commanded to be. So that a wrong reading moves nothing far,
+    nowhere is further from there than what a joint may stray.
     """
-    if told is None or inputs.arm is None:
-        return None if told is None else at_rest(told.positions)
-    stray = np.clip(inputs.arm.positions - told.positions, -limits.servo.following, limits.servo.following)
-    return at_rest(told.positions + np.where(inputs.arm.answered, stray, 0.0))
+    if reference is None or inputs.arm is None:
+        return None if reference is None else at_rest(reference.positions)
+    stray = np.clip(inputs.arm.positions - reference.positions, -limits.servo.following, limits.servo.following)
+    return at_rest(reference.positions + np.where(inputs.arm.answered, stray, 0.0))

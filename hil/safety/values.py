@@ -21,7 +21,7 @@ class Inputs:
     """What is known in a tick. Where something is missing, nothing moves or the arm stops.
 
     Attributes:
-        wanted: (J,) rad, where retargeting wants the joints; None where it has no answer.
+        requested: (J,) rad, where retargeting has the joints; None where it has no answer.
         arm: what the servos said last.
         health: what they said of themselves.
         human: the person, with the age of what is known; None where nobody was ever seen.
@@ -32,7 +32,7 @@ class Inputs:
         feed_forward: (J,) rad, by how much goals shall lead because joints give way; None leaves that as it is.
     """
 
-    wanted: Array | None = None
+    requested: Array | None = None
     arm: JointState | None = None
     health: JointHealth | None = None
     human: Human | None = None
@@ -51,11 +51,11 @@ class EnvelopeState:
         state: what the arm is doing.
         since_ns: when that began.
         reason: why it stopped; empty while it did not.
-        motion: the reference: where it was last told to be; None before anything was sent.
+        motion: the reference: where it was last commanded to be; None before anything was sent.
         feed_forward: by how much goals lead the reference; what was sent is the sum of both.
         watch: what has to last before it is a fault.
         seen: what is known of the person.
-        wanted_ns: when something was last wanted.
+        requested_ns: when something was last requested.
         way_point: where it retracts to next.
         stopped_by: the rules that stopped it, as ``reason`` says in words.
     """
@@ -66,7 +66,7 @@ class EnvelopeState:
     motion: Motion | None
     watch: Watch
     seen: Remembered
-    wanted_ns: int
+    requested_ns: int
     way_point: int = 0
     feed_forward: FeedForward = field(default_factory=FeedForward)
     stopped_by: frozenset[Rule] = frozenset()
@@ -81,7 +81,7 @@ class Report:
         state: after it.
         event: what led there; None where nothing happened.
         reason: why the arm stopped, or does not start; empty where it moves.
-        asked: (J,) rad, what was wanted; None where nothing was.
+        requested: (J,) rad; None where nothing was.
         reference: (J,) rad, where the joints shall be; None where nothing is sent.
         sent: what is sent, as it is sent; its positions lead the reference because joints give way. None for nothing.
         acted: the rules that changed the command or the state.
@@ -95,7 +95,7 @@ class Report:
     state: State
     event: Event | None
     reason: str
-    asked: Array | None
+    requested: Array | None
     reference: Array | None
     sent: JointCommand | None
     acted: frozenset[Rule]
@@ -110,7 +110,7 @@ class Report:
             "state": self.state.value,
             "event": None if self.event is None else self.event.value,
             "reason": self.reason,
-            "asked": None if self.asked is None else self.asked.tolist(),
+            "asked": None if self.requested is None else self.requested.tolist(),
             "reference": None if self.reference is None else self.reference.tolist(),
             "positions": None if self.sent is None else self.sent.positions.tolist(),
             "currents": None if self.sent is None else self.sent.currents.tolist(),

@@ -5,8 +5,8 @@ A box-constrained Gauss–Newton solve of
     min over q   s² (w_p² |p(q) - p*|² + w_n² |n(q) - n*|²) + (s² + k) c(q)
                  + w_q² (|S (q - q_generated)|² + (1 - s) m |S (q - q_generated - last change)|²)
 
-with q inside the joint limits, where s is the share of the correction, 0 while no palm is to be met, c keeps hand and
-forearm off the own body (:mod:`highfive.hil.session.own_body`), and the last term keeps the motion smooth. MuJoCo
+with q inside the joint limits, where s is the fraction of the correction, 0 while no palm is to be met, c keeps hand
+and forearm off the own body (:mod:`highfive.hil.session.own_body`), and the last term keeps the motion smooth. MuJoCo
 gives the site's Jacobian and the box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic
 programming", sec. III), damped as by Levenberg and Marquardt where a step makes things worse. Clipping a free step to
 the limits instead is no bound: it stalled 30 mm off where the box QP is within 1.
@@ -87,8 +87,8 @@ class ContactCorrection:
         self._qpos = scene.hinge_qpos[scene.arm_joints].ravel()
         limits = scene.skeleton.hinge_limits[scene.arm_joints].reshape(-1, 2)
         self._low, self._high = limits[:, 0], limits[:, 1]
-        share = np.repeat([_JOINT_WEIGHTS.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
-        self.posture_cost = (self.settings.posture_weight * share) ** 2
+        fraction = np.repeat([_JOINT_WEIGHTS.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
+        self.posture_cost = (self.settings.posture_weight * fraction) ** 2
         self._pull = self.posture_cost
         count = len(self._dofs)
         self._translation, self._rotation = np.zeros((3, scene.model.nv)), np.zeros((3, scene.model.nv))
@@ -114,26 +114,26 @@ class ContactCorrection:
         """The right shoulder (3,), m, of the pose that was looked at last."""
         return self._data.xpos[self._shoulder].copy()
 
-    def solve(self, pose: Pose, position: Array, normal: Array, share: float = 1.0) -> Correction:
+    def solve(self, pose: Pose, position: Array, normal: Array, fraction: float = 1.0) -> Correction:
         """The pose next to ``pose``, off the own body, whose palm is at ``position`` (3,) m and faces ``normal`` (3,).
 
-        ``share``, 0 to 1, says how much the palm's place counts; at 0 the pose is only kept off the own body.
+        ``fraction``, 0 to 1, says how much the palm's place counts; at 0 the pose is only kept off the own body.
         """
         generated = self._set(pose)
-        before, steady = self._change, (1.0 - share) * self.settings.steadiness
+        before, steady = self._change, (1.0 - fraction) * self.settings.steadiness
         if before is None:
             before, steady = np.zeros_like(generated), 0.0
         # Both terms of the posture are one about a point between what is generated and that with the last change.
         self._pull = self.posture_cost * (1.0 + steady)
         centre = generated + steady / (1.0 + steady) * before
         angles = np.clip(generated + before, self._low, self._high)
-        cost, gradient, hessian = self._linearise(angles, centre, position, normal, share)
+        cost, gradient, hessian = self._linearise(angles, centre, position, normal, fraction)
         damping = 1e-7
         for _ in range(self.settings.iterations):
             if cost < self.settings.solved:
                 break
             candidate = self._step(angles, gradient, hessian, damping)
-            trial = self._linearise(candidate, centre, position, normal, share)
+            trial = self._linearise(candidate, centre, position, normal, fraction)
             gain = cost - trial[0]
             if gain > 0.0:
                 angles, (cost, gradient, hessian) = candidate, trial
@@ -159,7 +159,7 @@ class ContactCorrection:
         return PalmPose(self._place.copy(), axes[:, 2].copy(), axes[:, 0].copy(), np.zeros(3))
 
     def _linearise(
-        self, angles: Array, centre: Array, position: Array, normal: Array, share: float
+        self, angles: Array, centre: Array, position: Array, normal: Array, fraction: float
     ) -> tuple[float, Array, Array]:
         """Cost, and half its gradient (18,) and its Gauss–Newton second derivatives (18, 18)."""
         self._data.qpos[self._qpos] = angles
@@ -167,25 +167,25 @@ class ContactCorrection:
         moved = angles - centre
         pulled = self._pull * moved
         cost, gradient, hessian = float(pulled @ moved), pulled, np.diag(self._pull)
-        if share > 0.0:
-            residual, jacobian = self._palm_terms(position, normal, share)
+        if fraction > 0.0:
+            residual, jacobian = self._palm_terms(position, normal, fraction)
             cost += float(residual @ residual)
             gradient = gradient + jacobian.T @ residual
             hessian += jacobian.T @ jacobian
         return (
-            cost + self._own_body.keep_off(share * share + self.settings.own_body, gradient, hessian),
+            cost + self._own_body.keep_off(fraction * fraction + self.settings.own_body, gradient, hessian),
             gradient,
             hessian,
         )
 
-    def _palm_terms(self, position: Array, normal: Array, share: float) -> tuple[Array, Array]:
+    def _palm_terms(self, position: Array, normal: Array, fraction: float) -> tuple[Array, Array]:
         """Residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
         model, data = self._model, self._data
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, self._translation, self._rotation, self._scene.palm_site)
         facing = self._axes[:, 2]
         residual, jacobian = np.empty(6), np.empty((6, len(self._dofs)))
-        placed, turned = share * self.settings.position_weight, share * self.settings.normal_weight
+        placed, turned = fraction * self.settings.position_weight, fraction * self.settings.normal_weight
         residual[:3] = placed * (self._place - position)
         residual[3:] = turned * (facing - normal)
         np.multiply(self._translation[:, self._dofs], placed, out=jacobian[:3])

@@ -8,16 +8,17 @@ steps need no bounds.
 
 Each pair of shapes adds to the correction's cost
 
-    strength STIFFNESS SOFTNESS exp(-d / SOFTNESS)
+    strength · stiffness · softness · exp(-d / softness)
 
 of their distance d, below 0 its Taylor polynomial of second degree. However strong what pulls them together, they stop
-within a few times SOFTNESS, at a distance that grows with the logarithm of how weak it is: hand and body where the
+within a few times that softness, at a distance that grows with the logarithm of how weak it is: hand and body where the
 palm's target lies in the body, or an elbow and the trunk where only the posture asks for it.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
@@ -27,19 +28,35 @@ from numpy.typing import NDArray
 from highfive.hil.sim.scene import Indices, Scene, own_pairs
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, named_tuple, setting
 
-SOFTNESS = 0.005
-"""m over which the force grows e-fold, ..."""
-STIFFNESS = 0.1
-"""... which is this, m, at a distance of 0: as strong as the pull of a palm that is half of it off its target."""
-ZONE = 0.07
-"""m: beyond, the force is nothing."""
 PALM_RODS = ((-0.024, 0.022), (0.0, 0.036), (0.024, 0.022))
 """The palm's capsules: where across the hand and half the length along it, m; as thick as the hand."""
 _CAPSULE, _ELLIPSOID = 0, 1
 
 _Growing = tuple[float, float, float, float]
 """A signed distance, m, and the unit vector (x, y, z) in which it grows."""
+
+
+@dataclass(frozen=True)
+class OwnBodySettings(Settings):
+    """How hand and forearm are kept off the own body. Set by hand.
+
+    The defaults are compiled in: passed at run time, the compiler may order the sums otherwise, and poses differ in
+    their last bits; to try another value, change its default.
+    """
+
+    softness: float = setting(0.005, "m", above=0.0)
+    """Over which the force grows e-fold, ..."""
+    stiffness: float = setting(0.1, "m", above=0.0)
+    """... which is this at a distance of 0: as strong as the pull of a palm that is half of it off its target."""
+    zone: float = setting(0.07, "m", above=0.0)
+    """Beyond, the force is nothing."""
+
+
+OwnBodySettingsValues = named_tuple(OwnBodySettings)
+OWN_BODY = OwnBodySettings().compiled()
+"""The defaults, as compiled code reads them."""
 
 
 class _State(NamedTuple):
@@ -309,19 +326,19 @@ def _keep_off(state: _State, shapes: _Shapes, strength: float, gradient: Array, 
         place, frame = state.places[shapes.geoms[b]], state.frames[shapes.geoms[b]]
         for k in range(3):
             work[0, k], work[1, k] = centre[k], 0.0
-        away = _nearest(radius, shapes.kinds[b], shapes.sizes[b], place, frame, ZONE, work) >= ZONE
+        away = _nearest(radius, shapes.kinds[b], shapes.sizes[b], place, frame, OWN_BODY.zone, work) >= OWN_BODY.zone
         for r in range(hand if away else 0, len(shapes.rods)):
-            distance = _distance(state, shapes, r, b, ZONE, work)
-            if distance >= ZONE:
+            distance = _distance(state, shapes, r, b, OWN_BODY.zone, work)
+            if distance >= OWN_BODY.zone:
                 continue
-            part = distance / SOFTNESS
+            part = distance / OWN_BODY.softness
             if part > 0.0:
                 value = slope = curve = math.exp(-part)
             else:
                 value, slope, curve = 1.0 - part + 0.5 * part * part, 1.0 - part, 1.0
-            cost += strength * STIFFNESS * SOFTNESS * value
-            slope *= -0.5 * strength * STIFFNESS
-            curve *= 0.5 * strength * STIFFNESS / SOFTNESS
+            cost += strength * OWN_BODY.stiffness * OWN_BODY.softness * value
+            slope *= -0.5 * strength * OWN_BODY.stiffness
+            curve *= 0.5 * strength * OWN_BODY.stiffness / OWN_BODY.softness
             _gradient(state, shapes, r, b, work, row)
             for k in range(len(row)):
                 gradient[k] += slope * row[k]

@@ -122,7 +122,7 @@ class ReachTarget:
 
     Attributes:
         phase: what the reach is doing.
-        weight: share of the correction, 0 to 1.
+        weight: fraction of the correction, 0 to 1.
         remaining: s until contact as the reach counts it; 0 in touch, infinite when idle.
         position: (3,) m, in the world.
         normal: (3,) unit vector out of the palm.

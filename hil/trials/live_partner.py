@@ -15,6 +15,7 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.reach import Phase
 from highfive.hil.session.session import RATE_HZ, Tick, TickInput
+from highfive.hil.trials.live_settings import LIVE, LiveSettings
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.hil.trials.partners import Partner
 from highfive.mocap_bridge.files.recording import Recording, make_recording
@@ -27,42 +28,7 @@ from highfive.mocap_bridge.sources.source import Connection
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
-PRACTICE_S = 5.0
-"""For so long the person is looked at before the first trial, s: with the hand raised once, that is where it is met."""
-
-STALE_S = 0.1
-"""An older frame says nothing any more of where a marker is, s."""
-
-RESTING_S, RESTING_SPEED = 0.3, 0.3
-"""A hand that was slower than this, m/s, for so long, s, rests: only then does a trial begin."""
-
-LONGEST_S = 15.0
-"""A trial in which no hand is raised ends after so long, s."""
-
-AFTERWARDS_S = 0.5
-"""A trial goes on for so long after the avatar has let go, s."""
-
-SILENT_S = 2.0
-"""A source that says nothing for so long while the person is looked at is given up, s."""
-
-GONE_S = 5.0
-"""A source from which nothing has come for so long is given up, s."""
-
 TICK_NS = round(1e9 / RATE_HZ)
-SHORTEST_NS = TICK_NS - 1_000_000
-"""Ticks begin no sooner one after the other: a system of 500 Hz gives its newest frame, ns."""
-
-SOON = 1.6
-"""A frame that is expected within so many ticks is waited for; until a later one comes, the person is predicted."""
-
-OVERDUE_NS = 4_000_000
-"""A frame that is so much later than expected is waited for no longer, ns."""
-
-LEAST_STEP_NS = 1_000_000
-"""Ticks are for times at least so far apart, ns."""
-
-CLOCK_SET_NS = 250_000_000
-"""A system's clock whose frames are so much further apart than their arrivals, or nearer, was set, ns."""
 
 
 def live_source(address: str, person: str | None, wiring: LiveWiring = MACHINE_WIRING) -> LiveSource:
@@ -89,8 +55,9 @@ class LivePerson:
         clock: Clock = MACHINE,
         latency_ns: int = 0,
         confirm: Callable[[str], bool | None] = lambda question: None,
+        settings: LiveSettings = LIVE,
     ):
-        """Waits for the first frame, finds the marker set, and watches the person for :data:`PRACTICE_S`.
+        """Waits for the first frame, finds the marker set, and watches the person for ``settings.practice`` s.
 
         Where the room is ``registered`` the world lies where that says: nobody is watched, and the person comes to it.
 
@@ -102,11 +69,13 @@ class LivePerson:
             clock: this process's.
             latency_ns: what cameras, network and screen take beyond what the source says of itself.
             confirm: asks whether a guess is right; None where nobody is there to be asked.
+            settings: how long is waited.
 
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
         self._source, self._address, self._clock, self._latency_ns = source, address, clock, latency_ns
+        self._settings = settings
         first = source.first()
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
@@ -122,7 +91,8 @@ class LivePerson:
     def _placed(self, first: MarkerFrame) -> Placement:
         """Where the person stands, once watched."""
         say_aside(
-            f"for {PRACTICE_S:g} s now: raise the right hand once, as for a high five; there the avatar will meet it"
+            f"for {self._settings.practice:g} s now: raise the right hand once, as for a high five; "
+            "there the avatar will meet it"
         )
         watched = self._watched(first)
         placement = place_person(watched, self._set)
@@ -150,11 +120,11 @@ class LivePerson:
         return Partner(self._address, emotion, "", False, none, self._set, -1, None, None, notes)
 
     def trial(self) -> LiveTrial:
-        """The frames of the next trial, once the hand rests; it is not waited for longer than :data:`LONGEST_S`."""
+        """The frames of the next trial, once the hand rests, for which it waits at most ``settings.longest`` s."""
         hand = self._set.indices((*self._set.arm.wrist, *self._set.arm.hand))
         since = self._clock.now()
-        end, before = since + 1e9 * LONGEST_S, None
-        while self._clock.now() < end and self._clock.now() - since < 1e9 * RESTING_S:
+        end, before = since + 1e9 * self._settings.longest, None
+        while self._clock.now() < end and self._clock.now() - since < 1e9 * self._settings.resting:
             frame = self._source.wait(before, 0.2)
             if frame is None:
                 break
@@ -164,10 +134,10 @@ class LivePerson:
                 both = hand[seen[hand] & there[hand]]
                 seconds = 1e-9 * (frame.source_time_ns - before.source_time_ns)
                 steps = np.linalg.norm(points[both] - earlier[both], axis=1)
-                if seconds <= 0.0 or (len(both) and float(np.median(steps)) > RESTING_SPEED * seconds):
+                if seconds <= 0.0 or (len(both) and float(np.median(steps)) > self._settings.resting_speed * seconds):
                     since = self._clock.now()
             before = frame
-        return LiveTrial(self._source, self.placement, self._clock, self._latency_ns)
+        return LiveTrial(self._source, self.placement, self._clock, self._latency_ns, self._settings)
 
     def _height(self, names: tuple[str, ...], points: Array, valid: NDArray[np.bool_]) -> str:
         """How high the right hand comes, in words, in points (T, M, 3), m, where they are ``valid``; '' for never."""
@@ -178,8 +148,8 @@ class LivePerson:
 
     def _watched(self, first: MarkerFrame) -> Recording:
         """What the person did for some seconds, in the system's own frame."""
-        frames, newest, end = [first], first, self._clock.now() + round(1e9 * PRACTICE_S)
-        said = math.ceil(PRACTICE_S)
+        frames, newest, end = [first], first, self._clock.now() + round(1e9 * self._settings.practice)
+        said = math.ceil(self._settings.practice)
         while (left := 1e-9 * (end - self._clock.now())) > 0.0:
             if math.ceil(left) < said:
                 said = math.ceil(left)
@@ -188,8 +158,10 @@ class LivePerson:
             frame = self._source.wait(newest, min(left, 0.1))
             if frame is not None and frame.names == first.names:
                 frames.append(newest := frame)
-            elif frame is None and (health := self._source.health(self._clock.now())).age_ns > SILENT_S * 1e9:
-                raise HighFiveError(f"{self._address}: nothing comes any more ({health.trouble or 'it is silent'})")
+            elif frame is None:
+                health = self._source.health(self._clock.now())
+                if health.age_ns > self._settings.silent * 1e9:
+                    raise HighFiveError(f"{self._address}: nothing comes any more ({health.trouble or 'it is silent'})")
         points, valid = np.array([f.positions for f in frames]), np.array([f.valid for f in frames])
         return replace(make_recording(RATE_HZ, first.names, points, valid), source=self._address)
 
@@ -204,13 +176,20 @@ class LiveTrial:
     Attributes:
         late: ticks that began more than a millisecond after they could.
         predicted: ticks without a new frame.
-        stale: those of them in which the newest frame was older than :data:`STALE_S`.
+        stale: those of them in which the newest frame was older than ``settings.stale`` s.
         count: ticks so far.
         ahead_ms: by how much each was ahead of its frame, ms.
-        trouble: why the trial ended early, '' if it did not: nothing has come for :data:`GONE_S`.
+        trouble: why the trial ended early, '' if it did not: nothing has come for ``settings.gone`` s.
     """
 
-    def __init__(self, source: LiveSource, placement: Placement, clock: Clock = MACHINE, latency_ns: int = 0):
+    def __init__(
+        self,
+        source: LiveSource,
+        placement: Placement,
+        clock: Clock = MACHINE,
+        latency_ns: int = 0,
+        settings: LiveSettings = LIVE,
+    ):
         """Begins with the first frame that is requested.
 
         Args:
@@ -218,7 +197,9 @@ class LiveTrial:
             placement: of the person in the avatar's world.
             clock: this process's.
             latency_ns: what cameras, network and screen take beyond what the source says of itself.
+            settings: how long is waited.
         """
+        self._settings = settings
         self._source, self._placement, self._clock, self._latency_ns = source, placement, clock, latency_ns
         self.late = self.predicted = self.stale = self.count = 0
         self.ahead_ms: list[float] = []
@@ -231,9 +212,10 @@ class LiveTrial:
 
     def _is_gone(self, now: int) -> bool:
         health = self._source.health(now)
-        gone = health.age_ns < 0 or health.age_ns > GONE_S * 1e9 or health.connection is Connection.ENDED
+        gone = health.age_ns < 0 or health.age_ns > self._settings.gone * 1e9 or health.connection is Connection.ENDED
         if gone:
-            self.trouble = f"nothing has come for {GONE_S:g} s ({health.trouble or 'the source is silent'})"
+            why = health.trouble or "the source is silent"
+            self.trouble = f"nothing has come for {self._settings.gone:g} s ({why})"
         return gone
 
     def __iter__(self) -> Iterator[TickInput]:
@@ -250,11 +232,11 @@ class LiveTrial:
                 frame, captured = new, seen_ns
             elif frame is None:
                 return
-            stale = now - frame.arrival_time_ns > STALE_S * 1e9
+            stale = now - frame.arrival_time_ns > self._settings.stale * 1e9
             self.predicted, self.stale, self.count = self.predicted + (new is None), self.stale + stale, self.count + 1
             # Time does not go back where a frame shows that the one before was late.
             at_ns = now + self._latency_ns
-            time_ns = max(stamp + at_ns - captured, self._time_ns + LEAST_STEP_NS, stamp)
+            time_ns = max(stamp + at_ns - captured, self._time_ns + self._settings.least_step_ns, stamp)
             self._time_ns, begun = time_ns, now
             self.ahead_ms.append(1e-6 * (time_ns - stamp))
             yield TickInput(None if new is None else self._in_world(new, stamp), time_ns, at_ns)
@@ -263,21 +245,23 @@ class LiveTrial:
         """The next tick's frame, once it is there; None where it is time for a tick without one."""
         if seen is None:
             return self._source.newest(self._clock.now())
-        self._clock.wait_until(begun + SHORTEST_NS)
+        s = self._settings
+        shortest_ns = TICK_NS - s.early_ns
+        self._clock.wait_until(begun + shortest_ns)
         expected = seen.arrival_time_ns + round(self._source.period_ns)
-        soon = begun < expected <= begun + SOON * TICK_NS
-        due = expected + OVERDUE_NS if soon else begun + TICK_NS
+        soon = begun < expected <= begun + s.soon * TICK_NS
+        due = expected + s.overdue_ns if soon else begun + TICK_NS
         frame = self._source.wait(seen, max(0.0, 1e-9 * (due - self._clock.now())))
-        ready = due if frame is None else max(frame.arrival_time_ns, begun + SHORTEST_NS)
+        ready = due if frame is None else max(frame.arrival_time_ns, begun + shortest_ns)
         self.late += self._clock.now() - ready > 1_000_000
         return frame
 
     def _elapsed(self, before: MarkerFrame, frame: MarkerFrame, between_ns: int) -> int:
         """From frame to frame, ns, by the system's own clock, which does not jitter, as long as that is plausible."""
         own = frame.source_time_ns - before.source_time_ns
-        if own > 0 and abs(own - (frame.arrival_time_ns - before.arrival_time_ns)) < CLOCK_SET_NS:
+        if own > 0 and abs(own - (frame.arrival_time_ns - before.arrival_time_ns)) < self._settings.clock_set_ns:
             return own
-        return max(between_ns, LEAST_STEP_NS)
+        return max(between_ns, self._settings.least_step_ns)
 
     def watch(self, tick: Tick) -> None:
         """Sees each tick, to know when the high five is over."""
@@ -288,7 +272,7 @@ class LiveTrial:
 
     def _is_over(self) -> bool:
         afterwards = self._time_ns - self._idle_since_ns if self._reached else 0
-        return afterwards > AFTERWARDS_S * 1e9 or self._time_ns > LONGEST_S * 1e9
+        return afterwards > self._settings.afterwards * 1e9 or self._time_ns > self._settings.longest * 1e9
 
     def _in_world(self, frame: MarkerFrame, time_ns: int) -> MarkerFrame:
         return replace(

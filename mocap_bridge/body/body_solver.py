@@ -13,15 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.body.kinematic_part import Part, forward, make_part
-from highfive.mocap_bridge.body.pose_fit import ANGLE_SIGMA, Problem, better, cost_of, kinematics_of, minimise
+from highfive.mocap_bridge.body.pose_fit import (
+    BODY_FIT,
+    BodyFitSettings,
+    Problem,
+    better,
+    cost_of,
+    kinematics_of,
+    minimise,
+)
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton
-
-_MISLABELLED = 0.15  # m; a marker so far off does not belong where its label says
-_KEY_STEP = 12  # every so many frames is solved from scratch, the frames between from the interpolated result
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,11 @@ class BodySolution:
 
 
 def solve_body(
-    skeleton: Skeleton, marker_set: MarkerSet, points: Array, valid: NDArray[np.bool_], key_step: int = _KEY_STEP
+    skeleton: Skeleton,
+    marker_set: MarkerSet,
+    points: Array,
+    valid: NDArray[np.bool_],
+    settings: BodyFitSettings = BODY_FIT,
 ) -> BodySolution:
     """Solves the pose of ``skeleton`` in every frame; limits hold, and joints that no marker tells of stay at rest.
 
@@ -51,21 +60,21 @@ def solve_body(
         marker_set: the markers on it.
         points: (T, M, 3) m, in the order of the set.
         valid: (T, M) bool.
-        key_step: every so many frames is solved from scratch; 1 if the frames are not neighbours in time.
+        settings: of the fit.
 
     Raises:
         HighFiveError: fewer than a tenth of the frames show enough markers to place the body.
     """
     body, digits = body_part(skeleton, marker_set), digits_of(skeleton)
     angles = np.tile(skeleton.to_hinges(skeleton.rest), (len(points), 1, 1))
-    solved = _solve_body_part(body, points, valid, key_step)
+    solved = _solve_body_part(body, points, valid, settings)
     root, angles[:, body.joints] = solved[:, -3:], solved[:, :-3].reshape(len(points), -1, 3)
     positions, orientations = skeleton.forward_kinematics(root, skeleton.from_hinges(angles))
     for chain in digits:
         part, hand = make_part(skeleton, marker_set, chain), skeleton.parents[chain[0]]
         turn = rotations.to_matrix(orientations[:, hand])
-        problem = _pose_problem(part, points, valid, positions[:, hand], turn)
-        _solve_digit(part, problem, angles, key_step)
+        problem = _pose_problem(part, points, valid, positions[:, hand], turn, settings)
+        _solve_digit(part, problem, angles)
     quaternions = skeleton.from_hinges(angles)
     positions, orientations = skeleton.forward_kinematics(root, quaternions)
     gap = np.linalg.norm(points - marker_set.simulate(skeleton, positions, orientations), axis=-1)
@@ -93,7 +102,13 @@ def body_part(skeleton: Skeleton, marker_set: MarkerSet) -> Part:
     return make_part(skeleton, marker_set, [j for j in range(len(skeleton)) if j not in of_digits])
 
 
-def solve_part_alone(part: Part, points: Array, valid: NDArray[np.bool_], start: Array | None = None) -> Array:
+def solve_part_alone(
+    part: Part,
+    points: Array,
+    valid: NDArray[np.bool_],
+    start: Array | None = None,
+    settings: BodyFitSettings = BODY_FIT,
+) -> Array:
     """Parameters (T, P) of the body part in frames that need not be neighbours in time.
 
     Args:
@@ -101,25 +116,31 @@ def solve_part_alone(part: Part, points: Array, valid: NDArray[np.bool_], start:
         points: (T, M, 3) m, in the order of the set.
         valid: (T, M) bool.
         start: (T, P) parameters near the solution; None solves from scratch.
+        settings: of the fit.
     """
     if start is not None:
-        return minimise(part, _body_problem(part, points, valid), start, 10)
-    return _solve_body_part(part, points, valid, 1)
+        return minimise(part, _body_problem(part, points, valid, settings), start, settings.again_iterations)
+    return _solve_body_part(part, points, valid, replace(settings, key_step=1))
 
 
-def _pose_problem(part: Part, points: Array, valid: NDArray[np.bool_], base: Array, rotation: Array) -> Problem:
+def _pose_problem(
+    part: Part, points: Array, valid: NDArray[np.bool_], base: Array, rotation: Array, settings: BodyFitSettings
+) -> Problem:
     rest = np.tile(part.rest, (len(points), 1))
-    return Problem(points[:, part.markers], valid[:, part.markers], base, rotation, rest, ANGLE_SIGMA)
+    return Problem(
+        points[:, part.markers], valid[:, part.markers], base, rotation, rest, settings.angle_sigma, settings
+    )
 
 
-def _body_problem(part: Part, points: Array, valid: NDArray[np.bool_]) -> Problem:
+def _body_problem(part: Part, points: Array, valid: NDArray[np.bool_], settings: BodyFitSettings) -> Problem:
     frames = len(points)
-    return _pose_problem(part, points, valid, np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
+    upright = np.tile(np.eye(3), (frames, 1, 1))
+    return _pose_problem(part, points, valid, np.zeros((frames, 3)), upright, settings)
 
 
-def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], key_step: int) -> Array:
+def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], settings: BodyFitSettings) -> Array:
     """Parameters (T, P) of the body."""
-    frames, problem = len(points), _body_problem(part, points, valid)
+    frames, problem = len(points), _body_problem(part, points, valid, settings)
     usable = np.flatnonzero(problem.seen.sum(axis=1) >= 3)
     if len(usable) < max(1, frames // 10):
         raise HighFiveError(
@@ -127,52 +148,52 @@ def _solve_body_part(part: Part, points: Array, valid: NDArray[np.bool_], key_st
         )
     start = np.column_stack([problem.prior, np.zeros((frames, 3))])
     start[usable, :3], start[usable, -3:] = _place_root(part, problem.measured[usable], problem.seen[usable])
-    return _solve_part(part, problem, usable, [start], key_step)
+    return _solve_part(part, problem, usable, [start])
 
 
-def _solve_digit(part: Part, problem: Problem, angles: Array, key_step: int) -> None:
+def _solve_digit(part: Part, problem: Problem, angles: Array) -> None:
     """Solves one digit on a hand whose pose is known; writes its ``angles`` (T, J, 3) in place."""
     whole = problem.seen.all(axis=1)
     usable = np.flatnonzero(whole if whole.any() else problem.seen.any(axis=1))
     if not len(usable) or not len(part.markers):
         return
-    # From the stretched finger alone a fist is not always found.
     far = np.where(np.abs(part.limits[:, 0]) > np.abs(part.limits[:, 1]), part.limits[:, 0], part.limits[:, 1])
-    starts = [problem.prior + bend * (far - part.rest) for bend in (0.0, 0.4, 0.8)]
-    angles[:, part.joints] = _solve_part(part, problem, usable, starts, key_step).reshape(len(angles), -1, 3)
+    starts = [problem.prior + bend * (far - part.rest) for bend in problem.settings.bends]
+    angles[:, part.joints] = _solve_part(part, problem, usable, starts).reshape(len(angles), -1, 3)
 
 
-def _solve_part(part: Part, problem: Problem, usable: NDArray[np.intp], starts: list[Array], key_step: int) -> Array:
+def _solve_part(part: Part, problem: Problem, usable: NDArray[np.intp], starts: list[Array]) -> Array:
     """Parameters (T, P) of a part: key frames from all ``starts``, then every frame from the interpolated ones."""
-    frames = len(problem.measured)
-    keys = np.unique(np.append(usable[::key_step], usable[-1]))
+    frames, s = len(problem.measured), problem.settings
+    keys = np.unique(np.append(usable[:: s.key_step], usable[-1]))
     at_keys = problem.take(keys)
-    found = minimise(part, at_keys, starts[0][keys], 40)
+    found = minimise(part, at_keys, starts[0][keys], s.iterations)
     for start in starts[1:]:
-        found = better(part, at_keys, found, minimise(part, at_keys, start[keys], 40))
+        found = better(part, at_keys, found, minimise(part, at_keys, start[keys], s.iterations))
     found = _retry_bad(part, at_keys, found)
-    if key_step == 1:
+    if s.key_step == 1:
         return _over_time(part, keys, found, frames)
-    for _ in range(3):  # what the markers leave open shall not change from one key frame to the next
+    for _ in range(s.smoothings):  # what the markers leave open shall not change from one key frame to the next
         found = _over_time(part, keys, found, frames)[keys]
-        found = minimise(part, at_keys.near(_smoothed(found)), found, 15)
+        found = minimise(part, at_keys.near(_smoothed(found)), found, s.near_iterations)
     found = _over_time(part, keys, found, frames)
-    solved = minimise(part, problem.take(usable).near(found[usable]), found[usable], 15)
+    solved = minimise(part, problem.take(usable).near(found[usable]), found[usable], s.near_iterations)
     solved = _over_time(part, usable, solved, frames)
     blind = np.setdiff1d(np.flatnonzero(problem.seen.any(axis=1)), usable)
     if len(blind):
-        solved[blind] = minimise(part, problem.take(blind).near(solved[blind]), solved[blind], 15)
+        solved[blind] = minimise(part, problem.take(blind).near(solved[blind]), solved[blind], s.near_iterations)
     return _without_mislabelled(part, problem, solved)
 
 
 def _without_mislabelled(part: Part, problem: Problem, solved: Array) -> Array:
     """Solves frames with a marker far from where the body has it once more without that marker."""
     distance = np.linalg.norm(problem.measured - kinematics_of(part, problem, solved).markers, axis=-1)
-    far = problem.seen & (distance > _MISLABELLED)
+    far, s = problem.seen & (distance > problem.settings.mislabelled), problem.settings
     frames = np.flatnonzero(far.any(axis=1))
     if len(frames):
         trusted = replace(problem, seen=problem.seen & ~far)
-        solved[frames] = minimise(part, trusted.take(frames).near(solved[frames]), solved[frames], 15)
+        near = trusted.take(frames).near(solved[frames])
+        solved[frames] = minimise(part, near, solved[frames], s.near_iterations)
     return solved
 
 
@@ -216,14 +237,14 @@ def _place_root(part: Part, measured: Array, seen: NDArray[np.bool_]) -> tuple[A
 
 def _retry_bad(part: Part, problem: Problem, found: Array) -> Array:
     """Solves frames that ended in a poor minimum again, from the good frames next to them; keeps the best."""
-    cost = cost_of(part, problem, found)
-    poor = np.flatnonzero(cost > 4.0 * np.median(cost) + 1e-9)
+    cost, s = cost_of(part, problem, found), problem.settings
+    poor = np.flatnonzero(cost > s.poor * np.median(cost) + 1e-9)
     good = np.setdiff1d(np.arange(len(found)), poor)
     if not len(poor) or not len(good):
         return found
     found, again = found.copy(), problem.take(poor)
     place = np.searchsorted(good, poor)
     for neighbour in (good[np.maximum(place - 1, 0)], good[np.minimum(place, len(good) - 1)]):
-        solved = minimise(part, again, found[neighbour], 40)
+        solved = minimise(part, again, found[neighbour], s.iterations)
         found[poor] = better(part, again, found[poor], solved)
     return found

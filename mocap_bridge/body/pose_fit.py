@@ -13,18 +13,50 @@ from numpy.typing import NDArray
 
 from highfive.mocap_bridge.body.kinematic_part import Kinematics, Part, forward, jacobian
 from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
 
-MARKER_SIGMA = 0.003
-"""Standard deviation of a marker about the model, m: noise, skin movement and misfit of the segments."""
 
-ANGLE_SIGMA = 1.0
-"""Standard deviation of a hinge about the rest pose, rad: decides only where the markers say nothing."""
+@dataclass(frozen=True)
+class BodyFitSettings(Settings):
+    """What the fit of a body to markers assumes, and how far it goes. Set by hand."""
 
-NEIGHBOUR_SIGMA = 0.3
-"""Standard deviation of a hinge about what the frames before and after say, rad."""
+    marker_sigma: float = setting(0.003, "m", above=0.0)
+    """Standard deviation of a marker about the model: noise, skin movement and misfit of the segments."""
+    angle_sigma: float = setting(1.0, "rad", above=0.0)
+    """Standard deviation of a hinge about the rest pose: decides only where the markers say nothing."""
+    neighbour_sigma: float = setting(0.3, "rad", above=0.0)
+    """Standard deviation of a hinge about what the frames before and after say."""
+    outlier: float = setting(0.05, "m", above=0.0)
+    """Residuals beyond it count linearly (Huber): a swapped label must not bend the body."""
+    mislabelled: float = setting(0.15, "m", above=0.0)
+    """A marker so far off does not belong where its label says."""
+    key_step: int = setting(12, least=1)
+    """Every so many frames is solved from scratch, the frames between from the interpolated result; 1 if the frames
+    are not neighbours in time."""
+    iterations: int = setting(40, least=1)
+    """Of Levenberg–Marquardt, at most, from scratch; ..."""
+    near_iterations: int = setting(15, least=1)
+    """... from the frames before and after; ..."""
+    again_iterations: int = setting(10, least=1)
+    """... from a solution on another body of nearly the same size."""
+    smoothings: int = setting(3, least=0)
+    """Times that key frames are solved with a prior at their smoothed neighbours."""
+    poor: float = setting(4.0, above=1.0)
+    """A frame that costs this many times the median ended in a poor minimum, and is tried again from its neighbours."""
+    bends: tuple[float, ...] = setting((0.0, 0.4, 0.8), least=0.0, most=1.0)
+    """Of a finger, from rest to its limit, from which it is solved: from the stretched one a fist is not always
+    found."""
+    converged: float = setting(1e-5, least=0.0)
+    """Fraction of the cost; a frame that gains less is solved."""
+    damping: float = setting(1e-3, above=0.0)
+    """Of the first iteration, relative to the matrix's diagonal; ..."""
+    most_damping: float = setting(1e6, above=0.0)
+    """... a frame that needs more than this is given up."""
+    batch: int = setting(256, least=1)
+    """Frames solved at once; bounds the memory of the Jacobian."""
 
-_OUTLIER = 0.05  # m; residuals beyond it count linearly (Huber): a swapped label must not bend the body
-_CHUNK = 256  # frames solved at once; bounds the memory of the Jacobian
+
+BODY_FIT = BodyFitSettings()
 
 
 @dataclass(frozen=True)
@@ -41,6 +73,7 @@ class Problem:
     rotation: Array
     prior: Array
     prior_sigma: float
+    settings: BodyFitSettings = BODY_FIT
 
     def take(self, frames: NDArray[np.intp]) -> Problem:
         """The same for some of the frames."""
@@ -51,18 +84,19 @@ class Problem:
             self.rotation[frames],
             self.prior[frames],
             self.prior_sigma,
+            self.settings,
         )
 
     def near(self, parameters: Array) -> Problem:
         """The same with a prior at other hinge angles, tighter than the one about the rest pose."""
-        return replace(self, prior=parameters[:, : self.prior.shape[1]], prior_sigma=NEIGHBOUR_SIGMA)
+        return replace(self, prior=parameters[:, : self.prior.shape[1]], prior_sigma=self.settings.neighbour_sigma)
 
 
 def minimise(part: Part, problem: Problem, start: Array, iterations: int) -> Array:
     """Parameters (T, P) that explain the markers best, from ``start``, chunk by chunk."""
-    out = np.empty_like(start)
-    for first in range(0, len(start), _CHUNK):
-        c = np.arange(first, min(first + _CHUNK, len(start)))
+    out, batch = np.empty_like(start), problem.settings.batch
+    for first in range(0, len(start), batch):
+        c = np.arange(first, min(first + batch, len(start)))
         out[c] = _levenberg_marquardt(part, problem.take(c), start[c], iterations)
     return out
 
@@ -72,7 +106,7 @@ def _levenberg_marquardt(part: Part, problem: Problem, start: Array, iterations:
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
     low[:hinges], high[:hinges] = part.limits.T
     x = np.clip(start, low, high)
-    damping = np.full(len(x), 1e-3)
+    damping = np.full(len(x), problem.settings.damping)
     cost = cost_of(part, problem, x)
     active = np.arange(len(x))  # frames that still move
     for _ in range(iterations):
@@ -83,7 +117,8 @@ def _levenberg_marquardt(part: Part, problem: Problem, start: Array, iterations:
         trial = x[active] + _box_step(hessian, gradient, low - x[active], high - x[active])
         trial_cost = cost_of(part, moving, trial)
         better = trial_cost < cost[active]
-        done = (better & (cost[active] - trial_cost < 1e-5 * cost[active])) | (damping[active] > 1e6)
+        done = better & (cost[active] - trial_cost < problem.settings.converged * cost[active])
+        done |= damping[active] > problem.settings.most_damping
         x[active[better]], cost[active[better]] = trial[better], trial_cost[better]
         damping[active] *= np.where(better, 0.2, 5.0)
         active = active[~done]
@@ -133,8 +168,10 @@ def _prior_residual(part: Part, problem: Problem, x: Array) -> Array:
 def cost_of(part: Part, problem: Problem, x: Array) -> Array:
     """Huber cost (T,)."""
     distance = np.linalg.norm(problem.measured - kinematics_of(part, problem, x).markers, axis=-1)
-    huber = np.where(distance < _OUTLIER, distance**2, 2 * _OUTLIER * distance - _OUTLIER**2)
-    return (huber * problem.seen).sum(axis=1) / MARKER_SIGMA**2 + (_prior_residual(part, problem, x) ** 2).sum(axis=1)
+    outlier = problem.settings.outlier
+    huber = np.where(distance < outlier, distance**2, 2 * outlier * distance - outlier**2)
+    of_markers = (huber * problem.seen).sum(axis=1) / problem.settings.marker_sigma**2
+    return of_markers + (_prior_residual(part, problem, x) ** 2).sum(axis=1)
 
 
 def _normal_equations(part: Part, problem: Problem, x: Array) -> tuple[Array, Array]:
@@ -142,7 +179,8 @@ def _normal_equations(part: Part, problem: Problem, x: Array) -> tuple[Array, Ar
     kinematics = kinematics_of(part, problem, x)
     error = kinematics.markers - problem.measured
     distance = np.linalg.norm(error, axis=-1)
-    weight = np.sqrt(problem.seen * np.minimum(1.0, _OUTLIER / np.maximum(distance, 1e-9))) / MARKER_SIGMA
+    s = problem.settings
+    weight = np.sqrt(problem.seen * np.minimum(1.0, s.outlier / np.maximum(distance, 1e-9))) / s.marker_sigma
     scaled = (jacobian(part, kinematics) * weight[:, None, :, None]).reshape(len(x), -1, part.parameters)
     weighted = (error * weight[..., None]).transpose(0, 2, 1).reshape(len(x), -1, 1)
     transposed = scaled.transpose(0, 2, 1)

@@ -37,7 +37,7 @@ def test_the_hands_that_come_nearest_are_found(person, actor):
     point = np.array([0.5, 0.1, 1.4])
     pair = (body(np.array([1.1, 0, 0]), -1.0, {person: point}), body(np.zeros(3), 1.0, {actor: point + 0.02}))
     hands = meeting_hands([pair], CENTRES, CENTRES)
-    assert (hands.person, hands.actor, hands.share) == (person, actor, 1.0)
+    assert (hands.person, hands.actor, hands.fraction) == (person, actor, 1.0)
     assert hands.distance == pytest.approx(0.02 * np.sqrt(3))
 
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highfive.calibration.placement import DISTANCE, Placement, place_person
+from highfive.calibration.placement import PLACEMENT, Placement, place_person
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import make_recording
@@ -66,7 +66,7 @@ def test_without_a_partner_the_hand_comes_to_a_comfortable_place(marker_set):
     assert 0.25 < fingers[0] < 0.65
     assert abs(fingers[1]) < 0.1
     head = points[30, marker_set.index("LFHD")]
-    assert DISTANCE[0] - 0.2 < head[0] < DISTANCE[1] + 0.1
+    assert PLACEMENT.nearest - 0.2 < head[0] < PLACEMENT.furthest + 0.1
     assert head[2] == pytest.approx(high_five(marker_set).points[30, marker_set.index("LFHD"), 2], abs=0.04)
 
 

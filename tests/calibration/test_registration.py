@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from paths import ROOT
 
-from highfive.calibration.registration import FEWEST_POSES, LONGEST_AGE, load_registration
+from highfive.calibration.registration import REGISTRATION, load_registration
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.preconditions import fingerprint, room
 from highfive.hil.drivers.bus.rig import load_rig
@@ -48,9 +48,9 @@ def test_points_of_the_motion_capture_go_where_the_file_says(tmp_path: Path) -> 
     [
         ("ffffffffffff", "vicon", timedelta(), {}, "another arm"),
         (ARM, "qtm", timedelta(), {}, "vicon system"),
-        (ARM, "vicon", LONGEST_AGE + timedelta(days=1), {}, "31 days old"),
+        (ARM, "vicon", timedelta(days=REGISTRATION.longest_age + 1), {}, "31 days old"),
         (ARM, "vicon", timedelta(days=-3), {}, "to come"),
-        (ARM, "vicon", timedelta(), {"poses": str(FEWEST_POSES - 1)}, "9 poses"),
+        (ARM, "vicon", timedelta(), {"poses": str(REGISTRATION.fewest_poses - 1)}, "9 poses"),
         (ARM, "vicon", timedelta(), {"held_out_p95_m": "0.0051"}, "5.1 mm"),
     ],
 )

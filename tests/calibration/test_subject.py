@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highfive.calibration.subject import fit_subject, same_bodies
+from highfive.calibration.subject import SubjectSettings, fit_subject, same_bodies
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.body.body_solver import solve_body
 from highfive.mocap_bridge.files.c3d import read_c3d
@@ -38,7 +38,7 @@ def lively(body, marker_set, frames=40, noise=0.0):
 def test_the_size_of_a_simulated_person_is_found():
     full, body = load_marker_set("full_body"), person()
     points = lively(body, full, noise=0.001)
-    subject = fit_subject(SKELETON, full, points, np.ones(points.shape[:2], dtype=bool), frames=20)
+    subject = fit_subject(SKELETON, full, points, np.ones(points.shape[:2], dtype=bool), SubjectSettings(frames=20))
     for joint, factor in FACTORS.items():
         measure = "trunk" if joint == "neck" else joint
         assert subject.scales[measure] == pytest.approx(1.05 * factor, rel=0.015)
@@ -56,7 +56,7 @@ def test_lengths_are_as_sure_as_they_say():
         worn = replace(full, local_positions=full.local_positions + moved)
         body = SKELETON.scaled(dict(zip(SKELETON.names, proportions(rng), strict=True)))
         points = lively(body, worn, noise=0.001)
-        moving = fit_subject(SKELETON, full, points, np.ones(points.shape[:2], dtype=bool), frames=10)
+        moving = fit_subject(SKELETON, full, points, np.ones(points.shape[:2], dtype=bool), SubjectSettings(frames=10))
         lengths = segment_lengths(body), segment_lengths(moving.skeleton)
         for joint, sigma in moving.length_sigmas.items():
             true, found = (each[SKELETON.index(joint)] for each in lengths)
@@ -78,7 +78,7 @@ def proportions(rng):
 def test_left_and_right_are_alike_and_the_reference_body_is_left_alone():
     full = load_marker_set("full_body")
     points = lively(SKELETON, full)
-    subject = fit_subject(SKELETON, full, points, np.ones(points.shape[:2], dtype=bool), frames=12)
+    subject = fit_subject(SKELETON, full, points, np.ones(points.shape[:2], dtype=bool), SubjectSettings(frames=12))
     assert all(scale == pytest.approx(1.0, abs=0.01) for scale in subject.scales.values())
     for side, other in (("left_elbow", "right_elbow"), ("left_knee", "right_knee")):
         lengths = [np.linalg.norm(subject.skeleton.offsets[SKELETON.index(joint)]) for joint in (side, other)]
@@ -97,7 +97,7 @@ def test_real_people_are_fitted_to_millimetres(recordings, who):
     recording = read_c3d(recordings / "high_five" / "cmu_20_21_11_high_five.c3d").person(who)
     centres = load_marker_set("cmu_joint_centres")
     points, valid = centres.arrange(recording.names, recording.points, recording.valid)
-    subject = fit_subject(SKELETON, centres, points, valid, frames=20)
+    subject = fit_subject(SKELETON, centres, points, valid, SubjectSettings(frames=20))
     before = solve_body(SKELETON, centres, points, valid)
     after = solve_body(subject.skeleton, subject.marker_set, points, valid)
     assert np.sqrt((after.residuals**2).mean()) < 0.003

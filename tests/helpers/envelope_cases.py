@@ -1,4 +1,4 @@
-"""An arm that goes where it is told, a person, and a loop, for tests of the safety envelope."""
+"""An arm that goes where it is commanded, a person, and a loop, for tests of the safety envelope."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ FAR = Human(np.array([3.0, 0.0, 1.7]), np.array([2.5, -0.2, 1.4]), np.zeros(3), 
 
 
 def said(positions: Array, now_ns: int, velocities: Array | None = None) -> JointState:
-    """What servos say that are well and where they were told to be."""
+    """What servos say that are well and where they were commanded to be."""
     return JointState(
         now_ns,
         positions.copy(),
@@ -87,7 +87,7 @@ def well(now_ns: int) -> JointHealth:
 
 @dataclass
 class Loop:
-    """The loop around the envelope: the arm is where it was told to be a tick ago, and gives way by what goals lead."""
+    """The loop around the envelope: the arm is where it was commanded a tick ago, and gives way by what goals lead."""
 
     limits: Limits = LIMITS
     start: Array = field(default_factory=REST.copy)
@@ -96,7 +96,7 @@ class Loop:
     run: bool = True
     before: EnvelopeState = field(init=False)
     measured: Array = field(init=False)
-    told: list[Array] = field(default_factory=list)
+    commanded: list[Array] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
     reports: list[Report] = field(default_factory=list)
     check: Check | None = None
@@ -110,25 +110,25 @@ class Loop:
     def state(self) -> State:
         return self.before.state
 
-    def inputs(self, wanted: Array | None, **other: Any) -> Inputs:
+    def inputs(self, requested: Array | None, **other: Any) -> Inputs:
         """What is known in a tick in which all is well."""
         now = self.now_ns
         usual = Inputs(
-            wanted, said(self.measured, now), well(now), self.human, self.run, self.check, None, acknowledge=False
+            requested, said(self.measured, now), well(now), self.human, self.run, self.check, None, acknowledge=False
         )
         return replace(usual, **other)
 
-    def tick(self, wanted: Array | None = None, elapsed_ns: int = TICK_NS, **other: Any) -> JointCommand | None:
+    def tick(self, requested: Array | None = None, elapsed_ns: int = TICK_NS, **other: Any) -> JointCommand | None:
         """One tick; ``other`` replaces what is known in it."""
         self.now_ns += elapsed_ns
         self.before, command, report = step(
-            self.limits, self.kinematics, self.before, self.inputs(wanted, **other), self.now_ns
+            self.limits, self.kinematics, self.before, self.inputs(requested, **other), self.now_ns
         )
         self.reports.append(report)
         if command is not None:
             assert report.reference is not None
             self.measured = report.reference.copy()
-            self.told.append(command.positions)
+            self.commanded.append(command.positions)
             self.times.append(self.now_ns)
         return command
 
@@ -153,12 +153,12 @@ class Loop:
         assert self.state is State.TRACKING, self.report
         return self
 
-    def follow(self, wanted: Array, ticks: int, **other: Any) -> Loop:
+    def follow(self, requested: Array, ticks: int, **other: Any) -> Loop:
         """Wants the same for some ticks."""
         for _ in range(ticks):
-            self.tick(wanted, **other)
+            self.tick(requested, **other)
         return self
 
     def speeds(self) -> Array:
         """(T, J) rad/s, between one command and the next."""
-        return np.diff(self.told, axis=0) / np.diff(self.times)[:, None] * 1e9
+        return np.diff(self.commanded, axis=0) / np.diff(self.times)[:, None] * 1e9

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from highfive.hil.runtime.console import Bar
 from highfive.hil.arm.reachability import (
     CHOSEN,
-    FINALISTS,
+    REACHABILITY,
     BaseReach,
     bases,
     cell_point,
@@ -61,7 +61,7 @@ def rig_reach(picture: Path | None, quick: bool, bar: Bar, *, overwrite: bool = 
         },
         "bases": len(found),
         "bases_with_all_cells": sum(reach.reached == len(CELLS) for reach in found),
-        "best": [_described(reach) for reach in found[:FINALISTS]],
+        "best": [_described(reach) for reach in found[: REACHABILITY.finalists]],
         "picture": None if picture is None else str(picture),
     }
 

@@ -39,7 +39,7 @@ class ArmHost:
         """Args:
         shared: with the other side.
         held: what it reads back.
-        estop: once it is pulled the arm is told to stay where it is, and no goal is sent any more.
+        estop: once it is pulled the arm is commanded to stay where it is, and no goal is sent any more.
         clock: of both sides.
         """
         self._shared, self._held, self.estop, self._clock = shared, held, estop, clock

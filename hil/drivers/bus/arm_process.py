@@ -32,7 +32,7 @@ class ArmProcess(ArmHost):
             port: path of the serial port.
             rig: the arm on it; its servos must be configured.
             rate_hz: cycles a second.
-            estop: once it is pulled the arm is told to stay where it is, and no goal is sent any more.
+            estop: once it is pulled the arm is commanded to stay where it is, and no goal is sent any more.
             allowance_ms: how long an answer of a servo may be late.
         """
         context = multiprocessing.get_context("spawn")

@@ -3,8 +3,8 @@
 The process goes by the clock, and keeps its phase behind the host's, so that each command goes out once: where two
 clocks of one rate run freely, a cycle repeats a command and the next one makes up for two, at twice the speed. Without
 a command the cycle goes on, so that the servos hear from it and their watchdogs stay quiet. Once the host falls silent
-or is gone, the arm is told to stay where it is, then nothing more, and the watchdogs do the rest. An emergency stop
-wakes the process at once.
+or is gone, the arm is commanded to stay where it is, then nothing more, and the watchdogs do the rest. An emergency
+stop wakes the process at once.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from highfive.hil.drivers.values import JointCommand, JointState
 from highfive.model.errors import HighFiveError
 
 HOST_SILENT_NS = 50_000_000
-"""A host that gives no command for so long is taken for stalled: the arm is told to stay where it is, ns."""
+"""A host that gives no command for so long is taken for stalled: the arm is commanded to stay where it is, ns."""
 
 STANDS, BRAKING_NS = 0.05, 300_000_000
 """rad/s: slower joints stand; ns: by then they do."""
@@ -69,7 +69,7 @@ def run_cycles(
     parent: int,
     allowance_ms: float,
 ) -> None:
-    """The other side, until it is told to end or the host is gone."""
+    """The other side, until it has to end or the host is gone."""
     # The host's to handle, which stops the arm in order; SIGTSTP goes to the terminal's whole group.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
@@ -89,7 +89,7 @@ def drive_bus(
     allowance_ms: float,
     wiring: Wiring,
 ) -> None:
-    """Opens the bus and cycles until it is told to end or the host is gone.
+    """Opens the bus and cycles until it has to end or the host is gone.
 
     Args:
         shared: with the host.
@@ -160,7 +160,7 @@ class _CycleLoop:
 
     @property
     def _left(self) -> bool:
-        """It is told to end, and the arm is held as it is to be held for ever."""
+        """It has to end, and the arm is held as it is to be held for ever."""
         held = self._braking is None or self._newest[0] is None
         return self._ending and self._mode is not Mode.DRIVING and held
 
@@ -225,13 +225,13 @@ class _CycleLoop:
             self._engage()
         if not self._engaged:
             return None
-        wanted, given = self._wanted()
-        if wanted is None or self._ending or self._clock.now() - given > HOST_SILENT_NS:
+        command, given = self._newest_command()
+        if command is None or self._ending or self._clock.now() - given > HOST_SILENT_NS:
             sent = self._leave() if self._mode == Mode.DRIVING else self._yield_to_hands()
             self._mode = Mode.HOLDING
             return sent
         self._mode, self._braking, self._sent_ns = Mode.DRIVING, None, given
-        return self._joints.write(wanted)
+        return self._joints.write(command)
 
     def _engage(self) -> None:
         """Torque on, everything read back, then the watchdogs armed: what takes long comes before."""
@@ -248,7 +248,7 @@ class _CycleLoop:
         self._shared.head["engage"][0] = 0
         self._held.send(held)
 
-    def _wanted(self) -> tuple[JointCommand | None, int]:
+    def _newest_command(self) -> tuple[JointCommand | None, int]:
         """The newest command, and when it was given; None if there is none. Where a host was killed while it gave one,
         the one before holds."""
         self._newest = self._shared.command() or self._newest

@@ -13,7 +13,7 @@ CLEAR_POSITION = b"\x01\x44\x58\x4c\x22"
 
 @dataclass(frozen=True)
 class ReadTarget:
-    """``length`` bytes from ``address`` are wanted of servo ``id``."""
+    """``length`` bytes from ``address`` are requested of servo ``id``."""
 
     id: int
     address: int
@@ -108,7 +108,7 @@ def bulk_write(targets: Sequence[WriteTarget]) -> bytes:
 
 
 def read_targets(packet: Packet) -> tuple[ReadTarget, ...]:
-    """What is wanted by a read, a sync read, a bulk read or a fast one, in the order of the replies.
+    """What is requested by a read, a sync read, a bulk read or a fast one, in the order of the replies.
 
     Raises:
         PacketError: the parameters do not fit the instruction.

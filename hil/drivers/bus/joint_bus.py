@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from highfive.hil.drivers.bus.control_table import Table, decode, encode, to_raw, to_si
-from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, wanted_registers
+from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, required_registers
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus, ServoError
 from highfive.hil.drivers.bus.servo_clock import ServoClock
 from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED
@@ -87,31 +87,31 @@ class JointBus:
     def prepare(self) -> None:
         """Tells every servo which registers to show together, how stiff to be, and to go without a profile.
 
-        A servo whose torque is on is told nothing: what holds an arm is not changed under it. After an earlier session
-        it holds all of this already.
+        A servo whose torque is on is commanded nothing: what holds an arm is not changed under it. After an earlier
+        session it holds all of this already.
 
         Raises:
             NoAnswer, ServoError, PortError: a servo did not take it.
             HighFiveError: torque is on, and a register is not as it has to be. Nothing was written then.
         """
-        wanted = {servo: self._wanted(servo) for servo in self._servos}
+        required = {servo: self._required(servo) for servo in self._servos}
         live = [servo for servo in self._servos if self._bus.read(servo, "torque_enable")]
         for servo in live:
-            self._refuse_other(servo, wanted[servo])
+            self._refuse_other(servo, required[servo])
         for servo, state in self._servos.items():
-            for name, raw in wanted[servo].items() if servo not in live else ():
+            for name, raw in required[servo].items() if servo not in live else ():
                 self._bus.write(servo, name, raw)
             state.silent, state.clock = 0, ServoClock()
 
-    def _wanted(self, servo: int) -> dict[str, int]:
+    def _required(self, servo: int) -> dict[str, int]:
         """What is set at the start of a session: raw, by the register's name."""
-        table, own = self._bus.table(servo), wanted_registers(self._rig)[servo]
+        table, own = self._bus.table(servo), required_registers(self._rig)[servo]
         shown = [table[name].address + byte for name in (*GOALS, *ANSWERS) for byte in range(table[name].size)]
         addresses = {f"indirect_address_{number}": address for number, address in enumerate(shown, 1)}
         return addresses | {name: own[name] for name in SET_AT_START}
 
-    def _refuse_other(self, servo: int, wanted: dict[str, int]) -> None:
-        for name, raw in wanted.items():
+    def _refuse_other(self, servo: int, required: dict[str, int]) -> None:
+        for name, raw in required.items():
             if (holds := self._bus.read(servo, name)) != raw:
                 where = f"servo {servo} ({self._rig.servos[servo].name})"
                 raise HighFiveError(
@@ -197,7 +197,7 @@ class JointBus:
         self._bus.write(servo, "bus_watchdog", 0)
         if self._servos[servo].values["bus_watchdog"] == WATCHDOG_TRIPPED:
             for name in PROFILE:
-                self._bus.write(servo, name, wanted_registers(self._rig)[servo][name])
+                self._bus.write(servo, name, required_registers(self._rig)[servo][name])
 
     def stands(self, slower: float, goals: Array | None = None, nearer: float = np.inf) -> bool:
         """Every joint was slower than that, rad/s, and nearer than that, rad, to its goal (J,), when last heard."""
@@ -281,9 +281,9 @@ class JointBus:
         Raises:
             PortError: the port is gone.
         """
-        asked = [servo for servo, state in self._servos.items() if state.silent < DEAD_AFTER]
+        queried = [servo for servo, state in self._servos.items() if state.silent < DEAD_AFTER]
         self._named_ns = self._clock()
-        found = self._answers(asked) if asked else {}
+        found = self._answers(queried) if queried else {}
         now_ns = self._clock()
         for servo, state in self._servos.items():
             state.answered = servo in found
@@ -291,33 +291,35 @@ class JointBus:
                 state.values, state.heard_ns = self._values(servo, found[servo]), now_ns
         return self._state(now_ns)
 
-    def _answers(self, asked: list[int]) -> dict[int, bytes]:
+    def _answers(self, queried: list[int]) -> dict[int, bytes]:
         """One answer for all while everyone is there; after a gap each for itself, until nobody is silent or the silent
         are dead: one of them costs a wait a cycle, and not the others."""
         if self._fast:
             with contextlib.suppress(NoAnswer):
-                if len(found := self._fresh(self._bus.fast_sync_read, asked)) == len(asked):
+                if len(found := self._fresh(self._bus.fast_sync_read, queried)) == len(queried):
                     return found
             self._fast = False
             self._fallbacks += 1
             return {}
-        found = self._fresh(self._bus.sync_read, asked)
-        for servo in asked[len(found) + 1 :]:  # after the first silent one
+        found = self._fresh(self._bus.sync_read, queried)
+        for servo in queried[len(found) + 1 :]:  # after the first silent one
             found |= self._fresh(self._bus.sync_read, [servo])
-        for servo in asked:
+        for servo in queried:
             self._servos[servo].silent = 0 if servo in found else self._servos[servo].silent + 1
-        self._fast = all(self._servos[servo].silent in (0, DEAD_AFTER) for servo in asked)
+        self._fast = all(self._servos[servo].silent in (0, DEAD_AFTER) for servo in queried)
         return found
 
-    def _fresh(self, read: Callable[[int, int, Sequence[int]], dict[int, bytes]], asked: list[int]) -> dict[int, bytes]:
+    def _fresh(
+        self, read: Callable[[int, int, Sequence[int]], dict[int, bytes]], queried: list[int]
+    ) -> dict[int, bytes]:
         """The answers to a question, up to the first that came late to an earlier one."""
-        asked_ns = self._clock()
-        answers = read(self._answers_at, self._answers_size, asked)
+        queried_ns = self._clock()
+        answers = read(self._answers_at, self._answers_size, queried)
         heard_ns = self._clock()
         found = {}
         for servo, data in answers.items():
             tick = self._values(servo, data)["realtime_tick"]
-            if not self._servos[servo].clock.fresh(tick, asked_ns, heard_ns):
+            if not self._servos[servo].clock.fresh(tick, queried_ns, heard_ns):
                 break
             found[servo] = data
         return found

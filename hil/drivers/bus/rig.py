@@ -131,13 +131,13 @@ def count(joint: RigJoint, angle: float) -> int:
     return joint.zero + round(angle * COUNTS / math.tau)
 
 
-def wanted_registers(rig: Rig) -> dict[int, dict[str, int]]:
+def required_registers(rig: Rig) -> dict[int, dict[str, int]]:
     """What the registers of every servo shall hold: by ID, then by the register's name, raw.
 
     Those above 64 (status return level, gain, profile, bus watchdog) a servo forgets when it starts again. The watchdog
     counts only while torque is on.
     """
-    return {servo: _wanted(rig, joint, servo) for servo, joint in rig.servos.items()}
+    return {servo: _required(rig, joint, servo) for servo, joint in rig.servos.items()}
 
 
 def load_rig(path: str | Path | None = None) -> Rig:
@@ -150,13 +150,13 @@ def load_rig(path: str | Path | None = None) -> Rig:
     document = read_toml(path, "the rig file")
     try:
         rig = _rig(document)
-        wanted_registers(rig)
+        required_registers(rig)
     except HighFiveError as error:
         raise HighFiveError(f"{path}: {error}") from None
     return rig
 
 
-def _wanted(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
+def _required(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
     table, settings = load_table(joint.model), rig.settings
     shadow = servo == joint.shadow_id
     return {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from highfive.hil.drivers.bus.control_table import load_table
-from highfive.hil.drivers.bus.rig import COUNTS, SET_AT_START, Rig, wanted_registers
+from highfive.hil.drivers.bus.rig import COUNTS, SET_AT_START, Rig, required_registers
 from highfive.hil.drivers.bus.servo_bus import DamagedAnswer, NoAnswer, ServoBus
 from highfive.model.errors import HighFiveError
 
@@ -24,18 +24,18 @@ class Difference:
         servo: ID.
         joint: name.
         register: name.
-        found, wanted: raw.
+        found, required: raw.
     """
 
     servo: int
     joint: str
     register: str
     found: int
-    wanted: int
+    required: int
 
     def __str__(self) -> str:
         """As in ``servo 4 (elbow): return_delay_time is 250, not 0``."""
-        return f"servo {self.servo} ({self.joint}): {self.register} is {self.found}, not {self.wanted}"
+        return f"servo {self.servo} ({self.joint}): {self.register} is {self.found}, not {self.required}"
 
 
 def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
@@ -82,9 +82,9 @@ def read_back(bus: ServoBus, rig: Rig, between: Callable[[], None]) -> dict[int,
         NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
     """
     held: dict[int, dict[str, int]] = {}
-    for servo, wanted in wanted_registers(rig).items():
+    for servo, required in required_registers(rig).items():
         held[servo] = {}
-        for name in (*wanted, "torque_enable"):
+        for name in (*required, "torque_enable"):
             between()
             held[servo][name] = bus.read(servo, name)
     return held
@@ -118,16 +118,16 @@ def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
     Raises:
         NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
     """
-    wanted = wanted_registers(rig)
+    required = required_registers(rig)
     found = []
     for servo, joint in rig.servos.items():
-        for name, value in wanted[servo].items():
+        for name, value in required[servo].items():
             if name not in (*_SET_LATER, *_BY_WHICH_IT_IS_FOUND) and (holds := bus.read(servo, name)) != value:
                 found.append(Difference(servo, joint.name, name, holds, value))
     return found
 
 
-def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
+def configure(bus: ServoBus, rig: Rig, required: Sequence[Difference]) -> None:
     """Writes what was found different, and reads everything back.
 
     Raises:
@@ -137,7 +137,9 @@ def configure(bus: ServoBus, rig: Rig, wanted: Sequence[Difference]) -> None:
     for servo in rig.servos:
         if bus.read(servo, "torque_enable"):
             raise HighFiveError(f"servo {servo}: torque is on, and its settings are locked; highfive rig release first")
-    for one in sorted(wanted, key=lambda one: one.register != "status_return_level"):  # without it nothing is confirmed
-        bus.write(one.servo, one.register, one.wanted)
+    for one in sorted(
+        required, key=lambda one: one.register != "status_return_level"
+    ):  # without it nothing is confirmed
+        bus.write(one.servo, one.register, one.required)
     if kept := differences(bus, rig):
         raise HighFiveError(f"{kept[0]}, although that was written")

@@ -16,7 +16,7 @@ class ServoClock:
         self._ahead_ns: float | None = None  # the least that the host's clock was ahead when an answer had come
         self._heard_ns = 0
 
-    def fresh(self, tick: int, asked_ns: int, heard_ns: int) -> bool:
+    def fresh(self, tick: int, queried_ns: int, heard_ns: int) -> bool:
         """Whether what a servo said at its ``tick`` was measured after it was asked for. Host's times in ns."""
         ahead = heard_ns - tick * _TICK_NS
         if self._ahead_ns is None:
@@ -24,7 +24,7 @@ class ServoClock:
         turn = _TICKS * _TICK_NS
         more = (ahead - self._ahead_ns + turn / 2) % turn - turn / 2
         drift = _DRIFT * (heard_ns - self._heard_ns) if self._heard_ns else 0.0
-        if more - (heard_ns - asked_ns) > _TOLERANCE_NS + drift:
+        if more - (heard_ns - queried_ns) > _TOLERANCE_NS + drift:
             return False
         self._ahead_ns += min(more, drift)
         self._heard_ns = heard_ns

@@ -17,7 +17,7 @@ from highfive.hil.drivers.bus.control_table import load_table
 from highfive.hil.drivers.bus.instruction_packets import read_targets, write_targets
 from highfive.hil.drivers.bus.packet import BROADCAST, Instruction, Packet, PacketError
 from highfive.hil.drivers.bus.packet_decoder import Damaged, Decoder
-from highfive.hil.drivers.bus.rig import REVERSE, Rig, wanted_registers
+from highfive.hil.drivers.bus.rig import REVERSE, Rig, required_registers
 from highfive.hil.drivers.bus.status_packets import FastStatus, status
 from highfive.hil.drivers.emulator.bus_faults import BusFault
 from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
@@ -390,10 +390,14 @@ def build_servos(
     """
     servos, joints = [], []
     rig = rig if baud_rate is None else replace(rig, baud_rate=baud_rate)
-    for servo, wanted in wanted_registers(rig).items():
+    for servo, required in required_registers(rig).items():
         joint = rig.servos[servo]
-        kept = wanted if configured else {name: wanted[name] for name in ("id", "baud_rate", "drive_mode", "shadow_id")}
-        sign = -1 if wanted["drive_mode"] & REVERSE else 1
+        kept = (
+            required
+            if configured
+            else {name: required[name] for name in ("id", "baud_rate", "drive_mode", "shadow_id")}
+        )
+        sign = -1 if required["drive_mode"] & REVERSE else 1
         servos.append(kind(load_table(joint.model), kept, sign=sign, zero=joint.zero))
         joints.append(rig.joints.index(joint))
     return servos, joints

@@ -129,12 +129,12 @@ class EmulatedServo:
 
     def write(self, address: int, data: bytes, now_ns: int, *, shadow: bool = False) -> Error:
         """Writes ``data`` from ``address`` on, all of it or nothing; ``shadow``: it was meant for whom it follows."""
-        wanted, error = self._check(address, data, shadow)
+        writes, error = self._check(address, data, shadow)
         if error:
             return error
-        for register, raw in wanted:
+        for register, raw in writes:
             self._put(register.name, raw)
-        self._react({register.name for register, _ in wanted}, now_ns)
+        self._react({register.name for register, _ in writes}, now_ns)
         return Error.NONE
 
     def reg_write(self, address: int, data: bytes, *, shadow: bool = False) -> Error:
@@ -278,13 +278,13 @@ class EmulatedServo:
 
     def _check(self, address: int, data: bytes, shadow: bool) -> tuple[list[tuple[Register, int]], Error]:
         """The registers that a write would set, and to what; or why it may not."""
-        wanted = self._memory.decoded(address, data)
-        if isinstance(wanted, Error):
-            return [], wanted
-        for register, raw in wanted:
+        writes = self._memory.decoded(address, data)
+        if isinstance(writes, Error):
+            return [], writes
+        for register, raw in writes:
             if error := refusal(self.table, self.values, register, raw, shadow):
                 return [], error
-        return wanted, Error.NONE
+        return writes, Error.NONE
 
     def _react(self, names: set[str], now_ns: int) -> None:
         """What follows from registers having been written."""
@@ -369,10 +369,10 @@ class EmulatedServo:
             return
         self._measured_at = self._now
         values, motion, pulse = self.values, self.motion, self._pulse
-        wanted, wanted_velocity = motion.wanted(self._now * 1e-9)
+        reference, reference_velocity = motion.reference(self._now * 1e-9)
         ongoing = bool(values["torque_enable"]) and motion.ongoing(self._now * 1e-9)
         velocity, count = round(motion.velocity / self._speed), round(self._count(self._joint))
-        course = round(wanted / pulse)
+        course = round(reference / pulse)
         status = motion.profile.kind << 4 | ongoing << 1
         if values["operating_mode"] in _TO_POSITION:
             status |= (abs(values["goal_position"] - count) <= _IN_POSITION) | (abs(course - count) > _FOLLOWING) << 3
@@ -385,7 +385,7 @@ class EmulatedServo:
             _word(motion.current / self._load),
             velocity,
             count,
-            round(wanted_velocity / self._speed),
+            round(reference_velocity / self._speed),
             course,
             round(self.voltage * 10),
             min(255, max(0, round(motion.temperature))),

@@ -99,10 +99,10 @@ class Emulator:
             self._requested = parsed, in_force
         return in_force
 
-    def run(self, told: Callable[[], bool], seconds: float | None = None) -> EmulatorSummary:
-        """Serves the bus until ``told`` says so, or for so long."""
+    def run(self, over: Callable[[], bool], seconds: float | None = None) -> EmulatorSummary:
+        """Serves the bus until ``over`` says so, or for so long."""
         end = None if seconds is None else self._now() + round(seconds * 1e9)
-        while not told() and (end is None or self._now() < end):
+        while not over() and (end is None or self._now() < end):
             self._take_faults()
             if self._bus.unplugged(self._now()) != (self._master < 0):
                 self._plug() if self._master < 0 else self._unplug()

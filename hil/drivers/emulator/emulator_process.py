@@ -1,6 +1,6 @@
 """An emulator in a process of its own, so that whoever talks to it leaves it its time.
 
-The child is ``python -m highfive.hil.drivers.emulator.emulator_process``. It is told what to do by one JSON object on
+The child is ``python -m highfive.hil.drivers.emulator.emulator_process``. It gets what to do by one JSON object on
 its first line of standard input, says the port in one on its first line of output, takes faults from the lines that
 follow, acknowledges each once it is in force, and says its summary when its input ends: so it does not outlive its
 parent.
@@ -193,8 +193,8 @@ def _child(instructions: TextIO, answers: TextIO) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), answers.fileno())
 
     try:
-        told = json.loads(instructions.readline())
-        options = EmulatorOptions(**told | {"faults": tuple(told["faults"]), "servos": tuple(told["servos"])})
+        given = json.loads(instructions.readline())
+        options = EmulatorOptions(**given | {"faults": tuple(given["faults"]), "servos": tuple(given["servos"])})
         with Emulator(make_bus(options), link=options.link) as emulator:
             answer({"port": emulator.port})
             ended = threading.Event()

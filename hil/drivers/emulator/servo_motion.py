@@ -52,7 +52,7 @@ class Motion:
         self.profile = Profile(STEP, 0.0, 0.0, (), 0.0)
         self._integral = self._error = 0.0
 
-    def wanted(self, time: float) -> tuple[float, float]:
+    def reference(self, time: float) -> tuple[float, float]:
         """Position and velocity of the course."""
         return self.profile.at(time - self.begun)
 
@@ -67,7 +67,7 @@ class Motion:
 
     def go(self, values: Mapping[str, int], time: float) -> None:
         """Begin the course to the goal in the registers ``values``, from where the one before it is."""
-        position, velocity = self.wanted(time)
+        position, velocity = self.reference(time)
         timed = bool(values["drive_mode"] & TIMED)
         acceleration = values["profile_acceleration"] * (1e-3 if timed else self._scales["profile_acceleration"])
         if values["operating_mode"] == VELOCITY:
@@ -111,8 +111,8 @@ class Motion:
         return current * motor.stall_torque / motor.stall_current
 
     def _position_control(self, values: Mapping[str, int], time: float, seconds: float) -> float:
-        wanted, _ = self.wanted(time)
-        error = (wanted - self.position) / self._scales["goal_position"]
+        reference, _ = self.reference(time)
+        error = (reference - self.position) / self._scales["goal_position"]
         steps = seconds * 1e3
         change, self._error = (error - self._error) / steps, error
         gain = values["position_i_gain"] / _POSITION_I
@@ -121,8 +121,8 @@ class Motion:
         return (output + self._integral) / FULL_DUTY
 
     def _velocity_control(self, values: Mapping[str, int], time: float, seconds: float) -> float:
-        _, wanted = self.wanted(time)
-        error = (wanted - self.velocity) / self._scales["goal_velocity"]
+        _, reference = self.reference(time)
+        error = (reference - self.velocity) / self._scales["goal_velocity"]
         gain = values["velocity_i_gain"] / _VELOCITY_I
         self._integral = min(FULL_DUTY, max(-FULL_DUTY, self._integral + gain * error * seconds * 1e3))
         return (values["velocity_p_gain"] / _VELOCITY_P * error + self._integral) / FULL_DUTY

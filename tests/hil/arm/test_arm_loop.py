@@ -281,7 +281,7 @@ def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet
         loop.note_frame()
         ticks.append(loop.tick(goal))
         twin.wait_until(twin.now() + TICK_NS)
-    trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.sacrifice)
+    trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.relaxation)
     summary = arm_summary([trial], loop.retarget.settings.lag)
     assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
     assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from highfive.hil.arm import planning_cost
 from highfive.hil.arm.contact_goal import ContactGoalSettings, meeting, until_touch
 from highfive.hil.arm.planner import Retarget
-from highfive.hil.arm.planner_settings import RetargetSettings
+from highfive.hil.arm.planner_settings import PlanSettings, RetargetSettings
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal, RetargetState
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm_model import dynamics
@@ -74,7 +73,7 @@ def test_every_cell_is_met_in_time_and_place(cell: str, arm: ServoArm, retarget:
     # a still hand: the plate presses on, by what it closes in 30 ms
     assert np.linalg.norm(plate.position - point) < 0.012
     assert plate.normal @ facing() > math.cos(math.radians(20.0))
-    assert states[-1].sacrifice.delay < 0.06
+    assert states[-1].relaxation.delay < 0.06
 
 
 def test_the_plate_comes_along_the_avatars_way(arm: ServoArm, retarget: Retarget) -> None:
@@ -123,7 +122,7 @@ def test_a_contact_too_soon_is_late_and_says_so(arm: ServoArm, retarget: Retarge
     goals = approach(point, 0.2)
     goals += [goals[-1]] * 60
     states = played(retarget, goals)
-    given_up = states[-1].sacrifice
+    given_up = states[-1].relaxation
     assert np.linalg.norm(plates(arm, states)[round(0.2 / TICK) - 1] - point) > 0.03
     assert given_up.delay > 0.03 and given_up.time_scale > 1.1 and given_up.miss > 0.03
     assert set(given_up.limit_names) & {"speed", "torque", "acceleration"}
@@ -189,7 +188,7 @@ def test_a_head_is_gone_round(arm: ServoArm, retarget: Retarget) -> None:
     radius = retarget.settings.head_radius
     start = arm.clearance(READY, head, radius)
     for state in played(retarget, goals):
-        assert arm.clearance(state.joints, head, radius) > min(start, planning_cost.HARD_GAP) - 1e-3
+        assert arm.clearance(state.joints, head, radius) > min(start, PlanSettings().hard_gap) - 1e-3
 
 
 def test_between_high_fives_it_goes_back_to_rest(retarget: Retarget) -> None:

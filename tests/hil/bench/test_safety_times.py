@@ -23,7 +23,7 @@ AT_HAND = 40
 
 
 @pytest.mark.parametrize(
-    ("happening", "told_ms", "stood_ms", "mode", "trips"),
+    ("happening", "changed_ms", "stood_ms", "mode", "trips"),
     [
         # The driver's next look is half a ms away at most, and the hold takes one cycle.
         (pull, 20.0, 120.0, Mode.STOPPED, 0),
@@ -35,10 +35,10 @@ AT_HAND = 40
     ],
 )
 def test_who_falls_silent_or_pulls_stops_the_arm_in_time_at_every_phase(
-    happening: Happening, told_ms: float, stood_ms: float, mode: Mode | None, trips: int | None
+    happening: Happening, changed_ms: float, stood_ms: float, mode: Mode | None, trips: int | None
 ) -> None:
     found = [stopped_by(happening, phase) for phase in PHASES]
-    assert max(one.told_ms for one in found) <= told_ms, found
+    assert max(one.changed_ms for one in found) <= changed_ms, found
     assert max(one.stood_ms for one in found) <= stood_ms, found
     assert mode is None or {one.mode for one in found} == {mode}
     assert trips is None or {one.trips for one in found} == {trips}

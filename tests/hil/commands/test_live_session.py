@@ -20,7 +20,8 @@ from virtual_system import VirtualSystem
 from highfive.calibration.placement import Placement
 from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.runtime.virtual_clock import VirtualClock
-from highfive.hil.trials.live_partner import GONE_S, PRACTICE_S, SILENT_S, TICK_NS, LivePerson, live_source
+from highfive.hil.trials.live_partner import TICK_NS, LivePerson, live_source
+from highfive.hil.trials.live_settings import LIVE
 from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.model.errors import HighFiveError
@@ -79,7 +80,7 @@ def test_a_system_that_dies_costs_no_more_than_the_rest(
     system, begun = VirtualSystem(clock, read_c3d(greeting)), clock.now()
     dies(system, IN_THE_SECOND_S)
     result = session(system, tmp_path / "session", 9)
-    assert clock.now() - begun == pytest.approx(1e9 * (IN_THE_SECOND_S + GONE_S), abs=2 * TICK_NS)
+    assert clock.now() - begun == pytest.approx(1e9 * (IN_THE_SECOND_S + LIVE.gone), abs=2 * TICK_NS)
     assert result["interrupted"] and len(result["rows"]) == 1 and result["rows"][0]["met"]
     (said,) = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
     assert said.startswith("high five 2 was broken off") and "nothing has come for 5 s (nothing listens)" in said
@@ -94,7 +95,7 @@ def test_a_system_that_dies_in_the_first_high_five_leaves_nothing_behind(
     dies(system, IN_THE_FIRST_S)
     with pytest.raises(HighFiveError, match="no high five could be played: nothing has come"):
         session(system, folder, 2)
-    assert clock.now() - begun == pytest.approx(1e9 * (IN_THE_FIRST_S + GONE_S), abs=2 * TICK_NS)
+    assert clock.now() - begun == pytest.approx(1e9 * (IN_THE_FIRST_S + LIVE.gone), abs=2 * TICK_NS)
     assert not folder.exists()
 
 
@@ -104,7 +105,7 @@ def test_a_system_that_dies_while_the_person_is_watched_is_given_up(greeting: Pa
     with closing(live_source(ADDRESS, None, system.wiring)) as source:
         with pytest.raises(HighFiveError, match=r"nothing comes any more \(nothing listens\)"):
             LivePerson(source, ADDRESS, clock=clock)
-        assert clock.now() - begun == pytest.approx(1e9 * (2.0 + SILENT_S), abs=0.1e9)
+        assert clock.now() - begun == pytest.approx(1e9 * (2.0 + LIVE.silent), abs=0.1e9)
 
 
 def test_at_every_phase_of_the_frames_a_trial_has_a_new_one_a_tick(greeting: Path, clock: VirtualClock) -> None:
@@ -211,7 +212,7 @@ def test_a_guess_is_asked_about_and_the_person_watched_again(greeting: Path, clo
     with closing(live_source(ADDRESS, None, system.wiring)) as source:
         begun = clock.now()
         LivePerson(source, ADDRESS, clock=clock, confirm=confirm)
-        assert clock.now() - begun == pytest.approx(2e9 * PRACTICE_S, abs=0.5e9)
+        assert clock.now() - begun == pytest.approx(2e9 * LIVE.practice, abs=0.5e9)
         assert len(asked) == 2 and all("no hand was raised" in question for question in asked)
         LivePerson(source, ADDRESS, clock=clock)
 

@@ -31,13 +31,13 @@ def moving(**other: Any) -> Loop:
 
 
 def wanted_on(loop: Loop) -> Array:
-    return READY_POSE + PACE * len(loop.told) / 120
+    return READY_POSE + PACE * len(loop.commanded) / 120
 
 
 def stops(loop: Loop, rule: Rule, reason: str, ticks: int = 1, **other: Any) -> None:
     """With ``other`` known, for so many ticks, the arm brakes by that rule, stands, and stays until acknowledged."""
     for _ in range(ticks):
-        began = len(loop.told)
+        began = len(loop.commanded)
         loop.tick(wanted_on(loop), **other)
         if loop.report.event is Event.FAULT:
             break
@@ -58,7 +58,7 @@ def stops(loop: Loop, rule: Rule, reason: str, ticks: int = 1, **other: Any) -> 
 
 def stays(loop: Loop) -> None:
     """It holds, with torque, whatever is wanted, until a person acknowledges and the servos are checked again."""
-    place = loop.told[-1]
+    place = loop.commanded[-1]
     for _ in range(30):
         command = loop.tick(wanted_on(loop))
         assert command is not None
@@ -71,9 +71,9 @@ def stays(loop: Loop) -> None:
     loop.follow(READY_POSE, 5)  # the check from before does not count
     assert loop.state is State.UNCHECKED
     assert loop.report.reason == "the servos have to be checked"
-    assert np.array_equal(loop.told[-1], place)
+    assert np.array_equal(loop.commanded[-1], place)
     again = Loop(loop.limits, now_ns=loop.now_ns)
-    again.before, again.measured, again.told, again.times = loop.before, loop.measured, [place], [loop.now_ns]
+    again.before, again.measured, again.commanded, again.times = loop.before, loop.measured, [place], [loop.now_ns]
     again.ready()
     again.tick(place)
     assert again.state is State.TRACKING
@@ -83,13 +83,13 @@ def stays(loop: Loop) -> None:
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_wanted_position_that_is_no_number(bad: float) -> None:
     loop = moving()
-    wanted = READY_POSE.copy()
-    wanted[3] = bad
-    loop.tick(wanted)
+    requested = READY_POSE.copy()
+    requested[3] = bad
+    loop.tick(requested)
     assert loop.state is State.STOPPING
     assert Rule.NOT_FINITE in loop.report.acted
-    assert "wanted positions" in loop.report.reason
-    assert np.isfinite(loop.told[-1]).all()
+    assert "requested positions" in loop.report.reason
+    assert np.isfinite(loop.commanded[-1]).all()
     json.dumps(loop.report.record())
 
 
@@ -118,10 +118,10 @@ def test_a_person_who_is_no_number(name: str) -> None:
 def test_kinematics_that_are_no_number() -> None:
     loop = moving()
     loop.kinematics = lambda positions: (kinematics(positions)[0] * np.nan, kinematics(positions)[1])
-    before = loop.told[-1]
+    before = loop.commanded[-1]
     loop.tick(wanted_on(loop))
     assert Rule.NOT_FINITE in loop.report.acted
-    assert np.array_equal(loop.told[-1], before)  # nobody knows how near the person is
+    assert np.array_equal(loop.commanded[-1], before)  # nobody knows how near the person is
     loop.tick(wanted_on(loop))
     assert loop.state is State.STOPPED
 
@@ -237,7 +237,7 @@ def test_a_joint_that_does_not_follow() -> None:
     since = None
     for _ in range(80):
         loop.tick(wanted_on(loop), arm=said(stuck, loop.now_ns + TICK_NS))
-        strays = np.abs(loop.told[-2] - stuck).max() > LIMITS.servo.following
+        strays = np.abs(loop.commanded[-2] - stuck).max() > LIMITS.servo.following
         since = loop.now_ns if since is None and strays else since
         if loop.state is not State.TRACKING:
             break
@@ -252,9 +252,9 @@ def test_a_joint_that_does_not_follow() -> None:
 def test_a_joint_that_strays_for_a_moment_stops_nothing() -> None:
     loop = moving()
     for _ in range(4):
-        loop.follow(loop.told[-1], 10)
+        loop.follow(loop.commanded[-1], 10)
         for _ in range(25):  # of the 30 that it takes
-            loop.tick(loop.told[-1], arm=said(loop.measured + 0.5, loop.now_ns + TICK_NS))
+            loop.tick(loop.commanded[-1], arm=said(loop.measured + 0.5, loop.now_ns + TICK_NS))
     assert loop.state is State.TRACKING
 
 
@@ -276,11 +276,11 @@ def test_a_loop_that_is_late_again_and_again() -> None:
 @pytest.mark.parametrize(("elapsed_ns", "reason"), [(81_000_000, "paused for 81 ms"), (-1_000_000, "1.0 ms backwards")])
 def test_a_loop_whose_clock_jumps(elapsed_ns: int, reason: str) -> None:
     loop = moving()
-    before = loop.told[-1]
+    before = loop.commanded[-1]
     loop.tick(wanted_on(loop), elapsed_ns=elapsed_ns)
     assert Rule.DEADLINE in loop.report.acted
     assert reason in loop.report.reason
-    assert np.abs(loop.told[-1] - before).max() <= LIMITS.speed.max() * 0.0125
+    assert np.abs(loop.commanded[-1] - before).max() <= LIMITS.speed.max() * 0.0125
 
 
 def test_a_person_not_seen_is_held_for_and_then_retracted_from() -> None:
@@ -300,8 +300,8 @@ def test_a_person_not_seen_is_held_for_and_then_retracted_from() -> None:
         assert states[state][0] == pytest.approx(when, abs=1.01e-9 * TICK_NS)
         assert rule in states[state][1]
     assert loop.state is State.READY
-    assert np.abs(loop.told[-1] - REST).max() < 0.01
-    retracting = loop.speeds()[[r.state is State.RETRACTING for r in loop.reports[-len(loop.told) + 1 :]]]
+    assert np.abs(loop.commanded[-1] - REST).max() < 0.01
+    retracting = loop.speeds()[[r.state is State.RETRACTING for r in loop.reports[-len(loop.commanded) + 1 :]]]
     assert np.abs(retracting).max() <= LIMITS.motion.retract + 1e-6
 
 
@@ -311,10 +311,10 @@ def test_the_way_back_is_the_known_path() -> None:
     loop = Loop(start=start).tracking()
     loop.human = None
     loop.follow(start, 1200)
-    told = np.array(loop.told)
+    commanded = np.array(loop.commanded)
     for way_point in LIMITS.way_points:
-        assert np.abs(told - way_point).max(axis=1).min() < 0.01
-    between = told[np.abs(told - READY_POSE).max(axis=1).argmin() :]
+        assert np.abs(commanded - way_point).max(axis=1).min() < 0.01
+    between = commanded[np.abs(commanded - READY_POSE).max(axis=1).argmin() :]
     share = (between[:, 1] - READY_POSE[1]) / (REST[1] - READY_POSE[1])
     straight = READY_POSE + share[:, None] * (REST - READY_POSE)
     assert np.abs(between - straight).max() < 0.012
@@ -360,7 +360,7 @@ def test_the_emergency_stop_freezes_the_arm_where_it_is() -> None:
     assert np.allclose(command.positions, there)  # not where they were going
     assert "8.3 ms after it was pulled" in loop.report.reason
     loop.follow(wanted_on(loop), 20, estop_ns=pulled)
-    assert np.array_equal(loop.told[-1], command.positions)
+    assert np.array_equal(loop.commanded[-1], command.positions)
     loop.tick(wanted_on(loop), estop_ns=pulled, acknowledge=True)  # still pulled
     assert loop.state is State.ESTOPPED
     stays(loop)
@@ -368,18 +368,18 @@ def test_the_emergency_stop_freezes_the_arm_where_it_is() -> None:
 
 def test_an_emergency_stop_believes_no_wild_reading() -> None:
     loop = moving()
-    told = loop.told[-1]
+    commanded = loop.commanded[-1]
     answered = np.array([True, True, True, True, True, False])
-    arm = replace(said(told + 3.0, loop.now_ns + TICK_NS), answered=answered)
+    arm = replace(said(commanded + 3.0, loop.now_ns + TICK_NS), answered=answered)
     command = loop.tick(wanted_on(loop), estop_ns=loop.now_ns, arm=arm)
     assert command is not None
-    moved = command.positions - told
+    moved = command.positions - commanded
     assert np.allclose(moved[:5], LIMITS.servo.following)
     assert moved[5] == 0.0
     loop = moving()
-    told = loop.told[-1]
+    commanded = loop.commanded[-1]
     loop.tick(wanted_on(loop), estop_ns=loop.now_ns, arm=None)
-    assert np.array_equal(loop.told[-1], told)
+    assert np.array_equal(loop.commanded[-1], commanded)
 
 
 def test_an_emergency_stop_that_came_late_says_so() -> None:
@@ -391,22 +391,22 @@ def test_an_emergency_stop_that_came_late_says_so() -> None:
 def test_nothing_is_sent_and_nothing_moves_before_the_check() -> None:
     loop = Loop(start=READY_POSE)
     loop.follow(READY_POSE + 1.0, 10)
-    assert loop.told == []
+    assert loop.commanded == []
     assert Rule.START_UP in loop.report.acted
     assert loop.report.reason == "the servos have to be checked"
     loop.check = Check(loop.now_ns, ("servo 4: operating_mode is 3, it has to be 5",))
     loop.follow(READY_POSE + 1.0, 10)
-    assert loop.told == []
+    assert loop.commanded == []
     assert "operating_mode is 3" in loop.report.reason
     loop.check = Check(loop.now_ns, ())
     loop.tick(READY_POSE, health=None)  # and not with a fault either
-    assert loop.told == []
+    assert loop.commanded == []
     some = np.array([True] * 5 + [False])  # nor from where a joint only was
     loop.tick(READY_POSE, arm=replace(said(READY_POSE, loop.now_ns + TICK_NS), answered=some))
-    assert loop.told == []
+    assert loop.commanded == []
     loop.tick(READY_POSE)
     assert loop.state is State.READY
-    assert np.array_equal(loop.told[-1], READY_POSE)
+    assert np.array_equal(loop.commanded[-1], READY_POSE)
 
 
 def test_the_report_can_be_recorded() -> None:

@@ -27,16 +27,16 @@ def test_an_offset_never_breaks_a_limit_and_gets_where_it_is_wanted(seed: int) -
     """References that use their limits up, and requests that jump; then both are let be."""
     rng, offset, tick = np.random.default_rng(seed), FeedForward(), SECONDS
     most, low, high = LIMITS.acceleration, LIMITS.lowest, LIMITS.highest
-    positions, speeds, wanted, goals = rng.uniform(low, high), np.zeros(6), np.zeros(6), []
+    positions, speeds, requested, goals = rng.uniform(low, high), np.zeros(6), np.zeros(6), []
     for step in range(400):
-        wanted = rng.uniform(-0.1, 0.1, 6) if step < 300 else wanted
+        requested = rng.uniform(-0.1, 0.1, 6) if step < 300 else requested
         before, last = Motion(positions, speeds), offset
         pushed = np.clip(speeds + rng.choice([-1.0, 0.0, 1.0], 6) * most * tick, -LIMITS.speed, LIMITS.speed)
         inside = (positions + tick * pushed > low) & (positions + tick * pushed < high)
         speeds = np.where(inside, pushed, 0.0) if step < 300 else np.zeros(6)
         pushes = np.abs(speeds - before.velocities) / tick
         within = feed_forward.bounds(LIMITS, offset, positions + tick * speeds, tick)
-        rates = feed_forward.next_rates(LIMITS, offset, wanted, before, speeds, within, tick)
+        rates = feed_forward.next_rates(LIMITS, offset, requested, before, speeds, within, tick)
         positions = positions + tick * speeds
         offset = feed_forward.moved(LIMITS, offset, rates, positions, tick)
         goals.append(positions + offset.offsets)
@@ -49,13 +49,13 @@ def test_an_offset_never_breaks_a_limit_and_gets_where_it_is_wanted(seed: int) -
             assert (stopped | (change <= np.maximum(most, pushes) * 1.001 + 1e-6)).all()
             assert (goals[-1] >= low - 1e-9).all()
             assert (goals[-1] <= high + 1e-9).all()
-    np.testing.assert_allclose(goals[-1], np.clip(positions + wanted, low, high), atol=2e-3)
+    np.testing.assert_allclose(goals[-1], np.clip(positions + requested, low, high), atol=2e-3)
 
 
 def near_somebody(rng: np.random.Generator, human: Human) -> tuple[Loop, Array, Array]:
     """A loop in which goals shall lead by anything, changing all the time; goals (T, J), and where the arm was."""
     loop = Loop(start=READY_POSE, human=human).tracking()
-    goals, was = [loop.told[-1]], [loop.measured]
+    goals, was = [loop.commanded[-1]], [loop.measured]
     requested = np.zeros(6)
     for tick in range(100):
         if tick % 6 == 0:
@@ -63,7 +63,7 @@ def near_somebody(rng: np.random.Generator, human: Human) -> tuple[Loop, Array, 
         share = min(1.0, tick * SECONDS / 0.4)
         before = loop.measured.copy()
         loop.tick(READY_POSE + share * (STRETCHED - READY_POSE), feed_forward=requested)
-        goals.append(loop.told[-1])
+        goals.append(loop.commanded[-1])
         was.append(before)
     return loop, np.array(goals), np.array(was)
 
@@ -99,13 +99,13 @@ def test_without_the_rule_an_offset_alone_would_be_too_fast_near_a_face() -> Non
     loop = Loop(start=READY_POSE, human=Human(head, FAR.palm, np.zeros(3), 0)).tracking()
     for tick in range(60):
         loop.tick(READY_POSE, feed_forward=np.full(6, 0.1 if tick % 20 < 10 else -0.1))
-    speeds = np.linalg.norm(np.diff([plate(goal) for goal in loop.told], axis=0), axis=1) / SECONDS
+    speeds = np.linalg.norm(np.diff([plate(goal) for goal in loop.commanded], axis=0), axis=1) / SECONDS
     assert 0.5 * LIMITS.face.speed < speeds.max() <= LIMITS.face.speed
     assert any(Rule.FEED_FORWARD in report.acted for report in loop.reports)
     free = Loop(start=READY_POSE).tracking()
     for tick in range(60):
         free.tick(READY_POSE, feed_forward=np.full(6, 0.1 if tick % 20 < 10 else -0.1))
-    fast = np.linalg.norm(np.diff([plate(goal) for goal in free.told], axis=0), axis=1) / SECONDS
+    fast = np.linalg.norm(np.diff([plate(goal) for goal in free.commanded], axis=0), axis=1) / SECONDS
     assert fast.max() > 1.5 * LIMITS.face.speed
 
 
@@ -114,7 +114,7 @@ def test_a_request_that_is_no_number_stops_the_arm() -> None:
     loop.tick(READY_POSE, feed_forward=np.full(6, np.nan))
     assert loop.state is State.STOPPING
     assert Rule.NOT_FINITE in loop.report.acted
-    assert np.isfinite(loop.told[-1]).all()
+    assert np.isfinite(loop.commanded[-1]).all()
 
 
 def test_a_held_arm_keeps_what_its_goals_lead_by() -> None:
@@ -122,9 +122,9 @@ def test_a_held_arm_keeps_what_its_goals_lead_by() -> None:
     loop = Loop(start=READY_POSE).tracking()
     loop.follow(READY_POSE, 60, feed_forward=np.full(6, 0.04))
     loop.tick(READY_POSE, estop_ns=loop.now_ns)
-    np.testing.assert_allclose(loop.told[-1] - loop.measured, 0.04, atol=1e-3)
+    np.testing.assert_allclose(loop.commanded[-1] - loop.measured, 0.04, atol=1e-3)
     loop.follow(READY_POSE, 30, estop_ns=loop.now_ns, feed_forward=np.full(6, -0.1))
-    np.testing.assert_allclose(loop.told[-1] - loop.measured, 0.04, atol=1e-3)
+    np.testing.assert_allclose(loop.commanded[-1] - loop.measured, 0.04, atol=1e-3)
 
 
 @pytest.mark.parametrize("slow", [0.1, 0.22])
@@ -134,7 +134,7 @@ def test_no_point_is_faster_than_its_limit_anywhere(slow: float) -> None:
     loop, rng = Loop(limits, start=READY_POSE).tracking(), np.random.default_rng(0)
     for tick in range(300):
         loop.tick(READY_POSE + min(1.0, tick / 40) * (STRETCHED - READY_POSE), feed_forward=rng.uniform(-0.1, 0.1, 6))
-    speeds = np.linalg.norm(np.diff([plate(goal) for goal in loop.told], axis=0), axis=1) / SECONDS
+    speeds = np.linalg.norm(np.diff([plate(goal) for goal in loop.commanded], axis=0), axis=1) / SECONDS
     assert 0.9 * slow < speeds.max() <= slow
     assert any(Rule.POINT_SPEED in report.acted for report in loop.reports)
 
@@ -156,5 +156,5 @@ def test_goals_that_lead_are_slow_while_nobody_knows_where_the_person_is() -> No
         requested = rng.uniform(-0.1, 0.1, 6) if tick % 6 == 0 else requested
         loop.tick(STRETCHED, feed_forward=requested)
     assert any(report.state is State.RETRACTING for report in loop.reports)
-    speeds = np.linalg.norm(np.diff([plate(goal) for goal in loop.told], axis=0), axis=1) / SECONDS
+    speeds = np.linalg.norm(np.diff([plate(goal) for goal in loop.commanded], axis=0), axis=1) / SECONDS
     assert 0.05 < speeds.max() <= 1.1 * 0.1  # the two postures' Jacobians differ

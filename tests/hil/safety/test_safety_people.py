@@ -27,7 +27,7 @@ def reach(tick: int, seconds: float = 0.5) -> Array:
 
 def plate_speed(loop: Loop) -> Array:
     """(T, 3) m/s, of the plate from command to command."""
-    places = np.array([plate(told) for told in loop.told])
+    places = np.array([plate(commanded) for commanded in loop.commanded])
     return np.diff(places, axis=0) / (np.diff(loop.times)[:, None] * 1e-9)
 
 
@@ -41,9 +41,9 @@ def met(hand_velocity: Array, seconds: float = 0.35, ticks: int = 110) -> tuple[
     for tick in range(ticks):
         palm = end + hand_velocity * (tick * SECONDS - 0.5)
         loop.human = Human(FAR.head, palm, hand_velocity, 0)
-        before = plate(loop.told[-1])
+        before = plate(loop.commanded[-1])
         loop.tick(reach(tick, seconds))
-        velocity = (plate(loop.told[-1]) - before) / SECONDS
+        velocity = (plate(loop.commanded[-1]) - before) / SECONDS
         gap = np.linalg.norm(palm - before)
         gaps.append(gap)
         closing.append((velocity - hand_velocity) @ (palm - before) / gap)
@@ -90,13 +90,13 @@ def test_after_contact_the_line_is_the_last_one_known() -> None:
     alone = Loop(start=READY_POSE).tracking()
     for tick in range(80):
         alone.tick(reach(tick, 0.35))
-    way = [plate(told) for told in alone.told]
+    way = [plate(commanded) for commanded in alone.commanded]
     palm = next(place for place in way if np.linalg.norm(place - way[0]) > 0.2)
     loop.human = Human(FAR.head, palm, np.zeros(3), 0)
     loop.tracking()
     for tick in range(80):
         loop.tick(reach(tick, 0.35))
-    away = np.array([np.linalg.norm(plate(told) - palm) for told in loop.told[1:]])
+    away = np.array([np.linalg.norm(plate(commanded) - palm) for commanded in loop.commanded[1:]])
     assert away.min() < LIMITS.contact.touching
     line = loop.before.seen.line
     assert line is not None
@@ -111,7 +111,7 @@ def test_a_hand_first_seen_at_the_plate_keeps_it_still() -> None:
     for tick in range(20):
         loop.tick(reach(tick))
     assert Rule.CONTACT_SPEED in loop.report.acted
-    assert np.ptp(loop.told, axis=0).max() == 0.0
+    assert np.ptp(loop.commanded, axis=0).max() == 0.0
 
 
 def test_a_hand_that_nobody_sees_may_be_anywhere() -> None:
@@ -133,9 +133,9 @@ def head_reach(offset: Array, head_velocity: Array, ticks: int = 120) -> tuple[L
     for tick in range(ticks):
         place = head + head_velocity * tick * SECONDS
         loop.human = Human(place, FAR.palm, np.zeros(3), 0)
-        before = plate(loop.told[-1])
+        before = plate(loop.commanded[-1])
         loop.tick(reach(tick, 0.4))
-        after = plate(loop.told[-1])
+        after = plate(loop.commanded[-1])
         distances.append(min(np.linalg.norm(before - place), np.linalg.norm(after - place)))
         speeds.append(np.linalg.norm(after - before) / SECONDS)
     return loop, np.array(distances), np.array(speeds)
@@ -164,7 +164,7 @@ def test_a_plate_that_passes_by_at_a_distance_is_left_alone() -> None:
     free = Loop(start=READY_POSE).tracking()
     for tick in range(60):
         free.tick(reach(tick, 0.4))
-    path = np.array([plate(told) for told in free.told])
+    path = np.array([plate(commanded) for commanded in free.commanded])
     way = path[-1] - path[0]
     across = np.cross(way, [0.0, 0.0, 1.0])
     offset = clear * across / np.linalg.norm(across)
@@ -209,12 +209,12 @@ def test_other_points_of_the_arm_are_held_to_the_zone_too() -> None:
     loop.tracking()
     for tick in range(120):
         loop.tick(reach(tick, 0.4))
-    places = np.array([kinematics(told)[0][1] for told in loop.told])
+    places = np.array([kinematics(commanded)[0][1] for commanded in loop.commanded])
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / SECONDS
     inside = np.linalg.norm(places[1:] - loop.human.head, axis=1) <= LIMITS.face.radius
     assert inside.any()
     assert speeds[inside].max() <= limits.face.speed
-    plates = np.array([plate(told) for told in loop.told])
+    plates = np.array([plate(commanded) for commanded in loop.commanded])
     assert np.linalg.norm(plates - loop.human.head, axis=1).min() > limits.face.radius
 
 

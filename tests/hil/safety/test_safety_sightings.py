@@ -54,7 +54,7 @@ def reached(palm_seen: Sighting) -> float:
     loop.tracking()
     for tick in range(60):
         loop.tick(READY_POSE + min(1.0, tick * TICK_NS * 1e-9 / 0.35) * (STRETCHED - READY_POSE))
-    gaps = np.linalg.norm(np.array([plate(told) for told in loop.told]) - palm, axis=1)
+    gaps = np.linalg.norm(np.array([plate(commanded) for commanded in loop.commanded]) - palm, axis=1)
     closing = -np.diff(gaps) / (TICK_NS * 1e-9)
     fast = np.flatnonzero(closing > 1.05 * limits.contact.speed)
     return float(gaps[fast[-1] + 1])
@@ -74,7 +74,7 @@ def test_the_zone_about_an_unsure_head_is_wider() -> None:
             start=READY_POSE, human=Human(head, FAR.palm, np.zeros(3), 0, Sighting(90 * MS, deviation))
         ).tracking()
         loop.follow(READY_POSE + np.array([0.3, 0, 0, 0, 0, 0]), 30)
-        places = np.array([plate(told) for told in loop.told])
+        places = np.array([plate(commanded) for commanded in loop.commanded])
         speeds[deviation] = np.linalg.norm(np.diff(places, axis=0), axis=1).max() / (TICK_NS * 1e-9)
     assert max(speeds.values()) > LIMITS.face.speed >= min(speeds.values())
 
@@ -116,7 +116,7 @@ def test_current_is_low_where_only_the_goal_is_near_the_hand(beyond: float, low:
     loop = Loop(start=READY_POSE).tracking()
     lead = np.full(6, 0.04)
     loop.follow(READY_POSE, 60, feed_forward=lead)
-    body, goal = plate(loop.measured), plate(loop.told[-1])
+    body, goal = plate(loop.measured), plate(loop.commanded[-1])
     ahead = float(np.linalg.norm(goal - body))
     palm = goal + (LIMITS.contact.near + beyond) * (goal - body) / ahead
     assert np.linalg.norm(palm - body) > LIMITS.contact.near + 0.005

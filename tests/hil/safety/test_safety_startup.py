@@ -26,11 +26,11 @@ WELL = [
     ServoLimits(name, 5, math.pi, LIMITS.joints[number].current, 65.0, LIMITS.timing.watchdog_s, True)
     for number, name in enumerate(JOINTS)
 ]
-WANTED = {1: {"operating_mode": 5, "homing_offset": 0}, 2: {"operating_mode": 5, "homing_offset": -12}}
+REQUIRED = {1: {"operating_mode": 5, "homing_offset": 0}, 2: {"operating_mode": 5, "homing_offset": -12}}
 
 
 def check(**other: Any) -> tuple[str, ...]:
-    usual = {"wanted": WANTED, "found": WANTED, "servos": WELL, "real_port": True, "armed": True, "time_ns": 7}
+    usual = {"required": REQUIRED, "found": REQUIRED, "servos": WELL, "real_port": True, "armed": True, "time_ns": 7}
     usual["room"] = Room(nobody_near=True)
     found = start_up_check(LIMITS, **(usual | other))
     assert found.time_ns == 7
@@ -109,6 +109,6 @@ def test_a_servo_or_a_register_that_was_not_read() -> None:
 @given(st.dictionaries(st.integers(1, 3), st.dictionaries(st.sampled_from("abc"), st.integers(0, 3)), max_size=3))
 @settings(deadline=None)
 def test_only_what_is_the_same_passes(found: dict[int, dict[str, int]]) -> None:
-    wanted = {1: {"a": 0, "b": 1}, 2: {"a": 2}}
-    same = all(found.get(servo, {}).get(name) == value for servo, r in wanted.items() for name, value in r.items())
-    assert (not register_mismatches(wanted, found)) is same
+    required = {1: {"a": 0, "b": 1}, 2: {"a": 2}}
+    same = all(found.get(servo, {}).get(name) == value for servo, r in required.items() for name, value in r.items())
+    assert (not register_mismatches(required, found)) is same

@@ -82,7 +82,7 @@ def test_a_session_from_its_beginning_to_its_end() -> None:
     assert seen == [
         s.READY, s.TRACKING, s.HOLDING, s.TRACKING, s.RETRACTING, s.TRACKING, s.RETRACTING, s.READY,
     ]  # fmt: skip
-    assert np.abs(loop.told[-1] - REST).max() < 0.01
+    assert np.abs(loop.commanded[-1] - REST).max() < 0.01
 
 
 INPUT = st.sampled_from(
@@ -91,7 +91,7 @@ INPUT = st.sampled_from(
 )  # fmt: skip
 
 
-def known(loop: Loop, happening: str, wanted: Array) -> tuple[Array | None, dict[str, Any]]:
+def known(loop: Loop, happening: str, requested: Array) -> tuple[Array | None, dict[str, Any]]:
     """What is wanted, and what else is known, when that happens."""
     now = loop.now_ns
     loop.run = happening != "end"
@@ -110,7 +110,7 @@ def known(loop: Loop, happening: str, wanted: Array) -> tuple[Array | None, dict
         "acknowledge": {"acknowledge": True},
     }
     wants = {"nothing wanted": None, "nan": np.full(6, np.nan), "far away": np.full(6, 1e6)}
-    return wants.get(happening, wanted), others.get(happening, {})
+    return wants.get(happening, requested), others.get(happening, {})
 
 
 @given(st.lists(st.tuples(INPUT, st.integers(1, 12)), max_size=25), st.integers(0, 2**32))
@@ -123,9 +123,9 @@ def test_no_inputs_lead_to_motion_where_there_must_be_none(happenings: list[tupl
     """
     loop, stopped, chance = Loop(start=READY_POSE), False, np.random.default_rng(seed)
     for happening in (happening for happening, ticks in happenings for _ in range(ticks)):
-        wanted, other = known(loop, happening, READY_POSE + chance.uniform(-1.0, 1.0, 6))
-        before, last = loop.state, loop.told[-1] if loop.told else None
-        command = loop.tick(wanted, **other)
+        requested, other = known(loop, happening, READY_POSE + chance.uniform(-1.0, 1.0, 6))
+        before, last = loop.state, loop.commanded[-1] if loop.commanded else None
+        command = loop.tick(requested, **other)
         stopped = (stopped or happening == "estop") and happening != "acknowledge"
         assert not stopped or loop.state is State.ESTOPPED
         assert bool(loop.report.reason) or loop.state not in (State.ESTOPPED, State.STOPPED)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from highfive.hil.session.contact_correction import ContactCorrection
-from highfive.hil.session.own_body import SOFTNESS, STIFFNESS, OwnBody
+from highfive.hil.session.own_body import OWN_BODY, OwnBody
 from highfive.hil.session.session import RATE_HZ, Session, Tick
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.sim.people.capture import PERSON_SET
@@ -158,7 +158,10 @@ def test_the_cost_of_one_pair_is_what_is_written(scene: Scene) -> None:
         near = np.sort(distances.ravel())
         if near[1] > 0.07 and 0.0 < near[0] < 0.05:
             cost = body.keep_off(0.5, np.zeros(18), np.zeros((18, 18)))
-            assert cost == pytest.approx(0.5 * STIFFNESS * SOFTNESS * np.exp(-near[0] / SOFTNESS), rel=1e-9)
+            assert cost == pytest.approx(
+                0.5 * OWN_BODY.stiffness * OWN_BODY.softness * np.exp(-near[0] / OWN_BODY.softness),
+                rel=1e-9,
+            )
             return
     raise AssertionError("no pose with one near pair")
 
@@ -182,7 +185,7 @@ def test_a_forearm_that_is_led_through_the_trunk_stays_outside(
     assert max(generated) > 0.06
     if smooth is not None:
         change = np.abs(np.diff(np.array(played), n=2, axis=0)) * RATE_HZ
-        assert change.max() < smooth  # rad/s in a tick
+        assert change.max() < smooth  # rad/s per tick
 
 
 def test_far_from_the_own_body_nothing_changes(scene: Scene) -> None:

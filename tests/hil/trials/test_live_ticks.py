@@ -11,7 +11,8 @@ from virtual_system import VirtualSystem
 from highfive.calibration.placement import Placement
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.session.session import TickInput
-from highfive.hil.trials.live_partner import STALE_S, TICK_NS, LiveTrial, live_source
+from highfive.hil.trials.live_partner import TICK_NS, LiveTrial, live_source
+from highfive.hil.trials.live_settings import LIVE
 from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.files.recording import Recording, resample
 
@@ -72,7 +73,7 @@ def test_after_a_stall_there_is_one_tick_for_now_and_no_burst(greeting: Recordin
     local, stamps = np.diff([(at, begins.time_ns) for at, begins in begun], axis=0)[1:].T
     assert local.min() >= 0.5 * TICK_NS and local.max() <= 1.6 * TICK_NS
     np.testing.assert_allclose(stamps, local, atol=2_000_000)
-    assert counts["stale"] == pytest.approx((0.4 - STALE_S) * 120, abs=4)
+    assert counts["stale"] == pytest.approx((0.4 - LIVE.stale) * 120, abs=4)
 
 
 def test_a_host_that_stood_still_goes_on_with_now(greeting: Recording, clock: VirtualClock) -> None:

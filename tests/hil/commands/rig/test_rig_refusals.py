@@ -19,7 +19,7 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
 from highfive.hil.recording.recording import SessionRecorder, read_recording
-from highfive.hil.recording.replay_goals import FORESEEN, recorded_high_fives
+from highfive.hil.recording.replay_goals import LEAD_TIME, recorded_high_fives
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.summary import SessionSettings
@@ -228,9 +228,9 @@ def test_what_is_played_is_what_was_recorded(recorded: Path) -> None:
     assert reference.due == round(judgement["met_time"] * RATE_HZ)
     assert len(reference.goals) <= len(times)
     expected = [tick for tick, goal in enumerate(reference.goals) if goal.contact is not None]
-    assert expected[0] == reference.due - round(FORESEEN * RATE_HZ)
+    assert expected[0] == reference.due - round(LEAD_TIME * RATE_HZ)
     first = reference.goals[expected[0]].contact
     assert first is not None
-    assert first.time == pytest.approx(FORESEEN, abs=1.0 / RATE_HZ)
+    assert first.time == pytest.approx(LEAD_TIME, abs=1.0 / RATE_HZ)
     assert np.linalg.norm(first.point - reference.avatar[reference.due]) < 0.02  # the palms met there
     np.testing.assert_allclose(first.point, recording.channels["/person"][reference.due].data["palm"], atol=1e-5)

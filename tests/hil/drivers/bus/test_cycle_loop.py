@@ -13,7 +13,7 @@ from virtual_servos import VirtualServos
 from highfive.hil.commands.rig.service import check, print_check
 from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.cycle_ring import CycleRing, Mode
-from highfive.hil.drivers.bus.rig import Rig, angle, count, load_rig, wanted_registers
+from highfive.hil.drivers.bus.rig import Rig, angle, count, load_rig, required_registers
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualArm
 from highfive.hil.drivers.values import JointCommand
@@ -71,7 +71,7 @@ def test_what_every_servo_is_set_to_is_read_back_when_it_is_engaged(servos: Virt
     arm = servos.rig.start_arm(rig)
     arm.wait_ready(30.0)
     held = arm.engage()
-    assert held == {servo: {**wanted, "torque_enable": 1} for servo, wanted in wanted_registers(rig).items()}
+    assert held == {servo: {**required, "torque_enable": 1} for servo, required in required_registers(rig).items()}
     servos.until(lambda: arm.mode is Mode.HOLDING)
     servos.sleep(0.3)
     assert arm.mode is Mode.HOLDING, arm.trouble  # it is read in every cycle, so no watchdog trips

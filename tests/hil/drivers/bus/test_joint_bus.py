@@ -33,6 +33,15 @@ def run(servos: VirtualServos, joints: JointBus, goal: np.ndarray, cycles: int =
     return state, sent
 
 
+def watched(bus: ServoBus, rig: Rig) -> JointBus:
+    """The joints with torque on and watchdogs of 80 ms armed."""
+    joints = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
+    joints.prepare()
+    joints.engage()
+    joints.arm_watchdog()
+    return joints
+
+
 def test_joints_go_where_they_are_told_each_its_own_way(
     servos: VirtualServos, joints: JointBus, bus: ServoBus, rig: Rig
 ) -> None:
@@ -157,10 +166,7 @@ def test_what_the_watchdogs_stopped_unseen_does_not_go_on_once_they_are_switched
     servos: VirtualServos, bus: ServoBus, rig: Rig
 ) -> None:
     """The last cycle knew of servos on their way; they have stopped since, and refused to know a new goal."""
-    wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
-    wary.prepare()
-    wary.engage()
-    wary.arm_watchdog()
+    wary = watched(bus, rig)
     wary.cycle(JointCommand(np.full(6, 1.0), HALF))
     servos.sleep(0.4)
     wary.disarm_watchdog(HALF)
@@ -191,10 +197,7 @@ def test_watchdogs_that_are_armed_and_read_back_on_a_slow_line_trip_nobody(servo
 
 
 def test_without_being_fed_they_do_trip(servos: VirtualServos, bus: ServoBus, rig: Rig) -> None:
-    wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
-    wary.prepare()
-    wary.engage()
-    wary.arm_watchdog()
+    wary = watched(bus, rig)
     end = servos.now_s + 0.3
     while servos.now_s < end:  # the line is never silent, but says nothing to the others
         bus.read(1, "id")
@@ -205,10 +208,7 @@ def test_who_is_freed_from_its_watchdog_has_its_profile_before_its_goal(
     servos: VirtualServos, bus: ServoBus, rig: Rig
 ) -> None:
     """The trip took it away; the rig wants none, and whatever somebody wrote meanwhile is not left there."""
-    wary = JointBus(bus, replace(rig, settings=replace(rig.settings, watchdog=0.08)))
-    wary.prepare()
-    wary.engage()
-    wary.arm_watchdog()
+    wary = watched(bus, rig)
     servos.sleep(0.3)
     assert wary.read().tripped.all()
     for servo in rig.servos:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from highfive.hil.drivers.bus.control_table import bounds, load_table, to_si
-from highfive.hil.drivers.bus.rig import DEFAULT_RIG, RigJoint, angle, count, load_rig, wanted_registers
+from highfive.hil.drivers.bus.rig import DEFAULT_RIG, RigJoint, angle, count, load_rig, required_registers
 from highfive.model.errors import HighFiveError
 
 TEXT = DEFAULT_RIG.read_text(encoding="utf-8")
@@ -24,23 +24,23 @@ def test_the_arm_that_comes_with_the_project() -> None:
 
 
 def test_what_its_servos_shall_hold() -> None:
-    wanted = wanted_registers(load_rig())
-    assert {servo["id"] for servo in wanted.values()} == set(wanted) == set(range(1, 9))
-    for servo in wanted.values():
+    required = required_registers(load_rig())
+    assert {servo["id"] for servo in required.values()} == set(required) == set(range(1, 9))
+    for servo in required.values():
         assert servo["velocity_limit"] == 131
         assert servo["bus_watchdog"] == 4
         assert servo["operating_mode"] == 5
         assert servo["baud_rate"] == 3
         assert servo["return_delay_time"] == 0
-    assert [wanted[n]["shadow_id"] for n in range(1, 9)] == [255, 255, 2, 255, 4, 255, 255, 255]
-    assert [wanted[n]["drive_mode"] for n in range(1, 9)] == [0, 1, 0, 1, 0, 0, 1, 0]  # as Interbotix sets them
-    assert (wanted[2]["min_position_limit"], wanted[2]["max_position_limit"]) == (842, 2867)
-    assert (wanted[1]["min_position_limit"], wanted[1]["max_position_limit"]) == (0, 4095)
+    assert [required[n]["shadow_id"] for n in range(1, 9)] == [255, 255, 2, 255, 4, 255, 255, 255]
+    assert [required[n]["drive_mode"] for n in range(1, 9)] == [0, 1, 0, 1, 0, 0, 1, 0]  # as Interbotix sets them
+    assert (required[2]["min_position_limit"], required[2]["max_position_limit"]) == (842, 2867)
+    assert (required[1]["min_position_limit"], required[1]["max_position_limit"]) == (0, 4095)
 
 
 def test_the_servos_take_what_they_shall_hold() -> None:
     rig = load_rig()
-    for servo, registers in wanted_registers(rig).items():
+    for servo, registers in required_registers(rig).items():
         table = load_table(rig.models[servo])
         for name, raw in registers.items():
             low, high = bounds(table[name])
@@ -52,8 +52,8 @@ JOINT = RigJoint("a", "XM540-W270", 1, None, 0, False, 2048, -1.0, 1.0, 1.0, 800
 
 
 @given(st.floats(-10, 10))
-def test_a_count_is_the_nearest(wanted: float) -> None:
-    assert abs(angle(JOINT, count(JOINT, wanted)) - wanted) <= math.tau / 4096 / 2 + 1e-12
+def test_a_count_is_the_nearest(required: float) -> None:
+    assert abs(angle(JOINT, count(JOINT, required)) - required) <= math.tau / 4096 / 2 + 1e-12
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from highfive.hil.drivers.bus.control_table import BAUD_RATES, load_table
 from highfive.hil.drivers.bus.instruction_packets import ReadTarget
 from highfive.hil.drivers.bus.packet import BROADCAST, Packet
 from highfive.hil.drivers.bus.packet_decoder import Decoder
-from highfive.hil.drivers.bus.rig import load_rig, wanted_registers
+from highfive.hil.drivers.bus.rig import load_rig, required_registers
 from highfive.hil.drivers.bus.status_packets import Status, decode_fast_status, decode_status
 from highfive.hil.drivers.emulator.bus_faults import KINDS, parse_fault, parse_faults
 from highfive.hil.drivers.emulator.emulated_bus import TURNAROUND_NS, EmulatedBus, build_servos
@@ -164,8 +164,8 @@ def test_the_rig_is_as_the_driver_wants_it_or_as_from_the_factory() -> None:
     rig = load_rig()
     for configured in (True, False):
         servos, _ = build_servos(rig, configured=configured)
-        for servo, wanted in zip(servos, wanted_registers(rig).values(), strict=True):
-            assert all(servo.values[name] == raw for name, raw in wanted.items()) == configured
+        for servo, required in zip(servos, required_registers(rig).values(), strict=True):
+            assert all(servo.values[name] == raw for name, raw in required.items()) == configured
 
 
 # Faults.
@@ -276,8 +276,8 @@ def test_any_bytes_leave_the_bus_working(said: list[bytes], paced: bool) -> None
         bus.receive(data, n * MS, 1_000_000)
         bus.due(n * MS)
     bus.due(300 * MS)
-    wanted = {
+    required = {
         servo.id for servo in bus.servos if servo.baud_rate == 1_000_000 and servo.values["status_return_level"] >= 0
     }
     found = statuses(ask(bus, wire.ping(), 300 * MS)[0])
-    assert len(wanted) < 3 or {status.id for status in found} == wanted
+    assert len(required) < 3 or {status.id for status in found} == required

@@ -1,0 +1,193 @@
+"""The high fives of a session played one after the other: judged, recorded, shown, with an arm or without."""
+
+from __future__ import annotations
+
+import gc
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from highfive.hil.commands.programme import Programme
+from highfive.hil.commands.simulate_options import SimulateOptions
+from highfive.hil.recording.recording import SessionRecorder
+from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.threads import quick_switching
+from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
+from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
+from highfive.hil.sim.scene import Scene
+from highfive.hil.trials.partners import Partner
+from highfive.hil.trials.trial import as_captured, run_trial, style_name
+from highfive.hil.trials.trial_result import TrialResult
+from highfive.hil.view.interruption import Interruption
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model.errors import HighFiveError
+from highfive.model.plugins import PluginError
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
+    from highfive.hil.trials.live_partner import LivePerson
+    from highfive.hil.view.live_page import LivePage
+    from highfive.hil.view.session_view import SessionView
+
+# What only an arm or the live page need is imported where it is needed: it takes seconds.
+
+
+@dataclass(frozen=True)
+class Played:
+    """The trials that were finished, what the arm did in them (by number), and whether the session ended early."""
+
+    results: list[TrialResult] = field(default_factory=list)
+    arm: dict[int, ArmTrial] = field(default_factory=dict)
+    interrupted: bool = False
+
+
+def play(
+    options: SimulateOptions,
+    session: Session,
+    scene: Scene,
+    partners: list[Partner],
+    person: LivePerson | None,
+    recorder: SessionRecorder,
+    bar: Bar,
+    watch: ArmWatch | None,
+    page: LivePage | None,
+) -> Played:
+    """Plays the partners in order; Ctrl-C, a broken-off high five or a stopped arm ends the session early.
+
+    Raises:
+        HighFiveError: not even the first high five could be played.
+    """
+    played = Played()
+    results = played.results
+    with recorder, quick_switching():
+        try:
+            playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
+            advance = bar("high fives", len(partners))
+            view = None if page is None else _view(page, session, playout, scene, watch)
+            programme = Programme(options, partners, view)
+            # What was built until now is not garbage: a collection in the tick need not look at it.
+            gc.collect()
+            gc.freeze()
+            while programme:
+                partner, style = programme.take()
+                session.set_style(style)
+                called, number = style_name(style), programme.number
+                try:
+                    programme.begin(partner, style)
+                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view)
+                except Interruption as asked:
+                    programme.follow(asked.wish, partner)
+                    continue
+                except PluginError as error:  # a model of the user's own
+                    result, trouble = None, str(error)
+                if result is None:  # a high five that was broken off says nothing of how well palms meet
+                    _tell_broken_off(number, trouble, recorder, watch, first=not results)
+                    return replace(played, interrupted=True)
+                result = replace(result, style=programme.style_name(style))
+                arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
+                recorder.record_trial(result, arm)
+                results.append(result)
+                if arm is not None:
+                    played.arm[number] = arm
+                advance()
+                if watch is not None and watch.loop.trouble:
+                    say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
+                    _advise(_remedy(watch, arm))
+                    if view is not None:
+                        view.stopped()
+                    return replace(played, interrupted=True)
+                programme.judged(result, partner)
+        except KeyboardInterrupt:
+            return replace(played, interrupted=True)
+        finally:
+            gc.unfreeze()
+    return replace(played, interrupted=programme.ended)
+
+
+def _view(page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None) -> SessionView:
+    from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
+
+    return SessionView(page, session, playout, scene, arm=None if watch is None else watch.joints)
+
+
+def _tell_broken_off(
+    number: int, trouble: str, recorder: SessionRecorder, watch: ArmWatch | None, *, first: bool
+) -> None:
+    """A high five that was broken off.
+
+    Raises:
+        HighFiveError: it was the first one.
+    """
+    remedy = "" if watch is None else _remedy(watch, None)
+    if first:
+        recorder.discard()  # an empty recording would only be in the way of the next attempt
+        raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
+    say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
+    _advise(remedy)
+
+
+def _remedy(watch: ArmWatch, arm: ArmTrial | None) -> str:
+    from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
+
+    return too_busy(arm, watch.loop.cycles(), watch.loop.stopped_by)
+
+
+def _advise(remedy: str) -> None:
+    if remedy:
+        say_aside(remedy)
+
+
+def _trial(
+    number: int,
+    partner: Partner,
+    style: str,
+    session: Session,
+    playout: PlayOut,
+    person: LivePerson | None,
+    watch: ArmWatch | None,
+    view: SessionView | None,
+) -> tuple[TrialResult | None, str]:
+    """A trial, or None and why it was broken off."""
+    if person is None and watch is None and view is None:
+        return run_trial(number, partner, session, playout), ""
+    try:
+        if watch is not None:
+            watch.begin()
+    except HighFiveError as error:
+        return None, str(error)
+    live = None if person is None else person.trial()
+    inputs: Iterable[TickInput] = _recorded(partner, watch, view) if live is None else live
+    watchers = [each for each in (live, watch, view) if each is not None]
+    for each in (watch, view):
+        inputs = inputs if each is None else each.inputs(inputs)
+
+    def seen(tick: Tick) -> None:
+        for each in watchers:
+            each.watch(tick)
+
+    if live is None:
+        return run_trial(number, partner, session, playout, inputs, seen), ""
+    say_aside(f"high five {number + 1}, {style}: raise the right hand")
+    result = run_trial(number, partner, session, playout, inputs, seen) if live.begins() else None
+    if result is None or live.trouble:
+        return None, live.trouble
+    ahead = float(np.median(live.ahead_ms))
+    note = (
+        f"{live.count} ticks, {live.late} late, {live.predicted} between frames, {live.stale} of them stale; "
+        f"poses {ahead:.1f} ms ahead of the newest frame"
+    )
+    return replace(result, notes=(*result.notes, note)), ""
+
+
+def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None) -> Iterable[TickInput]:
+    """The partner's recording at the pace of the clock; the arm's, where there is one."""
+    source = C3DSource(partner.recording, RATE_HZ)
+    if watch is not None:
+        from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
+
+        return as_captured(at_their_time(source, watch.loop.clock))
+    assert view is not None
+    return as_captured(view.in_time(source))

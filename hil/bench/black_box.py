@@ -47,20 +47,31 @@ class BlackBox:
         by_id = {servo.id: servo for servo in self.bus.servos}
         self._servos = [by_id[joint.id] for joint in self.rig.joints]
         self._all = [[by_id[servo] for servo in joint.ids] for joint in self.rig.joints]
+        self._told: list[int] = []  # what the registers held when they were last made into values
+        self._row: tuple[list[float], list[float], list[bool]] = [], [], []
 
     def look(self, now_ns: int) -> None:
         """Adds a row."""
         self.times.append(now_ns)
-        joints = self.rig.joints
-        self.goals.append(
-            [angle(joint, s.values["goal_position"]) for joint, s in zip(joints, self._servos, strict=True)]
-        )
-        self.allowed.append([to_si(s.table["goal_current"], s.values["goal_current"]) for s in self._servos])
-        self.powered.append([all(s.values["torque_enable"] for s in servos) for servos in self._all])
+        told = [s.values[name] for s in self._servos for name in ("goal_position", "goal_current")]
+        told += [s.values["torque_enable"] for servos in self._all for s in servos]
+        if told != self._told:
+            self._told, self._row = told, self._values()
+        for rows, row in zip((self.goals, self.allowed, self.powered), self._row, strict=True):
+            rows.append(row)
         self.trips.append(self.bus.watchdog_trips)
         positions, velocities = self.bus.body
         self.positions.append(np.array(positions))
         self.velocities.append(np.array(velocities))
+
+    def _values(self) -> tuple[list[float], list[float], list[bool]]:
+        """Goals, rad, and goal currents, A, of each joint, and whether it is powered."""
+        pairs = zip(self.rig.joints, self._servos, strict=True)
+        return (
+            [angle(joint, servo.values["goal_position"]) for joint, servo in pairs],
+            [to_si(servo.table["goal_current"], servo.values["goal_current"]) for servo in self._servos],
+            [all(servo.values["torque_enable"] for servo in servos) for servos in self._all],
+        )
 
     def clear(self) -> None:
         """Forgets what was."""

@@ -99,6 +99,7 @@ class VirtualClock:
         self._now = START_NS
         self._rng = np.random.default_rng(seed)
         self._tasks = [VirtualTask("main", greenlet.getcurrent())]
+        self._running = self._tasks[0]
         self._after_an_end = greenlet(self._go_on)
 
     @property
@@ -185,7 +186,7 @@ class VirtualClock:
 
     def _current(self) -> VirtualTask:
         here = greenlet.getcurrent()
-        return next(task for task in self._tasks if task.run is here)
+        return self._running if self._running.run is here else next(task for task in self._tasks if task.run is here)
 
     def _wait(self, event: Event | None, until: int) -> None:
         task = self._current()
@@ -206,5 +207,5 @@ class VirtualClock:
             if when is None or key < when:
                 found, when = task, key
         assert when is not None
-        self._now = when[0]
+        self._now, self._running = when[0], found
         return found

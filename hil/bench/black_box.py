@@ -63,8 +63,9 @@ class BlackBox:
         registers = [s.values[name] for s in self._servos for name in ("goal_position", "goal_current")]
         registers += [s.values["torque_enable"] for servos in self._all for s in servos]
         if registers == self._registers and self.goals:
-            for rows in (self.goals, self.allowed, self.powered):
-                rows.append(rows[-1])
+            self.goals.append(self.goals[-1])
+            self.allowed.append(self.allowed[-1])
+            self.powered.append(self.powered[-1])
             return
         self._registers = registers
         self.goals.append(

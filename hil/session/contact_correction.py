@@ -7,7 +7,7 @@ A box-constrained Gauss–Newton solve of
 
 with q inside the joint limits, where s is the fraction of the correction, 0 while no palm is to be met, c keeps hand
 and forearm off the own body (:mod:`highfive.hil.session.own_body`), and the last term keeps the motion smooth. MuJoCo
-gives the site's Jacobian and the box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic
+gives the kinematics and the box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic
 programming", sec. III), damped as by Levenberg and Marquardt where a step makes things worse. Clipping a free step to
 the limits instead is no bound: it stalled 30 mm off where the box QP is within 1.
 """
@@ -19,9 +19,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from highfive.hil.session.correction_cost import bounded, palm_and_posture
 from highfive.hil.session.own_body import OwnBody
 from highfive.hil.sim.avatar import Pose
-from highfive.hil.sim.scene import CORRECTED_JOINTS, Scene
+from highfive.hil.sim.scene import CORRECTED_JOINTS, Scene, rest_pose
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
@@ -86,22 +87,29 @@ class ContactCorrection:
         self._shoulder = scene.model.body("right_shoulder").id
         self._qpos = scene.hinge_qpos[scene.arm_joints].ravel()
         limits = scene.skeleton.hinge_limits[scene.arm_joints].reshape(-1, 2)
-        self._low, self._high = limits[:, 0], limits[:, 1]
+        self._limits = limits[:, 0].copy(), limits[:, 1].copy()
         fraction = np.repeat([_JOINT_WEIGHTS.get(name, 1.0) for name in CORRECTED_JOINTS], 3)
         self.posture_cost = (self.settings.posture_weight * fraction) ** 2
         self._pull = self.posture_cost
         count = len(self._dofs)
-        self._translation, self._rotation = np.zeros((3, scene.model.nv)), np.zeros((3, scene.model.nv))
-        # Views: they show the palm of whatever was computed last.
+        # Views: they show the palm and the hinges of whatever was computed last.
         self._place = self._data.site_xpos[scene.palm_site]
         self._axes = self._data.site_xmat[scene.palm_site].reshape(3, 3)
+        self._palm = self._place, self._data.site_xmat[scene.palm_site]
+        turning = scene.model.dof_jntid[self._dofs].astype(np.int64)
+        self._hinges = self._data.xanchor, self._data.xaxis, turning
         self._work = np.zeros((count, count + 7))
         self._index = np.zeros(count, dtype=np.int32)
+        self._box = np.zeros(count), np.zeros(count)
+        self.reset()
+        rest = rest_pose(scene.skeleton)
+        self.solve(rest, self.palm_of(rest).position + 0.01, np.array([0.0, 0.0, 1.0]))  # nothing is left to compile
         self.reset()
 
     def reset(self) -> None:
         """Forget the last tick."""
         self._change: Array | None = None
+        self._posed: Pose | None = None  # whose joints are in the solver's data, but for the arm's
 
     def palm_of(self, pose: Pose) -> PalmPose:
         """The palm of a pose."""
@@ -119,23 +127,26 @@ class ContactCorrection:
 
         ``fraction``, 0 to 1, says how much the palm's place counts; at 0 the pose is only kept off the own body.
         """
-        generated = self._set(pose)
+        if self._posed is not pose:
+            self._set(pose)
+        generated = pose.hinges[self._scene.arm_joints].ravel()
         before, steady = self._change, (1.0 - fraction) * self.settings.steadiness
         if before is None:
             before, steady = np.zeros_like(generated), 0.0
         # Both terms of the posture are one about a point between what is generated and that with the last change.
         self._pull = self.posture_cost * (1.0 + steady)
         centre = generated + steady / (1.0 + steady) * before
-        angles = np.clip(generated + before, self._low, self._high)
+        angles = np.clip(generated + before, *self._limits)
         cost, gradient, hessian = self._linearise(angles, centre, position, normal, fraction)
-        damping = 1e-7
+        damping, shown = 1e-7, True
         for _ in range(self.settings.iterations):
             if cost < self.settings.solved:
                 break
             candidate = self._step(angles, gradient, hessian, damping)
             trial = self._linearise(candidate, centre, position, normal, fraction)
             gain = cost - trial[0]
-            if gain > 0.0:
+            shown = gain > 0.0
+            if shown:
                 angles, (cost, gradient, hessian) = candidate, trial
                 damping = max(0.1 * damping, 1e-7)
             else:
@@ -143,16 +154,23 @@ class ContactCorrection:
             if abs(gain) < self.settings.converged:
                 break
         self._change = angles - generated
-        self._data.qpos[self._qpos] = angles
-        mujoco.mj_kinematics(self._model, self._data)
+        if not shown:
+            self._show(angles)
         palm = self._palm_now()
         miss = float(np.linalg.norm(palm.position - position))
-        return Correction(self._scene.get_pose(self._data), palm, miss, miss > self.settings.out_of_reach)
+        hinges = pose.hinges.copy()
+        hinges[self._scene.arm_joints] = angles.reshape(-1, 3)
+        return Correction(Pose(pose.root_in_world, hinges), palm, miss, miss > self.settings.out_of_reach)
 
-    def _set(self, pose: Pose) -> Array:
-        """Puts a pose into the solver's data; returns the arm's angles (18,)."""
+    def _set(self, pose: Pose) -> None:
+        """Puts a pose into the solver's data."""
         self._scene.set_pose(self._data, pose)
-        return pose.hinges[self._scene.arm_joints].ravel()
+        self._posed = pose
+
+    def _show(self, angles: Array) -> None:
+        """Puts the arm (18,), rad, into the solver's data."""
+        self._data.qpos[self._qpos] = angles
+        mujoco.mj_kinematics(self._model, self._data)
 
     def _palm_now(self) -> PalmPose:
         axes = self._axes
@@ -162,43 +180,16 @@ class ContactCorrection:
         self, angles: Array, centre: Array, position: Array, normal: Array, fraction: float
     ) -> tuple[float, Array, Array]:
         """Cost, and half its gradient (18,) and its Gauss–Newton second derivatives (18, 18)."""
-        self._data.qpos[self._qpos] = angles
-        mujoco.mj_kinematics(self._model, self._data)
-        moved = angles - centre
-        pulled = self._pull * moved
-        cost, gradient, hessian = float(pulled @ moved), pulled, np.diag(self._pull)
-        if fraction > 0.0:
-            residual, jacobian = self._palm_terms(position, normal, fraction)
-            cost += float(residual @ residual)
-            gradient = gradient + jacobian.T @ residual
-            hessian += jacobian.T @ jacobian
-        return (
-            cost + self._own_body.keep_off(fraction * fraction + self.settings.own_body, gradient, hessian),
-            gradient,
-            hessian,
-        )
-
-    def _palm_terms(self, position: Array, normal: Array, fraction: float) -> tuple[Array, Array]:
-        """Residuals (6,) of position and normal, weighted, and their Jacobian (6, 18)."""
-        model, data = self._model, self._data
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_jacSite(model, data, self._translation, self._rotation, self._scene.palm_site)
-        facing = self._axes[:, 2]
-        residual, jacobian = np.empty(6), np.empty((6, len(self._dofs)))
-        placed, turned = fraction * self.settings.position_weight, fraction * self.settings.normal_weight
-        residual[:3] = placed * (self._place - position)
-        residual[3:] = turned * (facing - normal)
-        np.multiply(self._translation[:, self._dofs], placed, out=jacobian[:3])
-        x, y, z = turned * facing
-        turning = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # dn = omega x n
-        np.matmul(turning, self._rotation[:, self._dofs], out=jacobian[3:])
-        return residual, jacobian
+        self._show(angles)
+        gradient, hessian = np.empty_like(angles), np.empty((len(angles), len(angles)))
+        target = position, normal, fraction * self.settings.position_weight, fraction * self.settings.normal_weight
+        posture = angles - centre, self._pull
+        cost = palm_and_posture(self._palm, self._hinges, target, posture, gradient, hessian)
+        cost += self._own_body.keep_off(fraction * fraction + self.settings.own_body, gradient, hessian)
+        return cost, gradient, hessian
 
     def _step(self, angles: Array, gradient: Array, hessian: Array, damping: float) -> Array:
-        damped = hessian.copy()
-        damped.flat[:: len(angles) + 1] += damping
-        step = np.zeros_like(angles)
-        longest = self.settings.longest_step
-        low, high = np.maximum(self._low - angles, -longest), np.minimum(self._high - angles, longest)
-        mujoco.mju_boxQP(step, self._work, self._index, damped, gradient, low, high)
+        damped, step = hessian.copy(), np.zeros_like(angles)
+        bounded(angles, self._limits, self.settings.longest_step, damping, damped, self._box)
+        mujoco.mju_boxQP(step, self._work, self._index, damped, gradient, *self._box)
         return angles + step

@@ -22,8 +22,9 @@ from jaxtyping import Float
 
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
-from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
+from highfive.model.geometry.turns import turn_between, turned
+from highfive.model.online.contact_forecast import believed
 from highfive.model.settings import Settings, setting
 
 
@@ -141,8 +142,10 @@ class Reach:
     """The course of one high five after another, tick by tick."""
 
     def __init__(self, settings: ReachSettings | None = None) -> None:
-        """Starts idle."""
+        """Starts idle, and compiles."""
         self.settings = settings or ReachSettings()
+        x, y, _ = np.eye(3)
+        believed(turned(turn_between(x, y), x), 1.0, np.eye(3))
         self.reset()
 
     def reset(self) -> None:
@@ -190,21 +193,21 @@ class Reach:
                 self._aim(generated, person, expectation, dt)
         elif self._phase is Phase.RELEASE:
             self._miss = self._miss + self._miss_velocity * dt
-            self._miss_velocity = self._miss_velocity * np.exp(-dt / self.settings.landing)
+            self._miss_velocity = self._miss_velocity * math.exp(-dt / self.settings.landing)
         weight = self._weight()
         if weight == 0.0:
             remaining = self._remaining if self._phase is Phase.APPROACH else np.inf
             return ReachTarget(self._phase, 0.0, remaining, generated.position, generated.normal, self._rate)
-        turned = rotations.rotate(rotations.from_rotation_vector(weight * self._turn), generated.normal)
+        normal = turned(weight * self._turn, generated.normal)
         remaining = np.inf if self._phase is Phase.RELEASE else self._remaining
         place = generated.position + weight * self._miss
-        return ReachTarget(self._phase, weight, remaining, place, turned, self._rate)
+        return ReachTarget(self._phase, weight, remaining, place, normal, self._rate)
 
     def _observe(self, generated: PalmPose, person: PalmPose, dt: float) -> None:
         if self._generated_before is not None:
             # The tracker knows the person's velocity better than differences of positions do.
             velocity = person.velocity - (generated.position - self._generated_before) / dt
-            share = 1.0 - np.exp(-dt / self.settings.smoothing)
+            share = 1.0 - math.exp(-dt / self.settings.smoothing)
             self._gap_velocity = self._gap_velocity + share * (velocity - self._gap_velocity)
         self._generated_before = generated.position
         self._gap = person.position - generated.position
@@ -216,7 +219,7 @@ class Reach:
             return np.inf
         if expectation.deviation < settings.sure:
             return max(expectation.time, 0.0) if expectation.time > -settings.late else np.inf
-        distance, speed = float(np.linalg.norm(gap)), float(np.linalg.norm(self._gap_velocity))
+        distance, speed = _norm(gap), _norm(self._gap_velocity)
         if distance < settings.near:
             return 0.0
         closing = -float(gap @ self._gap_velocity) / max(speed, 1e-6) ** 2
@@ -229,7 +232,7 @@ class Reach:
             return False
         if self._hangs(person):
             return False
-        distance = float(np.linalg.norm(gap))
+        distance = _norm(gap)
         speed = -float(gap @ person.velocity) / max(distance, 1e-9)
         return not self._familiar or distance < self.settings.horizon or distance < self.settings.soon * speed
 
@@ -244,12 +247,12 @@ class Reach:
                 self._enter(Phase.APPROACH)
                 self._lost, self._ease = False, np.zeros((2, 3))
                 self._ahead = expected
-                self._length = self._remaining = float(np.clip(expected, s.shortest_fade_in, s.fade_in))
+                self._length = self._remaining = min(max(expected, s.shortest_fade_in), s.fade_in)
                 self._rate = 1.0
             elif self._far():
                 self._touched = False  # hands are apart again: ready for the next one
         elif self._phase is Phase.APPROACH:
-            known = np.isfinite(expected)
+            known = math.isfinite(expected)
             if not known and self._since > s.longest and self._hangs(person) and self._far():  # it was missed
                 self._touched = True
                 self._release()
@@ -272,10 +275,10 @@ class Reach:
             self._enter(Phase.IDLE)
 
     def _near(self) -> bool:
-        return self._gap is not None and float(np.linalg.norm(self._gap)) < 2.0 * self.settings.near
+        return self._gap is not None and _norm(self._gap) < 2.0 * self.settings.near
 
     def _far(self) -> bool:
-        return self._gap is not None and float(np.linalg.norm(self._gap)) > 0.6
+        return self._gap is not None and _norm(self._gap) > 0.6
 
     def _enter(self, phase: Phase) -> None:
         self._phase, self._since = phase, 0.0
@@ -300,10 +303,10 @@ class Reach:
         ahead = self._landing(self._ahead)
         raw = self._bent(gap + 0.5 * self._gap_velocity * ahead + self._forecast(person, expectation, ahead))
         miss = self._smooth(raw, dt)
-        turn = rotations.to_rotation_vector(rotations.rotation_between(generated.normal, -person.normal))
+        turn = turn_between(generated.normal, -person.normal)
         if self._lost:  # a hand that comes back is not where it was left: the difference runs out
             self._ease, self._lost = np.array([self._miss - miss, self._turn - turn]), False
-        self._ease *= np.exp(-dt / self.settings.easing)
+        self._ease *= math.exp(-dt / self.settings.easing)
         miss, turn = miss + self._ease[0], turn + self._ease[1]
         self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
         self._miss, self._turn = miss, turn
@@ -312,9 +315,9 @@ class Reach:
         """What the model's forecast adds to where a braking hand would be at contact: (3,) m."""
         if expectation.point is None or expectation.covariance is None or not expectation.familiar:
             return np.zeros(3)
-        variance = (0.5 * self.settings.braking * ahead**2) ** 2 * np.eye(3)
         beyond = expectation.point - (person.position + 0.5 * ahead * person.velocity)
-        return variance @ np.linalg.solve(variance + expectation.covariance, beyond)
+        variance = (0.5 * self.settings.braking * ahead**2) ** 2
+        return believed(beyond, variance, np.ascontiguousarray(expectation.covariance))
 
     def _smooth(self, miss: Array, dt: float) -> Array:
         """The miss behind a critically damped low pass, and as it is in the last moment."""
@@ -329,10 +332,10 @@ class Reach:
 
     def _bent(self, miss: Array) -> Array:
         """The miss, shortened where it is so long that it must be the extrapolation's; in full as the palms meet."""
-        length, free = float(np.linalg.norm(miss)), self.settings.bend + 0.6 * self._weight() ** 2
+        length, free = _norm(miss), self.settings.bend + 0.6 * self._weight() ** 2
         if length <= free or not self._familiar:
             return miss
-        return miss / length * (free + self.settings.bend * np.tanh((length - free) / self.settings.bend))
+        return miss / length * (free + self.settings.bend * math.tanh((length - free) / self.settings.bend))
 
     def _landing(self, remaining: float) -> float:
         """The remaining time, bent so that it comes to 0 without a corner: x² (2 - x) over the last stretch."""
@@ -340,13 +343,17 @@ class Reach:
         return remaining if x >= 1.0 else self.settings.landing * x * x * (2.0 - x)
 
 
+def _norm(vector: Array) -> float:
+    return math.sqrt(vector.dot(vector))
+
+
 def _led(person: PalmPose | None, shoulder: Array, settings: ReachSettings) -> float:
     """Time, s, until an unfamiliar raised hand will be nearest the avatar's shoulder, if it can be met there."""
     if person is None or person.position[2] < settings.raised:
         return np.inf
-    offset, speed = person.position - shoulder, float(np.linalg.norm(person.velocity))
+    offset, speed = person.position - shoulder, _norm(person.velocity)
     until = -float(offset @ person.velocity) / max(speed, 0.15) ** 2
     if until < 0.0 and speed > 0.3:  # on its way out
         return np.inf
     until = max(until, 0.0)
-    return until if float(np.linalg.norm(offset + until * person.velocity)) < settings.arm else np.inf
+    return until if _norm(offset + until * person.velocity) < settings.arm else np.inf

@@ -23,6 +23,7 @@ from highfive.mocap_bridge.tracking.palm_filter import PalmFilter, PalmFilterSet
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
 from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.hinges import hinges_towards
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trained import HGPDM
@@ -147,6 +148,8 @@ class Session:
         self._reach, self._calm_reach = Reach(), Reach()
         self._correction = ContactCorrection(scene)
         self._correct = correct
+        waiting = self._timing.waiting(self._responder.style)
+        hinges_towards(waiting.hinges, between(waiting, waiting, 0.5).hinges, 1.0)  # nothing is left to compile
         self.reset()
 
     def set_style(self, style: Mapping[str, float]) -> None:
@@ -250,9 +253,8 @@ class Session:
         waiting = self._timing.waiting(style)
         pose = self._timing.answering(response, style, waiting)
         # Far from what it has learned the model may leap; no arm does.
-        largest = self._settings.quickest * dt
-        step = np.clip(pose.hinges - self._last.hinges, -largest, largest)
-        self._last = pose = Pose(pose.root_in_world, self._last.hinges + step)
+        hinges = hinges_towards(self._last.hinges, pose.hinges, self._settings.quickest * dt)
+        self._last = pose = Pose(pose.root_in_world, hinges)
         share = 1.0 - math.exp(-dt / self._settings.calming)
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
         self._trust[0] += share * (float(familiar) - self._trust[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import mujoco
@@ -34,6 +35,7 @@ class ArmPlant:
         change(self._twin.model)
         mujoco.mj_setConst(self._twin.model, mujoco.MjData(self._twin.model))  # pyright: ignore[reportAttributeAccessIssue]
         self._data = mujoco.MjData(self._twin.model)
+        self._positions, self._velocities, self._control = self._data.qpos, self._data.qvel, self._data.ctrl  # views
         self._left = 0.0
         self.force = np.zeros(3)
         """(3,) N in the world, that pushes at the middle of the plate; set it at any time."""
@@ -53,14 +55,14 @@ class ArmPlant:
             HighFiveError: torques that are no numbers, or time that runs backwards.
         """
         torques = np.asarray(torques, float)
-        if not (np.isfinite(torques).all() and torques.shape == self._twin.dofs.shape and seconds >= 0.0):
+        if not (math.isfinite(torques.sum()) and torques.shape == self._twin.dofs.shape and seconds >= 0.0):
             raise HighFiveError(f"got torques {torques} for {seconds} s; six finite numbers and a time are expected")
         model, data = self._twin.model, self._data
         self._left += seconds
         steps = int(self._left / model.opt.timestep + 1e-9)
         self._left -= steps * model.opt.timestep
-        data.ctrl[self._twin.actuators] = torques
-        if self.force.any():
+        self._control[self._twin.actuators] = torques
+        if np.count_nonzero(self.force):
             for _ in range(steps):
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
@@ -69,7 +71,7 @@ class ArmPlant:
         elif steps:
             data.qfrc_applied[:] = 0.0
             mujoco.mj_step(model, data, steps)
-        return data.qpos[self._twin.qpos].copy(), data.qvel[self._twin.dofs].copy()
+        return self._positions[self._twin.qpos], self._velocities[self._twin.dofs]
 
     def plate(self) -> PalmPose:
         """The plate as it is now."""

@@ -66,6 +66,5 @@ def right_palm(skeleton: Skeleton, positions: Array, orientations: Array) -> tup
 
 def between(one: Pose, other: Pose, share: float) -> Pose:
     """``share`` of the way from one pose to another, or beyond it as far as the joint limits go."""
-    hinges = one.hinges + share * (other.hinges - one.hinges)
     root = one.root_in_world + share * (other.root_in_world - one.root_in_world)
-    return Pose(root, avatar_skeleton().clamp(hinges))
+    return Pose(root, avatar_skeleton().hinges_between(one.hinges, other.hinges, share))

@@ -13,5 +13,5 @@ def minimum_jerk(fraction: Any) -> Any:
     Args:
         fraction: share of the duration that has passed, a number or an array.
     """
-    s = np.clip(fraction, 0.0, 1.0)
+    s = min(max(fraction, 0.0), 1.0) if isinstance(fraction, float) else np.clip(fraction, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)

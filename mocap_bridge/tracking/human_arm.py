@@ -37,6 +37,8 @@ class Recipe(NamedTuple):
         across: the hand has markers across; otherwise its palm faces ``towards_partner`` (3,).
         seen_from_markers: (4, 3) palm, knuckles, the palm's normal and the fingers' direction in the markers' axes.
         used, of_hand: markers that the arm, and that the hand rests on.
+        on_head: markers that say where the head is: a neck that is seen does not; where nothing is on the head, all
+            that stands in for it.
     """
 
     landmarks: Array
@@ -53,6 +55,23 @@ class Recipe(NamedTuple):
     seen_from_markers: Array
     used: NDArray[np.int64]
     of_hand: NDArray[np.int64]
+    on_head: NDArray[np.int64]
+
+
+class Known(NamedTuple):
+    """How well an arm is known.
+
+    Attributes:
+        valid, age_ns, head_unseen_ns, hand_unseen_ns, head_deviation, hand_deviation: as in
+            :class:`highfive.mocap_bridge.frames.HumanArm`.
+    """
+
+    valid: bool
+    age_ns: int
+    head_unseen_ns: int
+    hand_unseen_ns: int
+    head_deviation: float
+    hand_deviation: float
 
 
 class HumanArmEstimator:
@@ -99,9 +118,8 @@ class HumanArmEstimator:
             seen_from_markers=np.ascontiguousarray(in_hand @ axes_of(along, normal).T),
             used=marker_set.indices(arm.markers).astype(np.int64),
             of_hand=marker_set.indices((*arm.wrist, *arm.hand, *arm.across)).astype(np.int64),
+            on_head=marker_set.indices(marker_set.on_head or arm.head).astype(np.int64),
         )
-        # A neck that is seen does not say where the head is; where nothing is on the head, all that stands in for it.
-        self._on_head = marker_set.indices(marker_set.on_head or arm.head)
         # Called once, so that nothing is left to compile when a person is there.
         places, count = np.array(local), len(marker_set)
         nothing = np.zeros((count, 3, 3)), np.zeros(count, dtype=bool), np.zeros(count, dtype=np.int64)
@@ -109,12 +127,10 @@ class HumanArmEstimator:
 
     def __call__(self, tracked: TrackedMarkers) -> HumanArm:
         """The person's arm in the world frame; ``valid`` only if every marker that it rests on is valid."""
-        points, quaternion, valid, age_ns, covariance = arm_of(
+        points, quaternion, covariance, known = arm_of(
             self._recipe, tracked.positions, tracked.velocities, tracked.covariances, tracked.valid, tracked.age_ns
         )
         head, shoulder, elbow, wrist, palm, knuckles, normal, fingers, velocity = points
-        of_head, of_hand = self._on_head, self._recipe.of_hand
-        head_variances = np.trace(tracked.covariances[of_head], axis1=1, axis2=2)
         return HumanArm(
             head_position=head,
             head_orientation=quaternion,
@@ -124,14 +140,14 @@ class HumanArmEstimator:
             knuckles=knuckles,
             palm=PalmPose(palm, normal, fingers, velocity),
             hand_points=points[3:6:2],
-            valid=valid,
-            age_ns=age_ns,
+            valid=known.valid,
+            age_ns=known.age_ns,
             time_ns=tracked.time_ns,
             hand_covariance=covariance,
-            head_unseen_ns=int(tracked.age_ns[of_head].min()),
-            hand_unseen_ns=int(tracked.age_ns[of_hand].min()),
-            head_deviation=float(np.sqrt(head_variances).mean()),
-            hand_deviation=math.sqrt(float(np.trace(covariance, axis1=1, axis2=2).max())),
+            head_unseen_ns=known.head_unseen_ns,
+            hand_unseen_ns=known.hand_unseen_ns,
+            head_deviation=known.head_deviation,
+            hand_deviation=known.hand_deviation,
         )
 
 
@@ -174,12 +190,11 @@ def _horn(template: Array) -> Array:
 def arm_of(
     recipe: Recipe, positions: Array, velocities: Array, covariances: Array, valid: NDArray[np.bool_],
     age_ns: NDArray[np.int64],
-) -> tuple[Array, Array, bool, int, Array]:  # fmt: skip
+) -> tuple[Array, Array, Array, Known]:  # fmt: skip
     """Head, shoulder, elbow, wrist, palm, knuckles, normal, fingers and the palm's velocity (9, 3), and the rest.
 
-    That is the head's quaternion (4,), whether all that the arm rests on is ``valid`` (M,), the age of the oldest
-    marker of the hand, and the covariance (2, 3, 3), m², of wrist and hand. Positions (M, 3) are in m, velocities
-    (M, 3) in m/s, covariances (M, 3, 3) in m².
+    That is the head's quaternion (4,), the covariance (2, 3, 3), m², of wrist and hand, and how well all of it is
+    known. Positions (M, 3) are in m, velocities (M, 3) in m/s, covariances (M, 3, 3) in m².
     """
     landmarks, moving = _landmarks(recipe, positions), _landmarks(recipe, velocities)
     shoulder, elbow, wrist = landmarks[0].copy(), landmarks[1].copy(), landmarks[2]
@@ -201,21 +216,39 @@ def arm_of(
     points[1], points[2], points[3] = shoulder, elbow, wrist
     points[4:8] = hand
     points[8] = (moved[0] - hand[0]) / _STEP_S
-    usable, oldest, ever_seen = True, 0, False
-    for m in recipe.used:
-        usable = usable and bool(valid[m])
-    for m in recipe.of_hand:
-        if age_ns[m] != NEVER:  # a marker that this person does not wear is put where the set has it
-            oldest, ever_seen = max(oldest, int(age_ns[m])), True
-    if not ever_seen:
-        oldest = NEVER
     covariance = np.zeros((2, 3, 3))
     for row in range(2):
         for i in range(3):
             for m in range(len(positions)):
                 covariance[row, i, i] += abs(recipe.landmarks[2 + row, m]) * math.sqrt(covariances[m, i, i])
             covariance[row, i, i] *= covariance[row, i, i]
-    return points, quaternion, usable, oldest, covariance
+    return points, quaternion, covariance, _known(recipe, covariances, valid, age_ns, covariance)
+
+
+@compiled
+def _known(
+    recipe: Recipe, covariances: Array, valid: NDArray[np.bool_], age_ns: NDArray[np.int64], of_hand: Array
+) -> Known:
+    """How well the arm is known whose wrist and hand have the covariance ``of_hand`` (2, 3, 3), m²."""
+    usable, oldest, ever_seen = True, 0, False
+    for m in recipe.used:
+        usable = usable and bool(valid[m])
+    hand_unseen = head_unseen = NEVER
+    for m in recipe.of_hand:
+        hand_unseen = min(hand_unseen, int(age_ns[m]))
+        if age_ns[m] != NEVER:  # a marker that this person does not wear is put where the set has it
+            oldest, ever_seen = max(oldest, int(age_ns[m])), True
+    deviation = 0.0
+    for m in recipe.on_head:
+        head_unseen = min(head_unseen, int(age_ns[m]))
+        deviation += math.sqrt(covariances[m, 0, 0] + covariances[m, 1, 1] + covariances[m, 2, 2])
+    largest = 0.0
+    for row in range(2):
+        largest = max(largest, of_hand[row, 0, 0] + of_hand[row, 1, 1] + of_hand[row, 2, 2])
+    return Known(
+        usable, oldest if ever_seen else NEVER, head_unseen, hand_unseen, deviation / len(recipe.on_head),
+        math.sqrt(largest),
+    )  # fmt: skip
 
 
 @compiled

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.compiled import compiled_entry
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
@@ -38,14 +39,16 @@ class PalmFilter:
     """Smooths a palm tick by tick."""
 
     def __init__(self, settings: PalmFilterSettings | None = None) -> None:
-        """Starts without a palm."""
+        """Starts without a palm, and compiles."""
         self.settings = settings or PalmFilterSettings()
+        self._bandwidths = self.settings.slow, self.settings.faster, self.settings.fastest, self.settings.turning
+        x, y, z = np.eye(3)
+        _follow(np.vstack([np.zeros((3, 3)), y, z, np.zeros((2, 3))]), self._bandwidths, (x, y, z), 1.0)
         self.reset()
 
     def reset(self) -> None:
         """Forgets the palm; the next one is taken as it is."""
-        self._state: tuple[Array, Array, Array] | None = None
-        self._directions, self._turning = np.zeros((2, 3)), np.zeros((2, 3))
+        self._state: Array | None = None
 
     def __call__(self, palm: PalmPose, dt: float) -> PalmPose:
         """The smoothed palm; its velocity is the filter's own.
@@ -54,36 +57,53 @@ class PalmFilter:
             palm: as measured.
             dt: s since the last call.
         """
-        directions = np.array([palm.normal, palm.fingers])
         if self._state is None:
-            self._state = palm.position, palm.velocity, np.zeros(3)
-            self._directions, self._turning = directions, np.zeros((2, 3))
+            still = np.zeros(3)
+            self._state = np.array([palm.position, palm.velocity, still, palm.normal, palm.fingers, still, still])
             return palm
-        self._state = _alpha_beta_gamma(self.settings, self._state, palm.position, dt)
-        pull = self.settings.turning**2 * (directions - self._directions) - 2.0 * self.settings.turning * self._turning
-        self._turning = self._turning + pull * dt
-        self._directions = self._directions + self._turning * dt
-        normal, fingers = self._directions
-        normal = normal / math.sqrt(normal @ normal)
-        fingers = fingers - normal * (fingers @ normal)
-        return PalmPose(self._state[0], normal, fingers / math.sqrt(fingers @ fingers), self._state[1])
+        position, normal, fingers, velocity = _follow(
+            self._state, self._bandwidths, (palm.position, palm.normal, palm.fingers), dt
+        )
+        return PalmPose(position, normal, fingers, velocity)
 
 
-def _alpha_beta_gamma(
-    settings: PalmFilterSettings, state: tuple[Array, Array, Array], measured: Array, dt: float
-) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration, (3,) each, after a measured position (3,)."""
-    position, velocity, acceleration = state
-    bandwidth = min(settings.slow + settings.faster * math.sqrt(velocity @ velocity), settings.fastest)
-    forget = math.exp(-bandwidth * dt)
-    alpha = 1.0 - forget**3
-    beta = 1.5 * (1.0 - forget) ** 2 * (1.0 + forget)
-    gamma = (1.0 - forget) ** 3
-    change = acceleration * dt
-    predicted = position + (velocity + 0.5 * change) * dt
-    innovation = measured - predicted
-    return (
-        predicted + alpha * innovation,
-        velocity + change + beta / dt * innovation,
-        acceleration + gamma / (dt * dt) * innovation,
-    )
+@compiled_entry
+def _follow(
+    state: Array, bandwidths: tuple[float, float, float, float], measured: tuple[Array, Array, Array], dt: float
+) -> Array:
+    """Position, normal, fingers and velocity (4, 3) after a measured position, normal and fingers, (3,) each.
+
+    Args:
+        state: (7, 3) position, velocity, acceleration, normal, fingers, and the speeds of both; goes on by ``dt``, s.
+        bandwidths: ``slow``, ``faster``, ``fastest`` and ``turning`` of :class:`PalmFilterSettings`.
+        measured: likewise.
+    """
+    slow, faster, fastest, turning = bandwidths
+    position, normal, fingers = measured
+    said, square = np.empty((4, 3)), 0.0
+    for i in range(3):
+        square += state[1, i] ** 2
+    forget = math.exp(-min(slow + faster * math.sqrt(square), fastest) * dt)
+    alpha, beta, gamma = 1.0 - forget**3, 1.5 * (1.0 - forget) ** 2 * (1.0 + forget), (1.0 - forget) ** 3
+    along = across = tilt = 0.0
+    for i in range(3):
+        change = state[2, i] * dt
+        predicted = state[0, i] + (state[1, i] + 0.5 * change) * dt
+        innovation = position[i] - predicted
+        state[0, i] = predicted + alpha * innovation
+        state[1, i] += change + beta / dt * innovation
+        state[2, i] += gamma / (dt * dt) * innovation
+        state[5, i] += (turning**2 * (normal[i] - state[3, i]) - 2.0 * turning * state[5, i]) * dt
+        state[6, i] += (turning**2 * (fingers[i] - state[4, i]) - 2.0 * turning * state[6, i]) * dt
+        state[3, i] += state[5, i] * dt
+        state[4, i] += state[6, i] * dt
+        along += state[3, i] ** 2
+    for i in range(3):
+        said[0, i], said[1, i], said[3, i] = state[0, i], state[3, i] / math.sqrt(along), state[1, i]
+        tilt += state[4, i] * said[1, i]
+    for i in range(3):
+        said[2, i] = state[4, i] - tilt * said[1, i]
+        across += said[2, i] ** 2
+    for i in range(3):
+        said[2, i] /= math.sqrt(across)
+    return said

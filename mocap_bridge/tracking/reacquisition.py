@@ -38,7 +38,7 @@ class ReacquisitionSmoother:
         self._age_ns = 0
         self._raw, self._said, self._velocity = (np.zeros((3, 3)) for _ in range(3))
         self._difference, self._rate = np.zeros((3, 3)), np.zeros((3, 3))
-        self._known, self._new = False, False
+        self._known, self._new, self._differs = False, False, False
 
     def __call__(self, arm: HumanArm, dt: float, ahead_ns: int = 0) -> HumanArm:
         """The arm with wrist, knuckles and palm on that curve.
@@ -50,8 +50,8 @@ class ReacquisitionSmoother:
         """
         raw, age_ns = _points(arm), arm.age_ns - ahead_ns
         if self._known and age_ns < self._age_ns:  # on as it went, until it shows how fast it goes now
-            self._difference, self._new = self._said + self._velocity * dt - raw, True
-        elif self._difference.any():
+            self._difference, self._new, self._differs = self._said + self._velocity * dt - raw, True, True
+        elif self._differs:
             if self._new:
                 self._rate, self._new = self._velocity - (raw - self._raw) / dt, False
             # x'' = -w² x - 2 w x', which is x = (x0 + (x0' + w x0) t) exp(-w t).
@@ -62,13 +62,13 @@ class ReacquisitionSmoother:
             self._difference = (self._difference + start * dt) * fall
             self._rate = (self._rate - self.settings.bandwidth * start * dt) * fall
             if np.abs(self._difference).max() < 1e-5:
-                self._difference, self._rate = np.zeros((3, 3)), np.zeros((3, 3))
-        said = raw + self._difference
+                self._difference, self._rate, self._differs = np.zeros((3, 3)), np.zeros((3, 3)), False
+        said = raw + self._difference if self._differs else raw
         if self._known:  # each point on its own: a hand turns, and its wrist is not as fast as its palm
             share = 1.0 - math.exp(-dt / self.settings.averaging)
             self._velocity = self._velocity + share * ((said - self._said) / dt - self._velocity)
         self._raw, self._said, self._age_ns, self._known = raw, said, age_ns, True
-        if not self._difference.any():
+        if not self._differs:
             return arm
         wrist, knuckles, palm = said
         return replace(

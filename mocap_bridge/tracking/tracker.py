@@ -159,7 +159,7 @@ class Tracker:
         self, state: State, points: Array, labelled: NDArray[np.bool_], noise: Array, elapsed: int
     ) -> State:
         """The state before a frame, changed where the frame says that it was wrong or knew too little."""
-        if (labelled & (state.ages == NEVER)).any():
+        if np.count_nonzero(labelled & (state.ages == NEVER)):
             state = welcomed(self._chain, state, points, labelled & (state.disbelieved == 0), noise)
         doubted = int(self._doubted_ns.max(initial=0))
         if not doubted:
@@ -183,7 +183,7 @@ class Tracker:
 
     def _doubts(self, points: Array, labelled: NDArray[np.bool_], found: Followed, elapsed: int) -> NDArray[np.int64]:
         """For how long, ns, each label has been at a point that is not its marker's."""
-        if not found.rejected.any():
+        if not np.count_nonzero(found.rejected):
             return np.zeros_like(self._doubted_ns)
         away = labelled & (np.square(points - found.positions).sum(axis=1) > self._restart.elsewhere**2)
         return np.where(away, self._doubted_ns + elapsed, np.where(labelled, 0, self._doubted_ns))

@@ -1,7 +1,4 @@
-"""Rotation vectors as hinge angles, compiled for one pose: fifty-odd joints take NumPy a dozen calls on small arrays.
-
-What it computes is :meth:`highfive.model.geometry.skeleton.Skeleton.to_hinges` of ``from_rotation_vectors``, clamped.
-"""
+"""Hinge angles of one pose, compiled: fifty-odd joints take NumPy a dozen calls on small arrays."""
 
 from __future__ import annotations
 
@@ -22,6 +19,8 @@ def hinges_within(
     vectors: Array, rest: Array, axes: NDArray[np.int64], sign: Array, middle: Array, limits: Array
 ) -> Array:
     """Hinge angles (J, 3), rad, inside the limits, of rotation vectors (J, 3), rad, relative to the rest pose.
+
+    What :meth:`highfive.model.geometry.skeleton.Skeleton.to_hinges` makes of ``from_rotation_vectors``, clamped.
 
     Args:
         vectors: (J, 3) rad.
@@ -52,4 +51,25 @@ def hinges_within(
             turns = round((angles[n, h] - middle[n, h]) / (2.0 * math.pi))
             angle = angles[n, h] - 2.0 * math.pi * turns
             angles[n, h] = min(max(angle, limits[n, h, 0]), limits[n, h, 1])
+    return angles
+
+
+@exactly_compiled_entry
+def hinges_between(one: Array, other: Array, share: float, limits: Array) -> Array:
+    """``share`` of the way from hinge angles (J, 3), rad, to others, inside the limits (J, 3, 2)."""
+    angles = np.empty_like(one)
+    for n in range(len(one)):
+        for h in range(3):
+            angle = one[n, h] + share * (other[n, h] - one[n, h])
+            angles[n, h] = min(max(angle, limits[n, h, 0]), limits[n, h, 1])
+    return angles
+
+
+@exactly_compiled_entry
+def hinges_towards(one: Array, other: Array, largest: float) -> Array:
+    """From hinge angles (J, 3), rad, to others, no hinge by more than ``largest``, rad."""
+    angles = np.empty_like(one)
+    for n in range(len(one)):
+        for h in range(3):
+            angles[n, h] = one[n, h] + min(max(other[n, h] - one[n, h], -largest), largest)
     return angles

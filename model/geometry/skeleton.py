@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.model.geometry import rotations
-from highfive.model.geometry.hinges import hinges_within
+from highfive.model.geometry.hinges import hinges_between, hinges_within
 from highfive.model.geometry.names import index_of
 from highfive.model.geometry.rotations import Array
 
@@ -142,6 +142,10 @@ class Skeleton:
         _, axes, sign, middle = self._hinges
         turned = np.array(vectors, dtype=float).reshape(len(self), 3)
         return hinges_within(turned, self.rest, axes - 1, sign, middle, self.hinge_limits)
+
+    def hinges_between(self, one: Array, other: Array, share: float) -> Array:
+        """``share`` of the way from hinge angles (J, 3), rad, to others, or beyond, inside the limits."""
+        return hinges_between(np.ascontiguousarray(one), np.ascontiguousarray(other), share, self.hinge_limits)
 
     def chain_to(self, name: str) -> tuple[list[int], Skeleton]:
         """The joints from the root to one of a name: their indices, and the skeleton that they make by themselves."""

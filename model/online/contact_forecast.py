@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from highfive.model.compiled import compiled_entry
 from highfive.model.geometry.rotations import Array
+from highfive.model.linear_algebra import cholesky, cholesky_solve
 
 
 @dataclass(frozen=True)
@@ -31,3 +33,17 @@ class ContactForecast:
     def later(self, seconds: float) -> ContactForecast:
         """The same forecast, its time counted from some ``seconds`` later."""
         return replace(self, time=self.time - seconds)
+
+
+@compiled_entry
+def believed(beyond: Array, variance: float, covariance: Array) -> Array:
+    """``variance`` (``variance`` I + ``covariance``)⁻¹ ``beyond``: what is believed of a forecast (3,), m, of a
+    ``covariance`` (3, 3), m², that lies so far beyond an estimate of a ``variance``, m², in each direction."""
+    both, part = covariance.copy(), beyond.copy()
+    for i in range(3):
+        both[i, i] += variance
+        part[i] *= variance
+    if variance == 0.0 or not cholesky(both, both):
+        return np.zeros(3)
+    cholesky_solve(both, part)
+    return part

@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from highfive.model.compiled import compiled_entry
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, Channels
@@ -165,10 +166,9 @@ class Responder:
         hand = None if hand_points is None else _finite("hand points", hand_points, HAND_SHAPE)
         variance = HAND_VARIANCE
         if covariance is not None:
-            variance = np.diagonal(_finite("hand covariance", covariance, (*HAND_SHAPE, 3)), axis1=-2, axis2=-1)
-            if variance.min() < 0.0:
-                raise HighFiveError(f"a variance of {variance.min():g} m² of the hand points; expected 0 or more")
-            variance = variance.reshape(-1)
+            variance = _finite("hand covariance", covariance, (*HAND_SHAPE, 3)).diagonal(0, 1, 2).reshape(-1)
+            if (least := min(variance.tolist())) < 0.0:
+                raise HighFiveError(f"a variance of {least:g} m² of the hand points; expected 0 or more")
         hand = None if hand is None else hand.reshape(HAND_DIMS)
         changed = self._belief.started and (hand is None) == (self._belief.away == 0)
         belief, generated = self._filter.step(self._belief, hand, variance, self._style)
@@ -222,7 +222,7 @@ class Responder:
 
     def _in_distribution(self, covariance: Array) -> bool:
         dims = self._model.preset.interaction_dims
-        return float(np.trace(covariance[:dims, :dims])) < self._filter.settings.out_of_distribution**2
+        return float(covariance[:dims, :dims].trace()) < self._filter.settings.out_of_distribution**2
 
     def _response(
         self,
@@ -255,20 +255,32 @@ class Responder:
 
 
 def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    array = np.asarray(values, dtype=float)
+    array = np.array(values, dtype=float)
     if array.shape != shape:
         raise HighFiveError(f"{what} of shape {array.shape}; expected {shape}: wrist, then knuckles")
-    if not math.isfinite(array.sum()):
+    largest = _largest(array.reshape(-1))
+    if not math.isfinite(largest):
         raise HighFiveError(f"the {what} hold NaN or infinity; pass None while the hand is hidden")
-    if (largest := float(np.abs(array).max())) > FURTHEST:
+    if largest > FURTHEST:
         raise HighFiveError(f"the {what} hold {largest:g}; expected metres of a room")
     return array
 
 
+@compiled_entry
+def _largest(values: Array) -> float:
+    """The largest magnitude in (N,) numbers; infinite where one is none."""
+    largest = 0.0
+    for value in values:
+        if not math.isfinite(value):
+            return math.inf
+        largest = max(largest, abs(value))
+    return largest
+
+
 def _usable(belief: Belief, generated: Generated) -> bool:
-    """Sums tell: one number that is none spoils them."""
+    """One number that is none spoils a belief."""
     parts = (belief.latent, belief.covariance, belief.hands, belief.residual, generated.avatar, generated.human)
-    return math.isfinite(sum(float(part.sum()) for part in parts))
+    return all(math.isfinite(_largest(part.reshape(-1))) for part in parts)
 
 
 def _checked(weights: str | Mapping[str, float] | ArrayLike, model: HGPDM) -> Array:

@@ -44,6 +44,7 @@ class StyleTiming:
         styles = np.eye(len(model.emotions))
         self._where = model.channels
         self._rest = np.array([_at_start(model, style) for style in styles])
+        self._resting_palm = self._rest[:, self._where.palm].copy()
         speed = peak_speeds(model)
         self._relative_speed = np.maximum(speed / np.median(speed), 1.0)
 
@@ -63,7 +64,7 @@ class StyleTiming:
             contact_point: (3,) m, likewise.
             style: (K,) the weights that both were generated with.
         """
-        rest = self.rest(style)[self._where.palm]
+        rest = style.dot(self._resting_palm)
         way, gone = contact_point - rest, palm - rest
         progress = float(gone.dot(way)) / max(float(way.dot(way)), self.settings.nearest**2)
         sharpness = self.sharpness(style)

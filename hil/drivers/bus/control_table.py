@@ -7,8 +7,9 @@ little-endian, as on the bus.
 from __future__ import annotations
 
 import math
+import struct
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -22,6 +23,8 @@ RAM_START = 64
 
 BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 """Baud, by the value of the register ``baud_rate``."""
+
+_CODES = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,11 @@ def encode(register: Register, raw: int) -> bytes:
         return raw.to_bytes(register.size, "little", signed=register.signed)
     except OverflowError:
         raise HighFiveError(f"{register.name}: {raw} does not fit in {register.size} bytes") from None
+
+
+def packing(registers: Iterable[Register]) -> struct.Struct:
+    """Registers that lie one after another in bytes."""
+    return struct.Struct("<" + "".join(_CODES[register.size, register.signed] for register in registers))
 
 
 def baud_index(baud: int) -> int:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from highfive.hil.drivers.bus.control_table import Table, decode, encode, to_raw, to_si
+from highfive.hil.drivers.bus.control_table import Table, encode, packing, to_raw, to_si
 from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, required_registers
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus, ServoError
 from highfive.hil.drivers.bus.servo_clock import ServoClock
@@ -67,9 +67,9 @@ class JointBus:
         self._servos = {servo: _Servo() for servo in rig.servos}
         tables = {servo: bus.table(servo) for servo in self._servos}
         self._goal_registers = {joint.id: [tables[joint.id][name] for name in GOALS] for joint in rig.joints}
-        self._answer_registers = {servo: [table[name] for name in ANSWERS] for servo, table in tables.items()}
+        self._packings = {servo: packing(table[name] for name in ANSWERS) for servo, table in tables.items()}
         self._goals_at, self._answers_at = _blocks(next(iter(tables.values())))
-        self._answers_size = sum(r.size for r in next(iter(self._answer_registers.values())))
+        self._answers_size = next(iter(self._packings.values())).size
         self._fast = True
         self._fallbacks = 0
         self._named_ns = 0  # when all servos were last named in one instruction
@@ -262,7 +262,7 @@ class JointBus:
         """
         data, positions, currents = {}, [], []
         for joint, position, current in zip(self._rig.joints, command.positions, command.currents, strict=True):
-            if not (np.isfinite(position) and np.isfinite(current)):
+            if not (math.isfinite(position) and math.isfinite(current)):
                 raise HighFiveError(f"{joint.name}: {position:g} rad and {current:g} A are no goals")
             current_register, position_register = self._goal_registers[joint.id]
             raw = to_raw(current_register, min(max(current, 0.0), joint.current_limit)), count(joint, position)
@@ -288,12 +288,12 @@ class JointBus:
         for servo, state in self._servos.items():
             state.answered = servo in found
             if state.answered:
-                state.values, state.heard_ns = self._values(servo, found[servo]), now_ns
+                state.values, state.heard_ns = found[servo], now_ns
         return self._state(now_ns)
 
-    def _answers(self, queried: list[int]) -> dict[int, bytes]:
-        """One answer for all while everyone is there; after a gap each for itself, until nobody is silent or the silent
-        are dead: one of them costs a wait a cycle, and not the others."""
+    def _answers(self, queried: list[int]) -> dict[int, dict[str, int]]:
+        """Raw values by servo and name, from one answer for all while everyone is there; after a gap each for itself,
+        until nobody is silent or the silent are dead: one of them costs a wait a cycle, and not the others."""
         if self._fast:
             with contextlib.suppress(NoAnswer):
                 if len(found := self._fresh(self._bus.fast_sync_read, queried)) == len(queried):
@@ -311,25 +311,18 @@ class JointBus:
 
     def _fresh(
         self, read: Callable[[int, int, Sequence[int]], dict[int, bytes]], queried: list[int]
-    ) -> dict[int, bytes]:
+    ) -> dict[int, dict[str, int]]:
         """The answers to a question, up to the first that came late to an earlier one."""
         queried_ns = self._clock()
         answers = read(self._answers_at, self._answers_size, queried)
         heard_ns = self._clock()
         found = {}
         for servo, data in answers.items():
-            tick = self._values(servo, data)["realtime_tick"]
-            if not self._servos[servo].clock.fresh(tick, queried_ns, heard_ns):
+            values = dict(zip(ANSWERS, self._packings[servo].unpack(data), strict=True))
+            if not self._servos[servo].clock.fresh(values["realtime_tick"], queried_ns, heard_ns):
                 break
-            found[servo] = data
+            found[servo] = values
         return found
-
-    def _values(self, servo: int, data: bytes) -> dict[str, int]:
-        values, start = {}, 0
-        for register in self._answer_registers[servo]:
-            values[register.name] = decode(register, data[start : start + register.size])
-            start += register.size
-        return values
 
     def _state(self, now_ns: int) -> JointState:
         joints = self._rig.joints

@@ -41,6 +41,7 @@ SILENCE_NS = 20_000_000
 _READS = {Instruction.SYNC_READ, Instruction.BULK_READ}
 _FAST = {Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ}
 _WRITES = {Instruction.SYNC_WRITE, Instruction.BULK_WRITE}
+_NAMES = {int(one): one.name.lower() for one in Instruction}
 
 Servo = TypeVar("Servo", bound=EmulatedServo)
 
@@ -173,8 +174,9 @@ class EmulatedBus:
 
     def due(self, now_ns: int) -> list[Piece]:
         """What has come through to the host by now."""
-        count = sum(piece.time_ns <= now_ns for piece in self.pending)
-        ready, self.pending = self.pending[:count], self.pending[count:]
+        ready: list[Piece] = []
+        while self.pending and self.pending[0].time_ns <= now_ns:
+            ready.append(self.pending.pop(0))
         return ready
 
     # The line.
@@ -222,8 +224,7 @@ class EmulatedBus:
         return same and servo.listening(time) and not (self._faults and self._on("dead", time * 1e-9, servo.id))
 
     def _count(self, packet: Packet) -> None:
-        known = packet.instruction in set(Instruction)
-        name = Instruction(packet.instruction).name.lower() if known else f"0x{packet.instruction:02x}"
+        name = _NAMES.get(packet.instruction) or f"0x{packet.instruction:02x}"
         self.counts.instructions[name] = self.counts.instructions.get(name, 0) + 1
 
     # Instructions.

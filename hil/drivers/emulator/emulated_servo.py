@@ -41,6 +41,7 @@ OVERLOAD_SHARE, OVERLOAD_S = 0.8, 2.0
 
 _GAINS = ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
 _TO_POSITION = {POSITION, EXTENDED, CURRENT_POSITION}
+_COUNTING = {"drive_mode", "homing_offset", "operating_mode"}
 _TURN = 4096
 _IN_POSITION, _FOLLOWING = 20, 100  # counts: closer than that it is there; further than that it does not follow
 
@@ -74,6 +75,7 @@ class EmulatedServo:
         self._pulse, self._speed = table["present_position"].scale, table["present_velocity"].scale
         ampere = table["present_current"].scale if "present_current" in table else None
         self._load = ampere or table.motor.stall_current * table["present_load"].scale  # A, of one count
+        self._heavy = OVERLOAD_SHARE * table.motor.stall_current
         self.watchdog_trips = 0
         self.voltage = table.motor.voltage
         self.hot: float | None = None
@@ -81,6 +83,7 @@ class EmulatedServo:
         self._heard_ns = self._silent_until = 0
         self._now = 0
         self._joint = self._joint_velocity = 0.0
+        self._learn_counting()
         self._start(dict(registers or {}))
 
     # What the bus asks it.
@@ -211,8 +214,7 @@ class EmulatedServo:
             seconds: how long it is.
         """
         self._now, self._joint, self._joint_velocity, self._measured_at = now_ns, position, velocity, -1
-        direction = self._direction()
-        motion = self.motion
+        direction, motion = self._direction, self.motion
         motion.position, motion.velocity = self._angle(position), direction * velocity
         self._watch(now_ns)
         torque = motion.torque(self.values, now_ns * 1e-9, seconds, self.voltage)
@@ -245,7 +247,7 @@ class EmulatedServo:
             motion.temperature = self.hot
         if motion.temperature > values["temperature_limit"]:
             bits |= OVERHEATING
-        heavy = abs(motion.current) > OVERLOAD_SHARE * self.table.motor.stall_current
+        heavy = abs(motion.current) > self._heavy
         self._loaded_s = self._loaded_s + seconds if heavy else 0.0
         if self._loaded_s > OVERLOAD_S:
             bits |= OVERLOAD
@@ -275,6 +277,8 @@ class EmulatedServo:
     def _put(self, name: str, raw: int) -> None:
         self._memory.put(name, raw)
         self._measured_at = -1
+        if name in _COUNTING:
+            self._learn_counting()
 
     def _check(self, address: int, data: bytes, shadow: bool) -> tuple[list[tuple[Register, int]], Error]:
         """The registers that a write would set, and to what; or why it may not."""
@@ -336,24 +340,23 @@ class EmulatedServo:
     def _stay(self, now_ns: int) -> None:
         """Its goal is where it is."""
         self.motion.position = self._angle(self._joint)
-        self.motion.velocity = self._direction() * self._joint_velocity
+        self.motion.velocity = self._direction * self._joint_velocity
         self.motion.hold(now_ns * 1e-9)
         self._put("goal_position", round(self.motion.position / self._pulse))
 
     # Angles.
 
-    def _direction(self) -> int:
-        return -self._sign if self.values["drive_mode"] & REVERSE else self._sign
+    def _learn_counting(self) -> None:
+        """Which way it counts, and the homing offset; in position mode one of more than a quarter turn is none."""
+        values = self.values
+        self._direction = -self._sign if values["drive_mode"] & REVERSE else self._sign
+        offset = values["homing_offset"]
+        self._offset = 0 if values["operating_mode"] == POSITION and abs(offset) > _TURN // 4 else offset
 
     def _count(self, position: float) -> float:
         """Count of its encoder, offset included, at a joint's position."""
         turned = (position + self.slip) / self._pulse + self._zero - _TURN // 2
-        return _TURN // 2 + self._direction() * turned + self._turns * _TURN + self._offset()
-
-    def _offset(self) -> int:
-        """The homing offset; in position mode one of more than a quarter turn is none."""
-        offset = self.values["homing_offset"]
-        return 0 if self.values["operating_mode"] == POSITION and abs(offset) > _TURN // 4 else offset
+        return _TURN // 2 + self._direction * turned + self._turns * _TURN + self._offset
 
     def _angle(self, position: float) -> float:
         return self._count(position) * self._pulse
@@ -361,7 +364,7 @@ class EmulatedServo:
     def _forget_turns(self) -> None:
         """Its count is within one turn, but for the homing offset."""
         self._turns, self._measured_at = 0, -1
-        self._turns = -int((self._count(self._joint) - self._offset()) // _TURN)
+        self._turns = -int((self._count(self._joint) - self._offset) // _TURN)
 
     def _measure(self) -> None:
         """Brings what it measures up to date in its memory."""

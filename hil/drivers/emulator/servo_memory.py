@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import struct
-
-from highfive.hil.drivers.bus.control_table import Register, Table, decode, encode
+from highfive.hil.drivers.bus.control_table import Register, Table, decode, encode, packing
 from highfive.hil.drivers.servo_errors import Error
 
 MEASURED = (
@@ -14,7 +12,6 @@ MEASURED = (
 """Registers that the servo sets itself, which lie in a row."""
 
 _MOST_KEPT = 100  # ways of reading, and of writing, that are remembered
-_CODES = {(1, False): "B", (1, True): "b", (2, False): "H", (2, True): "h", (4, False): "I", (4, True): "i"}
 
 
 class ServoMemory:
@@ -35,7 +32,7 @@ class ServoMemory:
             self._defined[register.address : register.end] = b"\1" * register.size
         measured = [table[name] for name in MEASURED if name in table]
         self._measured_from = measured[0].address
-        self._packing = struct.Struct("<" + "".join(_CODES[r.size, r.signed] for r in measured))
+        self._packing = packing(measured)
         self._seen: dict[tuple[int, int], tuple[int, ...] | None] = {}
         self._written: dict[tuple[int, int], tuple[tuple[Register, tuple[int, ...]], ...] | Error] = {}
 

@@ -46,6 +46,7 @@ class Motion:
         self._motor = table.motor
         self._scales = {name: table[name].scale for name in ("goal_position", "goal_velocity", "profile_acceleration")}
         self._ampere = table["goal_current"].scale if "goal_current" in table else 0.0
+        self._pulse, self._resistance = self._scales["goal_position"], table.motor.voltage / table.motor.stall_current
         self.position = self.velocity = self.current = self.duty = 0.0
         self.temperature = _SURROUNDINGS + 5.0
         self.begun = 0.0
@@ -89,7 +90,7 @@ class Motion:
             self._warm(seconds)
             return 0.0
         motor, mode = self._motor, values["operating_mode"]
-        resistance = motor.voltage / motor.stall_current
+        resistance = self._resistance
         generated = motor.voltage * self.velocity / motor.no_load_speed
         if mode == PWM:
             duty = values["goal_pwm"] / FULL_DUTY
@@ -112,7 +113,7 @@ class Motion:
 
     def _position_control(self, values: Mapping[str, int], time: float, seconds: float) -> float:
         reference, _ = self.reference(time)
-        error = (reference - self.position) / self._scales["goal_position"]
+        error = (reference - self.position) / self._pulse
         steps = seconds * 1e3
         change, self._error = (error - self._error) / steps, error
         gain = values["position_i_gain"] / _POSITION_I

@@ -32,6 +32,44 @@ def waving(noise, seed=0):
     return [palm(*vectors) for vectors in zip(position, normal, fingers, strict=True)]
 
 
+def plainly_smooth(palms, settings):
+    """The same as it is written down: alpha-beta-gamma and a critically damped low pass, vector by vector."""
+    palm, *others = palms
+    position, velocity, acceleration = palm.position, palm.velocity, np.zeros(3)
+    directions, turning = np.array([palm.normal, palm.fingers]), np.zeros((2, 3))
+    said = [palm]
+    for one in others:
+        forget = np.exp(-min(settings.slow + settings.faster * np.linalg.norm(velocity), settings.fastest) * DT)
+        predicted = position + velocity * DT + 0.5 * acceleration * DT**2
+        innovation = one.position - predicted
+        position = predicted + (1.0 - forget**3) * innovation
+        velocity = velocity + acceleration * DT + 1.5 * (1.0 - forget) ** 2 * (1.0 + forget) / DT * innovation
+        acceleration = acceleration + (1.0 - forget) ** 3 / DT**2 * innovation
+        away = np.array([one.normal, one.fingers]) - directions
+        turning = turning + (settings.turning**2 * away - 2.0 * settings.turning * turning) * DT
+        directions = directions + turning * DT
+        normal = directions[0] / np.linalg.norm(directions[0])
+        fingers = directions[1] - normal * (directions[1] @ normal)
+        said.append(PalmPose(position, normal, fingers / np.linalg.norm(fingers), velocity))
+    return said
+
+
+@pytest.mark.parametrize("settings", [PalmFilterSettings(), PalmFilterSettings(faster=250.0, fastest=150.0)])
+def test_it_is_what_the_plain_filter_gives(settings):
+    one, palms = PalmFilter(settings), waving(1e-3)
+    for found, plain in zip([one(p, DT) for p in palms], plainly_smooth(palms, settings), strict=True):
+        for name in ("position", "normal", "fingers", "velocity"):
+            np.testing.assert_allclose(getattr(found, name), getattr(plain, name), rtol=1e-9, atol=1e-11)
+
+
+def test_what_it_said_stays_as_it_was():
+    one, palms = PalmFilter(), waving(1e-3)[:4]
+    said = [one(p, DT) for p in palms]
+    again = [p.position.copy() for p in said]
+    one(palm([1.0, 2.0, 3.0]), DT)
+    np.testing.assert_array_equal([p.position for p in said], again)
+
+
 @pytest.mark.parametrize("acceleration", [[0.0, 0.0, 0.0], [0.4, -0.2, 0.3]])
 def test_it_does_not_lag_behind_a_constant_acceleration(acceleration):
     start, speed, acceleration = np.array([1.0, 0.1, 1.2]), np.array([-0.3, 0.2, 0.1]), np.array(acceleration)

@@ -8,6 +8,7 @@ import pytest
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
+from highfive.model.geometry.hinges import hinges_towards
 
 SKELETON = avatar_skeleton()
 
@@ -88,3 +89,13 @@ def test_compiled_hinges_are_those_of_numpy(size: float) -> None:
         vectors = size * rng.normal(size=3 * len(SKELETON))
         plain = SKELETON.clamp(SKELETON.to_hinges(SKELETON.from_rotation_vectors(vectors)))
         np.testing.assert_allclose(SKELETON.hinges_within(vectors), plain, atol=1e-12)
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.0, 0.3, 1.0, 2.0])
+def test_compiled_ways_between_poses_are_those_of_numpy(share: float) -> None:
+    rng = np.random.default_rng(12)
+    one, other = rng.normal(size=(2, len(SKELETON), 3))
+    plain = SKELETON.clamp(one + share * (other - one))
+    np.testing.assert_array_equal(SKELETON.hinges_between(one, other, share), plain)
+    plain = one + np.clip(other - one, -0.2, 0.2)
+    np.testing.assert_array_equal(hinges_towards(one, other, 0.2), plain)

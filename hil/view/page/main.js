@@ -1,14 +1,16 @@
 // Puts connection, motion, picture and panels together.
 
 import { Connection } from "./connection.js";
+import { Caption } from "./caption.js";
 import { Controls, colourOf } from "./controls.js";
 import { Headset } from "./xr.js";
+import { keepClear } from "./layout.js";
 import { Motion } from "./motion.js";
 import { Stage } from "./stage.js";
 import { Contacts, Strip } from "./strip.js";
 
 const byId = (id) => document.getElementById(id);
-const FROZEN_MS = 250, SLOW_FPS = 24, JUDGED_MS = 2500;
+const FROZEN_MS = 250, JUDGED_MS = 2500, CHARTS_MS = 100;
 
 const notice = (text) => { const place = byId("notice"); place.textContent = text; place.hidden = !text; };
 const linkShown = (kind, text) => { const place = byId("link"); place.className = `link ${kind}`; place.lastElementChild.textContent = text; };
@@ -17,7 +19,7 @@ const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1]
 
 let stage = null;
 try {
-  stage = new Stage(byId("stage"));
+  stage = new Stage(byId("stage"), byId("behind"));
   stage.load().catch((error) => notice(`The avatar cannot be loaded: ${error.message}`));
 } catch {
   notice("This browser has no WebGL: there is no picture, but figures and controls work.");
@@ -43,12 +45,15 @@ const connection = new Connection({
   },
 });
 const controls = new Controls((name, value) => connection.command(name, value));
+const caption = new Caption(byId("mood"), byId("about"));
 const arrivals = [];
 
 const heard = {
   hello(text) {
     byId("title").textContent = text.title || "";
     controls.begin(text);
+    caption.begin(text);
+    document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
     notice("");
     motion.before = motion.newest = null;
@@ -57,6 +62,7 @@ const heard = {
   state(text) {
     state = text;
     controls.state(text);
+    caption.state(text);
     byId("palms").textContent = metres(text.palms_m);
     const left = text.time_to_contact_s;
     byId("contact").textContent = left === null || left === undefined || left > 1.5 || left < -0.3 ? "–" : left <= 0 ? "now" : `${left.toFixed(2)} s`;
@@ -66,8 +72,6 @@ const heard = {
       strips.palms.add(text.time_s, text.palms_m === null ? null : 100 * text.palms_m);
       strips.correction.add(text.time_s, text.correction);
     }
-    strips.palms.draw();
-    strips.correction.draw();
     if (stage) stage.showForecast(text.forecast);
     if (text.message !== undefined) notice(text.message);
   },
@@ -123,6 +127,10 @@ function passContact(time) {
   shownContact = past;
 }
 
+if (stage) keepClear(["figures", "timeline", "controls", "panels", "caption"].map(byId), (free) => stage.keepClear(free));
+
+setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);
+
 const drawn = { frames: 0, since: performance.now(), ages: [], frame: 16, before: 0 };
 function frame(now, seen) {
   drawn.frame += 0.1 * (Math.min(now - drawn.before, 50) - drawn.frame);
@@ -143,6 +151,7 @@ function frame(now, seen) {
   frozen = stale;
   if (seen && headset) headset.frame(seen);
   if (stage && stage.ready) stage.draw(now);
+  if (stage && stage.values) document.body.classList.add("shown");
   drawn.frames += 1;
 }
 if (stage) {
@@ -165,7 +174,7 @@ setInterval(() => {
   const now = performance.now(), rate = (1000 * drawn.frames) / (now - drawn.since);
   window.highfive.fps = rate;
   // The first stretch is compiling and uploading; a hidden tab draws nothing and says nothing of the machine.
-  if (stage && stage.ready && judged && !document.hidden && !headset.session && rate < SLOW_FPS) stage.simplify();
+  if (stage && stage.ready && judged && !document.hidden && !headset.session) stage.judge(rate);
   judged = Boolean(stage && stage.ready);
   Object.assign(drawn, { frames: 0, since: now });
 }, JUDGED_MS);

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 from highfive.hil.bench.browser import Browser, browser_here
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar
-from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.session.session import RATE_HZ, Session, Tick
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import build_scene
@@ -173,6 +173,7 @@ def _ticks(seed: int) -> dict[str, float]:
     partner = simulated_partners(1, (emotion,), ("B2",), seed)[0]
     session, playout = Session(model, {emotion: 1.0}, partner.marker_set, scene), KinematicPlayOut(scene)
     took: dict[bool, list[float]] = {True: [], False: []}
+    over: dict[bool, list[float]] = {True: [], False: []}
     with LivePage({"mode": "session"}) as page:
         for turn in range(2 * PAIRS):
             watched = turn % 2 == 0
@@ -180,12 +181,24 @@ def _ticks(seed: int) -> dict[str, float]:
             view = SessionView(page, session, playout, scene)
             view.begin(turn, 2 * PAIRS, partner.cell, {emotion: 1.0})
             inputs = view.inputs(as_captured(view.in_time(C3DSource(partner.recording, RATE_HZ))))
-            result = run_trial(turn, partner, session, playout, inputs, view.watch)
-            took[watched] += result.tick_ms[1:].tolist()
+            handed: list[float] = []
+
+            def watch(tick: Tick, view: SessionView = view, handed: list[float] = handed) -> None:
+                start = time.perf_counter_ns()
+                view.watch(tick)
+                handed.append(1e-6 * (time.perf_counter_ns() - start))
+
+            result = run_trial(turn, partner, session, playout, inputs, watch)
+            took[watched] += (result.tick_ms + handed)[1:].tolist()
+            over[watched] += handed[1:]
             for one in pages:
                 one.seen()
     with_pages, without = (float(np.percentile(took[watched], 99)) for watched in (True, False))
-    return {"tick_p99_ms": round(without, 2), "tick_ratio": round(with_pages / without, 3)}
+    return {
+        "tick_p99_ms": round(without, 2),
+        "tick_ratio": round(with_pages / without, 3),
+        "handing_over_ms": {"p50": _part(over[True], 50), "p99": _part(over[True], 99)},
+    }
 
 
 def _length_s(partner: Partner) -> float:
@@ -201,6 +214,8 @@ def print_view(result: dict[str, Any]) -> None:
     for blocked, count in result["stale_after_block"].items():
         print(f"stale after {blocked:>2} s asleep  {count}")
     print(f"tick p99                {result['tick_p99_ms']:.2f} ms; with {PAGES} pages × {result['tick_ratio']:.2f}")
+    over = result["handing_over_ms"]
+    print(f"of it handing over      median {over['p50']:.2f} ms, p99 {over['p99']:.2f} ms")
     if result["fps"] is None:
         print("pictures a second       no browser here: install chromium")
         return

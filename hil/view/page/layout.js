@@ -1,6 +1,6 @@
 // How much of the window the panels leave to the picture.
 
-const MOST = 0.62;  // share of the window that panels of one direction take at most
+const MOST = 0.75;  // share of the window that panels of one direction take at most
 const LEAST = 0.4;  // of a side, from which on a panel bars it
 
 /** Tells ``say`` whenever panels change how many pixels at each side lie under them. */

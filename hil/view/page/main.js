@@ -10,9 +10,16 @@ import { Stage } from "./stage.js";
 import { Contacts, Strip } from "./strip.js";
 
 const byId = (id) => document.getElementById(id);
+const BROKEN = {  // at the top right, and across the picture
+  lost: ["connection lost, trying again"],
+  refused: ["not let in", "The key in this address is of another run: open the address that High Five printed."],
+  full: ["full", "Too many pages look on already: close one."],
+  old: ["old page", "This page is of another version of High Five: reload it."],
+};
 const FROZEN_MS = 250, JUDGED_MS = 2500, CHARTS_MS = 100;
 
-const notice = (text) => { const place = byId("notice"); place.textContent = text; place.hidden = !text; };
+let lasting = "";  // what holds for as long as the page is open
+const notice = (text) => { const place = byId("notice"); place.textContent = text || lasting; place.hidden = !(text || lasting); };
 const linkShown = (kind, text) => { const place = byId("link"); place.className = `link ${kind}`; place.lastElementChild.textContent = text; };
 const metres = (value) => (value === null || value === undefined ? "–" : value < 0.1 ? `${(1000 * value).toFixed(0)} mm` : `${(100 * value).toFixed(0)} cm`);
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
@@ -20,10 +27,15 @@ const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1]
 let stage = null;
 try {
   stage = new Stage(byId("stage"), byId("behind"));
-  stage.load().catch((error) => notice(`The avatar cannot be loaded: ${error.message}`));
+  stage.load().catch((error) => notice(lasting = `The avatar cannot be loaded: ${error.message}`));
 } catch {
-  notice("This browser has no WebGL: there is no picture, but figures and controls work.");
+  notice(lasting = "This browser has no WebGL: there is no picture, but figures and controls work.");
 }
+byId("able").textContent = [
+  stage ? (stage.fine ? "" : "Drawn by the processor: no graphics card, or the browser does not use it.") : "No WebGL: no picture.",
+  navigator.xr ? "" : "No WebXR: a headset cannot be entered from this browser or address.",
+].filter(Boolean).join(" ");
+byId("help").onclick = () => { byId("helped").hidden = !byId("helped").hidden; };
 
 const headset = stage && new Headset(stage, byId("headset"), notice);
 const motion = new Motion();
@@ -40,8 +52,8 @@ const connection = new Connection({
   link(kind) {
     if (kind === linked) return;
     linked = kind;
-    if (kind === "lost") linkShown("bad", "connection lost, trying again");
-    if (kind === "old") { linkShown("bad", "old page"); notice("This page is of another version of High Five: reload it."); }
+    if (BROKEN[kind]) linkShown("bad", BROKEN[kind][0]);
+    if (BROKEN[kind]?.[1]) notice(BROKEN[kind][1]);
   },
 });
 const controls = new Controls((name, value) => connection.command(name, value));

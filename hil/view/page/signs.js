@@ -36,8 +36,8 @@ export class Signs extends Group {
     for (const sign of this.children) sign.visible = sign === this.markers;
   }
 
-  /** Palms: a body, and position and quaternion (w, x, y, z) on it, for each of the two. */
-  showPalms(values, palms) {
+  /** Palms: a body, and position and quaternion (w, x, y, z) on it, for each of the two; the avatar's where it is seen. */
+  showPalms(values, palms, avatar) {
     palms.forEach(({ body, position, quaternion: [w, x, y, z] }, i) => {
       const at = 7 * body;
       const frame = new Matrix4().compose(
@@ -47,7 +47,7 @@ export class Signs extends Group {
       frame.decompose(this.discs[i].position, this.discs[i].quaternion, new Vector3());
     });
     const [ours, theirs] = this.discs.map((disc) => disc.position);
-    const distance = ours.distanceTo(theirs), near = distance < NEAR_M;
+    const distance = ours.distanceTo(theirs), near = avatar && distance < NEAR_M;
     const ends = this.link.geometry.attributes.position;
     [ours, theirs].forEach((point, i) => ends.setXYZ(i, point.x, point.y, point.z));
     ends.needsUpdate = true;

@@ -119,7 +119,7 @@ export class Stage {
     const stood = ["pelvis", "person_pelvis"].map((name) => values.subarray(7 * this.names.indexOf(name)));
     const soft = !this.renderer.shadowMap.enabled;
     this.signs.showBlots([soft && this.met !== "arm" && stood[0], soft && !this.immersed && stood[1]]);
-    this.signs.showPalms(values, this.palms);
+    this.signs.showPalms(values, this.palms, this.met !== "arm");
   }
 
   showMarkers(points, seen) { this.signs.showMarkers(points, seen); }

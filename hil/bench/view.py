@@ -34,6 +34,18 @@ from highfive.model.hgpdm.store import load_model
 BLOCKS_S = (3.0, 20.0)
 STALE_MS = 100.0
 """A pose that is older when it comes is of no use."""
+_DRAW = """(() => {
+  const {stage} = highfive, gl = stage.renderer.getContext(), pixel = new Uint8Array(4), took = [];
+  stage.renderer.setAnimationLoop(null);
+  for (let i = 0; i < 40; i++) {
+    const start = performance.now();
+    stage.pose(stage.values);
+    stage.draw(start);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);  // waits until it is drawn
+    took.push(performance.now() - start);
+  }
+  return Math.min(...took);
+})()"""
 PAGES, PAIRS = 4, 3
 """Pages that look on, and pairs of high fives with and without them."""
 
@@ -133,7 +145,7 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
         for blocked in BLOCKS_S:
             stale.append(sum(age > STALE_MS for age in shown_to(2.0, blocked).age_ms))
             advance()
-        fps = _pictures(page, trials)
+        fps, drawn = _pictures(page, trials)
         advance()
     tick = _ticks(options.seed)
     advance()
@@ -146,6 +158,7 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
         "stale_after_block": {f"{blocked:g}": count for blocked, count in zip(BLOCKS_S, stale, strict=True)},
         **tick,
         "fps": fps,
+        "draw_ms": drawn,
     }
 
 
@@ -153,20 +166,21 @@ def _part(values: Sequence[float], percent: float) -> float:
     return round(float(np.percentile(values, percent)), 2)
 
 
-def _pictures(page: LivePage, trials: Any) -> dict[str, float] | None:
-    """Pictures a second of both people, by the size of the window."""
+def _pictures(page: LivePage, trials: Any) -> tuple[dict[str, float] | None, dict[str, float] | None]:
+    """Pictures a second of both people, and ms that one takes at least, by the size of the window."""
     if browser_here() is None:
-        return None
-    found = {}
+        return None, None
+    rates, drawn = {}, {}
     for width, height in ((1280, 720), (640, 360)):
         with Browser((width, height)) as browser:
             browser.go(page.address)
             play(page, trials, until_ns=MACHINE.now() + round(18e9))
-            found[f"{width}x{height}"] = round(float(browser.evaluate("highfive.fps")), 1)
-    return found
+            rates[f"{width}x{height}"] = round(float(browser.evaluate("highfive.fps")), 1)
+            drawn[f"{width}x{height}"] = round(float(browser.evaluate(_DRAW)), 1)
+    return rates, drawn
 
 
-def _ticks(seed: int) -> dict[str, float]:
+def _ticks(seed: int) -> dict[str, Any]:
     """p99 of whole ticks, markers in to poses handed over, with pages and without, in turns."""
     scene, model = build_scene(), load_model(DEFAULT_MODEL)
     emotion = next(iter(EMOTIONS))
@@ -220,4 +234,4 @@ def print_view(result: dict[str, Any]) -> None:
         print("pictures a second       no browser here: install chromium")
         return
     for size, rate in result["fps"].items():
-        print(f"pictures a second       {rate:.1f} at {size}")
+        print(f"pictures a second       {rate:.1f} at {size}; one takes {result['draw_ms'][size]:.1f} ms at least")

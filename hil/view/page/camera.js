@@ -8,7 +8,7 @@ const VIEWS = {  // eye and what is looked at, in the world: z up, m; and width 
   side: [[0.5, -3.6, 1.15], [0.5, 0, 0.88], [1.95, 2.15]],
   palms: [[0.72, -1.5, 1.62], [0.5, 0, 1.38], [1.25, 0.8]],
 };
-const OPEN = 34, HERS = 62;  // degrees from top to bottom
+const OPEN = 34, HERS = 62, WIDEST = 86, ACROSS = 24;  // degrees from top to bottom, and to either side
 
 export class Eye {
   constructor(canvas) {
@@ -35,7 +35,7 @@ export class Eye {
   look(name) {
     this.name = name;
     this.orbit.enabled = this.fixed;
-    this.camera.fov = this.fixed ? OPEN : HERS;
+    this.camera.fov = this.fixed ? OPEN : this.hers;
     this.camera.up.set(0, 1, 0);
     if (this.fixed) {
       const [eye, goal] = VIEWS[name].slice(0, 2).map(([x, y, z]) => new Vector3(x, z, -y));
@@ -44,6 +44,12 @@ export class Eye {
       this.orbit.update();
     }
     this.camera.updateProjectionMatrix();
+  }
+
+  /** Opening of her eyes: wide enough for hands, also where the window is narrow. */
+  get hers() {
+    const [width, height] = this.size;
+    return Math.min(Math.max(HERS, (360 / Math.PI) * Math.atan((Math.tan((ACROSS * Math.PI) / 180) * height) / width)), WIDEST);
   }
 
   /** From which so much is seen between the panels. */
@@ -68,5 +74,5 @@ export class Eye {
   }
 
   /** Where it is and what it sees, to be compared with later. */
-  get pose() { return [...this.camera.position.toArray(), ...this.camera.quaternion.toArray(), this.camera.fov, ...this.size].join(); }
+  get pose() { return [...this.camera.position, ...this.camera.quaternion, this.camera.fov, ...this.size]; }
 }

@@ -44,7 +44,7 @@ const strips = {
   correction: new Strip(byId("correction-strip"), { top: 1, colour: "#1f6f9c" }),
 };
 const contacts = new Contacts(byId("contacts-strip"));
-let state = {}, bars = [], trials = [], frozen = false, linked = "", shownContact = null;
+let state = {}, bars = [], trials = [], frozen = false, linked = "", said = "", shownContact = null;
 
 const connection = new Connection({
   poses(poses) { motion.add(poses); arrivals.push(performance.now()); },
@@ -113,6 +113,7 @@ export function addPanel(element, kind, hear) {
 for (const button of byId("views").children) {
   button.onclick = () => {
     if (stage) stage.view(button.dataset.view);
+    document.body.dataset.view = button.dataset.view;
     for (const other of byId("views").children) other.setAttribute("aria-pressed", String(other === button));
   };
 }
@@ -158,8 +159,9 @@ function frame(now, seen) {
     passContact(motion.newest.time);
   }
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
-  if (stale !== frozen && linked === "good") linkShown(stale ? "" : "good", stale ? "no new poses" : "live");
-  if (linked === "good" && byId("link").classList.contains("bad")) linkShown("good", "live");
+  const status = linked !== "good" ? "" : stale ? "no new poses" : "live";
+  if (status && status !== said) linkShown(stale ? "" : "good", status);
+  said = status;
   frozen = stale;
   if (seen && headset) headset.frame(seen);
   if (stage && stage.ready) stage.draw(now);

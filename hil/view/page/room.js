@@ -13,7 +13,7 @@ const PLANT = ["pot", "leaf"];
 
 /** Light of all that is lit; the key throws shadows where they are on. A processor gets along with the key. */
 export function lights(fine) {
-  const key = new DirectionalLight(0xfff0da, 2.2);
+  const key = new DirectionalLight(0xfff0da, fine ? 1.9 : 2.2);
   key.position.set(-0.9, 4.2, 2.6);
   key.target.position.set(0.5, 0.9, 0);
   key.castShadow = true;
@@ -22,9 +22,9 @@ export function lights(fine) {
   key.shadow.bias = -0.0004;
   key.shadow.normalBias = 0.012;
   key.shadow.radius = 5;
-  const all = [new HemisphereLight(0xf6f4ef, 0xb9a78f, 1.35), new AmbientLight(0xffffff, 0.35), key, key.target];
+  const all = [new HemisphereLight(0xf6f4ef, 0xb9a78f, 1.35), new AmbientLight(0xffffff, fine ? 0.5 : 0.35), key, key.target];
   if (fine) {  // from behind, and onto the walls
-    for (const [colour, strength, place] of [[0xcfe3ff, 0.8, [2.5, 2.2, -2.4]], [0xfff6e8, 0.75, [3.2, 1.6, 3.2]]]) {
+    for (const [colour, strength, place] of [[0xcfe3ff, 0.8, [2.5, 2.2, -2.4]], [0xfff6e8, 1.2, [3.2, 1.6, 3.2]]]) {
       const more = new DirectionalLight(colour, strength);
       more.position.set(...place);
       all.push(more);

@@ -1,6 +1,9 @@
 // A room that stands still is drawn once, finely, and kept behind the picture for as long as the camera does not move.
 
 const CALM = 2;  // pictures from the same place before it is drawn
+const STILL = 1e-4;  // m, or share of a turn: controls that damp never come to rest in the last digits
+
+const same = (a, b) => a.length === b.length && a.every((value, i) => Math.abs(value - b[i]) < STILL);
 
 export class Still {
   /** @param {HTMLCanvasElement} canvas lies behind the picture */
@@ -11,14 +14,14 @@ export class Still {
   }
 
   forget() {
-    this.pose = this.kept = "";
+    this.pose = this.kept = [];
     this.calm = 0;
   }
 
   /** The room is behind the picture as it is seen from there; ``draw`` draws it, and says on which canvas. */
   ready(pose, draw) {
-    if (pose !== this.pose) { this.pose = pose; this.calm = 0; }
-    if (this.kept === pose) return true;
+    if (same(pose, this.kept)) return true;
+    if (!same(pose, this.pose)) { this.pose = pose; this.calm = 0; }
     this.calm += 1;
     if (this.calm < CALM) return false;
     const { canvas, after } = draw();

@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 import threading
 import urllib.request
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -30,8 +31,8 @@ def browser_here() -> str | None:
 class Browser:
     """One tab of a Chromium of its own; use it in ``with``."""
 
-    def __init__(self, size: tuple[int, int] = (1280, 720)) -> None:
-        """Starts it.
+    def __init__(self, size: tuple[int, int] = (1280, 720), more: Sequence[str] = ()) -> None:
+        """Starts it, with ``more`` options of its command line.
 
         Raises:
             HighFiveError: there is none here, or it does not start.
@@ -43,7 +44,7 @@ class Browser:
         options = [
             "--headless=new", "--no-sandbox", "--remote-debugging-port=0", f"--user-data-dir={self._folder.name}",
             f"--window-size={size[0]},{size[1]}", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--hide-scrollbars",
-            "--no-first-run", "--disable-background-networking", "about:blank",
+            "--no-first-run", "--disable-background-networking", *more, "about:blank",
         ]  # fmt: skip
         self._process = subprocess.Popen([path, *options], stderr=subprocess.PIPE, text=True)
         self._number, self._stack = 0, ExitStack()

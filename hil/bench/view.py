@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 from highfive.hil.bench.browser import Browser, browser_here
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar
-from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.session.session import RATE_HZ, Session, Tick
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import build_scene
@@ -34,6 +34,18 @@ from highfive.model.hgpdm.store import load_model
 BLOCKS_S = (3.0, 20.0)
 STALE_MS = 100.0
 """A pose that is older when it comes is of no use."""
+_DRAW = """(() => {
+  const {stage} = highfive, gl = stage.renderer.getContext(), pixel = new Uint8Array(4), took = [];
+  stage.renderer.setAnimationLoop(null);
+  for (let i = 0; i < 40; i++) {
+    const start = performance.now();
+    stage.pose(stage.values);
+    stage.draw(start);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);  // waits until it is drawn
+    took.push(performance.now() - start);
+  }
+  return Math.min(...took);
+})()"""
 PAGES, PAIRS = 4, 3
 """Pages that look on, and pairs of high fives with and without them."""
 
@@ -133,7 +145,7 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
         for blocked in BLOCKS_S:
             stale.append(sum(age > STALE_MS for age in shown_to(2.0, blocked).age_ms))
             advance()
-        fps = _pictures(page, trials)
+        fps, drawn = _pictures(page, trials)
         advance()
     tick = _ticks(options.seed)
     advance()
@@ -146,6 +158,7 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
         "stale_after_block": {f"{blocked:g}": count for blocked, count in zip(BLOCKS_S, stale, strict=True)},
         **tick,
         "fps": fps,
+        "draw_ms": drawn,
     }
 
 
@@ -153,26 +166,28 @@ def _part(values: Sequence[float], percent: float) -> float:
     return round(float(np.percentile(values, percent)), 2)
 
 
-def _pictures(page: LivePage, trials: Any) -> dict[str, float] | None:
-    """Pictures a second of both people, by the size of the window."""
+def _pictures(page: LivePage, trials: Any) -> tuple[dict[str, float] | None, dict[str, float] | None]:
+    """Pictures a second of both people, and ms that one takes at least, by the size of the window."""
     if browser_here() is None:
-        return None
-    found = {}
+        return None, None
+    rates, drawn = {}, {}
     for width, height in ((1280, 720), (640, 360)):
         with Browser((width, height)) as browser:
             browser.go(page.address)
             play(page, trials, until_ns=MACHINE.now() + round(18e9))
-            found[f"{width}x{height}"] = round(float(browser.evaluate("highfive.fps")), 1)
-    return found
+            rates[f"{width}x{height}"] = round(float(browser.evaluate("highfive.fps")), 1)
+            drawn[f"{width}x{height}"] = round(float(browser.evaluate(_DRAW)), 1)
+    return rates, drawn
 
 
-def _ticks(seed: int) -> dict[str, float]:
+def _ticks(seed: int) -> dict[str, Any]:
     """p99 of whole ticks, markers in to poses handed over, with pages and without, in turns."""
     scene, model = build_scene(), load_model(DEFAULT_MODEL)
     emotion = next(iter(EMOTIONS))
     partner = simulated_partners(1, (emotion,), ("B2",), seed)[0]
     session, playout = Session(model, {emotion: 1.0}, partner.marker_set, scene), KinematicPlayOut(scene)
     took: dict[bool, list[float]] = {True: [], False: []}
+    over: dict[bool, list[float]] = {True: [], False: []}
     with LivePage({"mode": "session"}) as page:
         for turn in range(2 * PAIRS):
             watched = turn % 2 == 0
@@ -180,12 +195,24 @@ def _ticks(seed: int) -> dict[str, float]:
             view = SessionView(page, session, playout, scene)
             view.begin(turn, 2 * PAIRS, partner.cell, {emotion: 1.0})
             inputs = view.inputs(as_captured(view.in_time(C3DSource(partner.recording, RATE_HZ))))
-            result = run_trial(turn, partner, session, playout, inputs, view.watch)
-            took[watched] += result.tick_ms[1:].tolist()
+            handed: list[float] = []
+
+            def watch(tick: Tick, view: SessionView = view, handed: list[float] = handed) -> None:
+                start = time.perf_counter_ns()
+                view.watch(tick)
+                handed.append(1e-6 * (time.perf_counter_ns() - start))
+
+            result = run_trial(turn, partner, session, playout, inputs, watch)
+            took[watched] += (result.tick_ms + handed)[1:].tolist()
+            over[watched] += handed[1:]
             for one in pages:
                 one.seen()
     with_pages, without = (float(np.percentile(took[watched], 99)) for watched in (True, False))
-    return {"tick_p99_ms": round(without, 2), "tick_ratio": round(with_pages / without, 3)}
+    return {
+        "tick_p99_ms": round(without, 2),
+        "tick_ratio": round(with_pages / without, 3),
+        "handing_over_ms": {"p50": _part(over[True], 50), "p99": _part(over[True], 99)},
+    }
 
 
 def _length_s(partner: Partner) -> float:
@@ -201,8 +228,10 @@ def print_view(result: dict[str, Any]) -> None:
     for blocked, count in result["stale_after_block"].items():
         print(f"stale after {blocked:>2} s asleep  {count}")
     print(f"tick p99                {result['tick_p99_ms']:.2f} ms; with {PAGES} pages × {result['tick_ratio']:.2f}")
+    over = result["handing_over_ms"]
+    print(f"of it handing over      median {over['p50']:.2f} ms, p99 {over['p99']:.2f} ms")
     if result["fps"] is None:
         print("pictures a second       no browser here: install chromium")
         return
     for size, rate in result["fps"].items():
-        print(f"pictures a second       {rate:.1f} at {size}")
+        print(f"pictures a second       {rate:.1f} at {size}; one takes {result['draw_ms'][size]:.1f} ms at least")

@@ -12,6 +12,7 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.player import play
 from highfive.hil.view.recorded import recorded_trials
+from highfive.model.errors import HighFiveError
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ def view(options: ViewOptions) -> None:
     """Shows a recording until Ctrl-C, or the page's end button.
 
     Raises:
-        HighFiveError: the recording cannot be shown, or the port is in use.
+        HighFiveError: the recording cannot be shown, the port is in use, or the server was ended from outside.
     """
     path = options.recording or SHIPPED_RECORDING
     path = path / "session.mcap" if path.is_dir() else path
@@ -40,3 +41,5 @@ def view(options: ViewOptions) -> None:
     about["rig"] = any(trial.rig for trial in trials)
     with open_page(options.page, about) as page:
         play(page, trials)
+        if not page.alive:
+            raise HighFiveError("the live page is gone: its server was ended from outside; start highfive view again")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import json
 import multiprocessing
+import os
 import signal
 import ssl
 import time
@@ -42,6 +43,8 @@ MOST_TEXTS = 256
 MOST_A_SECOND = 1000
 """Messages that a page may send in a second before it is let go; it acknowledges some 120."""
 MOST_PAGES = 16
+NICE = 5
+"""Less urgent by so much than what it shows: where cores are few, the tick goes first."""
 FULL = "too many pages look on already"
 LIVE = "/live"
 
@@ -70,6 +73,7 @@ class ServerOptions:
 def run_server(options: ServerOptions, mailbox: Mailbox, estop: Latch | None) -> None:
     """What the process does until it is told to close, or its parent is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host decides when the page closes
+    os.nice(NICE)
     asyncio.run(_Server(options, mailbox, estop).run())
 
 

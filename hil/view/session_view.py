@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import Session, Tick, TickInput
 from highfive.hil.sim.playout import PlayOut
 from highfive.hil.sim.scene import Scene
@@ -56,7 +57,7 @@ class SessionView:
         self.weights: dict[str, float] | None = None
         self.cell: str | None = None
         self.corrects = session.corrects
-        self._paused, self._wish, self._stopped = False, "", False
+        self._paused, self._wish, self._stopped, self._alone = False, "", False, False
         self._trial: dict[str, Any] = {}
         self._count, self._met, self._begins_ns, self._captured_ns = 0, False, 0, 0
         self._latest: PoseMessage | None = None
@@ -135,6 +136,12 @@ class SessionView:
     def _obey(self) -> None:
         for command in self._page.commands():
             self._follow(command)
+        if self._page.alive:
+            return
+        self._paused = False  # nobody could let it go on
+        if not self._alone:
+            self._alone = True
+            say_aside("the live page is gone, for its server was ended; the session goes on without it")
 
     def _follow(self, command: Command) -> None:
         match command.name:

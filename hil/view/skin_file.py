@@ -25,7 +25,11 @@ SKIN = "skin_"
 """Begins the names of the meshes; bones have those of their bodies."""
 FAR = "_far"
 """Ends the names of the coarse meshes, for figures that are far or machines that are slow."""
-_CELL, _FINE_CELL, _FINE = 0.026, 0.012, ("hand", "head", "lids", "lips", "brows", "hair")
+_CELLS = {"hand": 0.011, "head": 0.014, "lids": 0.008, "lips": 0.006, "brows": 0.008, "hair": 0.022, "cuff": 0.02}
+_CELL = 0.034
+"""m: grids of the coarse meshes, by the end of a skin's name, and of the others."""
+_FLAT = 0.03
+"""Of the largest curvature: below, a vertex is left where the mean of its cell is."""
 _FLOAT, _BYTE, _SHORT, _INT = 5126, 5121, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _Y_UP = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # glTF quaternions are x, y, z, w
@@ -122,30 +126,47 @@ class _Skin:
         self.weights = weights
 
     def clustered(self) -> _Skin:
-        """The same with fewer vertices, one a cell of a grid (Rossignac & Borrel 1993)."""
-        cell = _FINE_CELL if self.name.endswith(_FINE) else _CELL
-        _, first, which, count = np.unique(
-            np.floor(self.vertices / cell), axis=0, return_index=True, return_inverse=True, return_counts=True
-        )
+        """The same with fewer vertices, one a cell of a grid, where it keeps the surface (Lindstrom 2000)."""
+        cell = next((size for end, size in _CELLS.items() if self.name.endswith(end)), _CELL)
+        _, which, count = np.unique(np.floor(self.vertices / cell), axis=0, return_inverse=True, return_counts=True)
         which = which.reshape(-1)
         coarse = copy.copy(self)
-        coarse.vertices, coarse.weights = np.zeros((len(first), 3)), np.zeros((len(first), self.weights.shape[1]))
-        np.add.at(coarse.vertices, which, self.vertices)
+        mean, coarse.weights = np.zeros((len(count), 3)), np.zeros((len(count), self.weights.shape[1]))
+        np.add.at(mean, which, self.vertices)
         np.add.at(coarse.weights, which, self.weights)
-        coarse.vertices /= count[:, None]
+        mean /= count[:, None]
+        coarse.vertices = mean + np.clip(self._to_the_surface(mean, which), -0.5 * cell, 0.5 * cell)
         faces = which[self.faces]
         whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
         coarse.faces = faces[whole]
         return coarse
 
+    def _to_the_surface(self, mean: Array, which: NDArray[np.int64]) -> Array:
+        """(C, 3) from the mean of each cell to the point that is nearest to the planes of all faces at its vertices."""
+        across = self._across
+        squares, along = np.zeros((len(mean), 3, 3)), np.zeros((len(mean), 3))
+        for corner in self.faces.T:
+            cells = which[corner]
+            off = (across * (self.vertices[corner] - mean[cells])).sum(axis=1)
+            np.add.at(squares, cells, across[:, :, None] * across[:, None, :])
+            np.add.at(along, cells, across * off[:, None])
+        sizes, axes = np.linalg.eigh(squares)
+        certain = sizes > _FLAT * sizes[:, -1:]
+        inverse = np.where(certain, 1.0 / np.where(certain, sizes, 1.0), 0.0)
+        return np.einsum("cij,cj,ckj,ck->ci", axes, inverse, axes, along)
+
+    @property
+    def _across(self) -> Array:
+        """(F, 3) normal of each face, twice its area long."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        return np.cross(b - a, c - a)
+
     @property
     def normals(self) -> Array:
         """(V, 3) unit, of the faces around each vertex by their areas."""
-        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
-        across = np.cross(b - a, c - a)
         normals = np.zeros_like(self.vertices)
-        for i in range(3):
-            np.add.at(normals, self.faces[:, i], across)
+        for corner in self.faces.T:
+            np.add.at(normals, corner, self._across)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-30), [0.0, 0.0, 1.0])
 

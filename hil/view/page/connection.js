@@ -32,14 +32,21 @@ export class Connection {
     address.search = location.search;
     this.socket = new WebSocket(address);
     this.socket.binaryType = "arraybuffer";
-    this.socket.onopen = () => { this.answers = []; for (let i = 0; i < KEPT; i++) setTimeout(() => this.ask(), 20 * i); };
+    this.opened = false;
+    this.socket.onopen = () => { this.opened = true; this.answers = []; for (let i = 0; i < KEPT; i++) setTimeout(() => this.ask(), 20 * i); };
     this.socket.onmessage = (event) => this.hear(event.data);
-    this.socket.onclose = () => {
-      this.listeners.link("lost");
+    this.socket.onclose = async () => {
+      this.listeners.link(this.opened ? "lost" : await this.why());
       setTimeout(() => this.open(), RETRY_MS);
     };
     clearInterval(this.asking);
     this.asking = setInterval(() => this.ask(), ASK_MS);
+  }
+
+  /** Why no connection comes about: a server that is there says so to a plain question. */
+  async why() {
+    const answer = await fetch(`live${location.search}`, { cache: "no-store" }).catch(() => null);
+    return { 403: "refused", 503: "full" }[answer?.status] || "lost";
   }
 
   /** For good. */
@@ -73,7 +80,7 @@ export class Connection {
       if (this.answers.length > KEPT) this.answers.shift();
       this.listeners.link("good");
     } else if (text.kind === "hello") {
-      if (text.version !== VERSION) { this.listeners.link("old"); return; }
+      if (text.version !== VERSION) { this.close(); this.listeners.link("old"); return; }
       if (text.run !== this.run) this.last = null;
       this.run = text.run;
       this.listeners.text(text);

@@ -1,15 +1,18 @@
 // The style dial, the buttons, the timeline: what is asked of the host.
 
-export const COLOURS = { angry: "#c0392b", happy: "#d99a12", neutral: "#5d7a78", sad: "#3b6ea5" };
+export const COLOURS = { angry: "#c0392b", happy: "#b97a08", neutral: "#5d7a78", sad: "#3b6ea5" };
 const SPARE = ["#7a5ea8", "#3c8d5a", "#b0567c", "#6b6b6b"];
 
 export const colourOf = (emotion, place = 0) => COLOURS[emotion] || SPARE[place % SPARE.length];
 const byId = (id) => document.getElementById(id);
+const SMALL = matchMedia("(max-width: 760px), (max-height: 520px)");
 
 export class Controls {
   constructor(command) {
     this.command = command;
     this.weights = {};
+    byId("mix").onclick = () => this.fold(!byId("controls").classList.contains("brief"));
+    this.fold(SMALL.matches);
     byId("correct").onchange = (event) => command("correct", event.target.checked);
     byId("cell").onchange = (event) => command("cell", event.target.value);
     byId("pause").onclick = () => command("pause", !this.paused);
@@ -24,6 +27,13 @@ export class Controls {
     byId("speed").onchange = (event) => command("speed", Number(event.target.value));
     byId("trials").onchange = (event) => command("trial", Number(event.target.value));
     addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** On a small screen moods are buttons alone, until somebody wants a mixture. */
+  fold(brief) {
+    byId("controls").classList.toggle("brief", brief);
+    byId("mix").setAttribute("aria-expanded", String(!brief));
+    byId("mix").textContent = brief ? "Mix" : "Fewer";
   }
 
   key(event) {
@@ -103,6 +113,7 @@ export class Controls {
       mark.hidden = state.contact_s === null;
       if (state.contact_s !== null) mark.style.left = `calc(8px + ${state.contact_s / state.length_s} * (100% - 16px))`;
       byId("speed").value = String(state.speed);
+      byId("play").setAttribute("aria-pressed", String(state.playing));
       if (document.activeElement !== byId("trials")) byId("trials").value = String(state.trial);
       return;
     }
@@ -117,6 +128,8 @@ export class Controls {
   }
 
   trials(trials) {
-    byId("trials").replaceChildren(...trials.map((trial, i) => new Option(`${i + 1} · ${trial.style}${trial.cell ? " · " + trial.cell : ""}`, i)));
+    const cells = new Set(trials.map((trial) => trial.cell));
+    const name = ({ style, cell }, i) => `${i + 1} · ${style}${cell && cells.size > 1 ? ` · ${cell}` : ""}`;
+    byId("trials").replaceChildren(...trials.map((trial, i) => new Option(name(trial, i), i)));
   }
 }

@@ -1,27 +1,41 @@
 // Puts connection, motion, picture and panels together.
 
 import { Connection } from "./connection.js";
+import { Caption } from "./caption.js";
 import { Controls, colourOf } from "./controls.js";
 import { Headset } from "./xr.js";
+import { keepClear } from "./layout.js";
 import { Motion } from "./motion.js";
 import { Stage } from "./stage.js";
 import { Contacts, Strip } from "./strip.js";
 
 const byId = (id) => document.getElementById(id);
-const FROZEN_MS = 250, SLOW_FPS = 24, JUDGED_MS = 2500;
+const BROKEN = {  // at the top right, and across the picture
+  lost: ["connection lost, trying again"],
+  refused: ["not let in", "The key in this address is of another run: open the address that High Five printed."],
+  full: ["full", "Too many pages look on already: close one."],
+  old: ["old page", "This page is of another version of High Five: reload it."],
+};
+const FROZEN_MS = 250, JUDGED_MS = 2500, CHARTS_MS = 100;
 
-const notice = (text) => { const place = byId("notice"); place.textContent = text; place.hidden = !text; };
+let lasting = "";  // what holds for as long as the page is open
+const notice = (text) => { const place = byId("notice"); place.textContent = text || lasting; place.hidden = !(text || lasting); };
 const linkShown = (kind, text) => { const place = byId("link"); place.className = `link ${kind}`; place.lastElementChild.textContent = text; };
 const metres = (value) => (value === null || value === undefined ? "–" : value < 0.1 ? `${(1000 * value).toFixed(0)} mm` : `${(100 * value).toFixed(0)} cm`);
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
 
 let stage = null;
 try {
-  stage = new Stage(byId("stage"));
-  stage.load().catch((error) => notice(`The avatar cannot be loaded: ${error.message}`));
+  stage = new Stage(byId("stage"), byId("behind"));
+  stage.load().catch((error) => notice(lasting = `The avatar cannot be loaded: ${error.message}`));
 } catch {
-  notice("This browser has no WebGL: there is no picture, but figures and controls work.");
+  notice(lasting = "This browser has no WebGL: there is no picture, but figures and controls work.");
 }
+byId("able").textContent = [
+  stage ? (stage.fine ? "" : "Drawn by the processor: no graphics card, or the browser does not use it.") : "No WebGL: no picture.",
+  navigator.xr ? "" : "No WebXR: a headset cannot be entered from this browser or address.",
+].filter(Boolean).join(" ");
+byId("help").onclick = () => { byId("helped").hidden = !byId("helped").hidden; };
 
 const headset = stage && new Headset(stage, byId("headset"), notice);
 const motion = new Motion();
@@ -30,7 +44,7 @@ const strips = {
   correction: new Strip(byId("correction-strip"), { top: 1, colour: "#1f6f9c" }),
 };
 const contacts = new Contacts(byId("contacts-strip"));
-let state = {}, bars = [], trials = [], frozen = false, linked = "", shownContact = null;
+let state = {}, bars = [], trials = [], frozen = false, linked = "", said = "", shownContact = null;
 
 const connection = new Connection({
   poses(poses) { motion.add(poses); arrivals.push(performance.now()); },
@@ -38,17 +52,20 @@ const connection = new Connection({
   link(kind) {
     if (kind === linked) return;
     linked = kind;
-    if (kind === "lost") linkShown("bad", "connection lost, trying again");
-    if (kind === "old") { linkShown("bad", "old page"); notice("This page is of another version of High Five: reload it."); }
+    if (BROKEN[kind]) linkShown("bad", BROKEN[kind][0]);
+    if (BROKEN[kind]?.[1]) notice(BROKEN[kind][1]);
   },
 });
 const controls = new Controls((name, value) => connection.command(name, value));
+const caption = new Caption(byId("mood"), byId("about"));
 const arrivals = [];
 
 const heard = {
   hello(text) {
     byId("title").textContent = text.title || "";
     controls.begin(text);
+    caption.begin(text);
+    document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
     notice("");
     motion.before = motion.newest = null;
@@ -57,6 +74,7 @@ const heard = {
   state(text) {
     state = text;
     controls.state(text);
+    caption.state(text);
     byId("palms").textContent = metres(text.palms_m);
     const left = text.time_to_contact_s;
     byId("contact").textContent = left === null || left === undefined || left > 1.5 || left < -0.3 ? "–" : left <= 0 ? "now" : `${left.toFixed(2)} s`;
@@ -66,8 +84,6 @@ const heard = {
       strips.palms.add(text.time_s, text.palms_m === null ? null : 100 * text.palms_m);
       strips.correction.add(text.time_s, text.correction);
     }
-    strips.palms.draw();
-    strips.correction.draw();
     if (stage) stage.showForecast(text.forecast);
     if (text.message !== undefined) notice(text.message);
   },
@@ -97,6 +113,7 @@ export function addPanel(element, kind, hear) {
 for (const button of byId("views").children) {
   button.onclick = () => {
     if (stage) stage.view(button.dataset.view);
+    document.body.dataset.view = button.dataset.view;
     for (const other of byId("views").children) other.setAttribute("aria-pressed", String(other === button));
   };
 }
@@ -123,6 +140,10 @@ function passContact(time) {
   shownContact = past;
 }
 
+if (stage) keepClear(["figures", "timeline", "controls", "panels", "caption"].map(byId), (free) => stage.keepClear(free));
+
+setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);
+
 const drawn = { frames: 0, since: performance.now(), ages: [], frame: 16, before: 0 };
 function frame(now, seen) {
   drawn.frame += 0.1 * (Math.min(now - drawn.before, 50) - drawn.frame);
@@ -138,11 +159,13 @@ function frame(now, seen) {
     passContact(motion.newest.time);
   }
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
-  if (stale !== frozen && linked === "good") linkShown(stale ? "" : "good", stale ? "no new poses" : "live");
-  if (linked === "good" && byId("link").classList.contains("bad")) linkShown("good", "live");
+  const status = linked !== "good" ? "" : stale ? "no new poses" : "live";
+  if (status && status !== said) linkShown(stale ? "" : "good", status);
+  said = status;
   frozen = stale;
   if (seen && headset) headset.frame(seen);
   if (stage && stage.ready) stage.draw(now);
+  if (stage && stage.values) document.body.classList.add("shown");
   drawn.frames += 1;
 }
 if (stage) {
@@ -165,7 +188,7 @@ setInterval(() => {
   const now = performance.now(), rate = (1000 * drawn.frames) / (now - drawn.since);
   window.highfive.fps = rate;
   // The first stretch is compiling and uploading; a hidden tab draws nothing and says nothing of the machine.
-  if (stage && stage.ready && judged && !document.hidden && !headset.session && rate < SLOW_FPS) stage.simplify();
+  if (stage && stage.ready && judged && !document.hidden && !headset.session) stage.judge(rate);
   judged = Boolean(stage && stage.ready);
   Object.assign(drawn, { frames: 0, since: now });
 }, JUDGED_MS);

@@ -1,93 +1,47 @@
-// The picture: room, avatar and person, markers, forecast, contact; and from where it is seen.
+// The picture: avatar, person, arm and room; how well it is drawn, and what a headset changes of it.
 
 import {
-  AmbientLight, BoxGeometry, BufferAttribute, BufferGeometry, CanvasTexture, CapsuleGeometry, CircleGeometry, Color,
-  CylinderGeometry, DirectionalLight, DoubleSide, Fog, GLTFLoader, Group, HemisphereLight, InstancedMesh, Line,
-  LineDashedMaterial, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, MeshStandardMaterial, OrbitControls, PCFSoftShadowMap,
-  PerspectiveCamera, PlaneGeometry, Quaternion, RepeatWrapping, RingGeometry, Scene, SphereGeometry, SRGBColorSpace,
-  Vector3, WebGLRenderer,
+  Fog, GLTFLoader, Group, Mesh, MeshBasicMaterial, MeshLambertMaterial, PCFSoftShadowMap, DoubleSide, Quaternion, Scene,
+  SphereGeometry, SRGBColorSpace, Vector3, WebGLRenderer,
 } from "./three.js";
+import { Eye } from "./camera.js";
+import { Quality } from "./quality.js";
+import { HIDDEN, ROOM, cutAway, isPlant, lights, shape } from "./room.js";
+import { Signs } from "./signs.js";
+import { Still } from "./still.js";
+import { backdrop, planks } from "./textures.js";
 
-const FLASH_MS = 700, FAR_M = 4.6, MOST_MARKERS = 128, EYES = [0.09, 0, 0.09];
-const VIEWS = {  // eye and what is looked at, in the world: z up, m
-  orbit: [[1.55, -3.05, 1.62], [0.5, 0, 1.02]],
-  side: [[0.55, -3.5, 1.25], [0.52, 0, 1.0]],
-  palms: [[0.66, -1.35, 1.55], [0.5, 0, 1.28]],
-};
+const FAR_M = 5.5, SHARP_PIXELS = 1.2e6, FACE = /head|lids|lips|brows|hair|eye|iris|pupil/;
+const ONE = new Vector3(1, 1, 1);
 
 export class Stage {
   /** Throws where the browser has no WebGL. */
-  constructor(canvas) {
+  constructor(canvas, behind) {
     const slow = drawnByProcessor();
-    this.renderer = new WebGLRenderer({ canvas, antialias: !slow, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({ canvas, antialias: !slow, alpha: true, powerPreference: "high-performance" });
     this.renderer.outputColorSpace = SRGBColorSpace;
-    this.renderer.shadowMap.enabled = !slow;
     this.renderer.shadowMap.type = PCFSoftShadowMap;
+    this.quality = new Quality(slow, window.devicePixelRatio || 1);
+    this.fine = !slow;
     this.scene = new Scene();
-    this.scene.background = backdrop();
-    this.scene.fog = new Fog(0xe4e0d8, 6, 16);
-    this.camera = new PerspectiveCamera(36, 1, 0.03, 40);
+    this.backdrop = backdrop();
+    this.fog = slow ? null : new Fog(0xe4e0d8, 6, 16);
     this.place = new Group();  // where everything is before the person with a headset; else not moved
-    this.scene.add(this.place);
     this.world = new Group();  // z up in here, as in the messages
     this.world.rotation.x = -Math.PI / 2;
+    this.signs = new Signs();
+    this.world.add(this.signs);
     this.place.add(this.world);
-    this.orbit = new OrbitControls(this.camera, canvas);
-    Object.assign(this.orbit, { enableDamping: true, dampingFactor: 0.12, minDistance: 0.5, maxDistance: 7, maxPolarAngle: 1.62 });
-    this.bodies = [];
-    this.near = [];
-    this.room = [];
-    this.far = [];
-    this.hers = [];
-    this.plain = { shadows: !slow, coarse: slow, ratio: Math.min(window.devicePixelRatio || 1, slow ? 1 : 2) };
-    document.body.classList.toggle("plain", slow);
-    this.light();
-    this.signs();
-    this.view("orbit");
-    this.resize();
+    this.scene.add(this.place, ...lights(!slow));
+    this.eye = new Eye(canvas);
+    this.camera = this.eye.camera;
+    this.camera.layers.enable(ROOM);
+    this.still = new Still(behind);
+    this.stands = new Vector3();  // the camera, in the world
+    this.people = new Vector3(0.5, 0, 1);
+    for (const list of ["bodies", "near", "room", "far", "hers", "arm"]) this[list] = [];
+    this.apply();
     addEventListener("resize", () => this.resize());
-  }
-
-  light() {
-    this.scene.add(new HemisphereLight(0xf6f4ef, 0xb9a78f, 1.35), new AmbientLight(0xffffff, 0.35));
-    const key = new DirectionalLight(0xfff2df, 2.1);
-    key.position.set(-0.9, 4.2, 2.6);
-    key.target.position.set(0.5, 0.9, 0);
-    key.castShadow = true;
-    key.shadow.mapSize.set(2048, 2048);
-    Object.assign(key.shadow.camera, { left: -1.6, right: 1.8, top: 1.6, bottom: -1.6, near: 1, far: 8 });
-    key.shadow.bias = -0.0004;
-    key.shadow.normalBias = 0.012;
-    if (this.plain.coarse) { this.scene.add(key, key.target); return; }
-    const rim = new DirectionalLight(0xcfe3ff, 0.7);
-    rim.position.set(2.5, 2.2, -2.4);
-    this.scene.add(key, key.target, rim);
-  }
-
-  /** What is no body: markers, palms, the line between them, the forecast, the flash. */
-  signs() {
-    const seen = new MeshStandardMaterial({ color: 0xf7f9f8, roughness: 0.35, emissive: 0x8fd0e8, emissiveIntensity: 0.35 });
-    this.markers = new InstancedMesh(new SphereGeometry(0.007, 12, 8), seen, MOST_MARKERS);
-    this.markers.count = 0;
-    this.markers.frustumCulled = false;
-    const glow = (colour, opacity) => new MeshBasicMaterial({ color: colour, transparent: true, opacity, depthWrite: false, side: DoubleSide });
-    this.palmDiscs = [new Mesh(new CircleGeometry(0.034, 32), glow(0xd65f1f, 0.75)), new Mesh(new CircleGeometry(0.034, 32), glow(0x1f6f9c, 0.75))];
-    const ends = new BufferGeometry();
-    ends.setAttribute("position", new BufferAttribute(new Float32Array(6), 3));
-    this.link = new Line(ends, new LineDashedMaterial({ color: 0x4a5655, dashSize: 0.015, gapSize: 0.012, transparent: true, opacity: 0.7 }));
-    this.link.frustumCulled = false;
-    this.forecast = new Mesh(new SphereGeometry(1, 28, 20), glow(0xd65f1f, 0.16));
-    this.forecastDot = new Mesh(new SphereGeometry(0.009, 14, 10), glow(0xd65f1f, 0.9));
-    this.flash = new Mesh(new RingGeometry(0.86, 1, 64), glow(0xffffff, 0));
-    for (const sign of [this.markers, ...this.palmDiscs, this.link, this.forecast, this.forecastDot, this.flash]) {
-      sign.visible = false;
-      this.world.add(sign);
-    }
-    this.markers.visible = true;
-    this.flashed = -Infinity;
-    const blot = new MeshBasicMaterial({ map: blotTexture(), transparent: true, depthWrite: false });
-    this.blots = [new Mesh(new PlaneGeometry(1, 0.8), blot), new Mesh(new PlaneGeometry(1, 0.8), blot)];
-    for (const one of this.blots) { one.visible = false; this.world.add(one); }
   }
 
   /** Loads shapes and skins. */
@@ -97,24 +51,25 @@ export class Stage {
       new GLTFLoader().loadAsync("skin.glb"),
     ]);
     this.names = scene.bodies;
-    this.palms = scene.palms;
+    this.palms = [scene.palms.avatar, scene.palms.person];
     skin.scene.traverse((node) => {
       if (!node.isMesh) return;
       node.castShadow = node.receiveShadow = true;
       node.frustumCulled = false;
       if (node.name.startsWith("skin_person_")) this.hers.push(node);
       (node.name.endsWith("_far") ? this.far : this.near).push(node);
-      if (this.plain.coarse) node.material = new MeshLambertMaterial({ color: node.material.color, fog: false });
+      if (!this.fine) node.material = new MeshLambertMaterial({ color: node.material.color, fog: false });
     });
-    this.detail();
-    this.arm = [];
     this.bodies = scene.bodies.map((name) => skin.scene.getObjectByName(name) || this.part(name));
     for (const body of this.bodies) body.matrixAutoUpdate = false;
     this.place.add(skin.scene);
     this.skin = skin.scene;
-    const floor = planks(this.plain.coarse ? 1 : 8);
+    this.skin.visible = false;  // until there is a pose
+    const floor = planks(this.fine ? 8 : 1);
     for (const geom of scene.geoms) this.add(geom, floor);
     if (this.arm.length) this.partner("arm");
+    this.detail();
+    this.hide();
     this.ready = true;
   }
 
@@ -122,166 +77,73 @@ export class Stage {
   part(name) {
     const part = new Group();
     part.name = name;
-    part.visible = false;
     this.arm.push(part);
     this.world.add(part);
     return part;
+  }
+
+  add(geom, floor) {
+    const mesh = shape(geom, floor, this.fine);
+    if (geom.body >= 0) {
+      this.bodies[geom.body].add(mesh);
+      if (geom.name.startsWith("person_")) this.hers.push(mesh);
+      return;
+    }
+    mesh.layers.set(ROOM);
+    this.world.add(mesh);
+    this.room.push(mesh);
   }
 
   /** Who meets her: avatar, arm or both. */
   partner(name) {
     this.met = name;
     for (const part of this.arm) part.visible = name !== "avatar";
-    const shown = name !== "arm";
-    this.skin.traverse((node) => { if (node.isMesh && /^(skin_)?avatar_/.test(node.name)) node.layers.set(shown ? 0 : 1); });
-  }
-
-  add(geom, floor) {
-    const [a, b, c] = geom.size;
-    const [red, green, blue] = geom.colour;
-    const material = this.material(geom);
-    material.color = new Color().setRGB(red, green, blue, SRGBColorSpace);
-    const make = {
-      plane: () => new PlaneGeometry(2 * a, 2 * b),
-      box: () => new BoxGeometry(2 * a, 2 * b, 2 * c),
-      sphere: () => new SphereGeometry(a, 20, 14),
-      ellipsoid: () => new SphereGeometry(1, 28, 18).scale(a, b, c),
-      cylinder: () => new CylinderGeometry(a, a, 2 * b, 48).rotateX(Math.PI / 2),
-      capsule: () => new CapsuleGeometry(a, 2 * b, 8, 20).rotateX(Math.PI / 2),
-    };
-    if (geom.shape === "plane") { material.map = floor; material.color.set(0xffffff); }
-    if (geom.ghost) Object.assign(material, { transparent: true, opacity: 0.28, depthWrite: false });
-    const mesh = new Mesh(make[geom.shape](), material);
-    mesh.name = geom.name;
-    mesh.position.fromArray(geom.position);
-    const [w, x, y, z] = geom.quaternion;
-    mesh.quaternion.set(x, y, z, w);
-    mesh.receiveShadow = true;
-    mesh.castShadow = (geom.body >= 0 && !geom.ghost) || ["pot", "leaf"].some((part) => geom.name.startsWith(part));
-    if (geom.body >= 0) {
-      this.bodies[geom.body].add(mesh);
-      if (geom.name.startsWith("person_")) this.hers.push(mesh);
-    } else {
-      this.world.add(mesh);
-      this.room.push(mesh);
-    }
-  }
-
-  /** What a processor draws is shaded no more than it must be: the room not at all. */
-  material(geom) {
-    if (!this.plain.coarse) return new MeshStandardMaterial({ roughness: 1 - 0.7 * geom.gloss, metalness: 0 });
-    return geom.body < 0 ? new MeshBasicMaterial({ fog: false }) : new MeshLambertMaterial();
+    const layer = name === "arm" ? HIDDEN : 0;
+    this.skin.traverse((node) => { if (node.isMesh && /^(skin_)?avatar_/.test(node.name)) node.layers.set(layer); });
   }
 
   /** Puts every body where it is: 7 floats each. */
   pose(values) {
     if (!this.ready) return;
-    const place = new Vector3(), turn = new Quaternion(), size = new Vector3(1, 1, 1);
+    const place = new Vector3(), turn = new Quaternion();
     this.bodies.forEach((body, i) => {
       const at = 7 * i;
       if (at >= values.length) return;
       place.fromArray(values, at);
       turn.set(values[at + 4], values[at + 5], values[at + 6], values[at + 3]);
-      body.matrix.compose(place, turn, size);
+      body.matrix.compose(place, turn, ONE);
       body.matrixWorldNeedsUpdate = true;
     });
     this.skin.visible = true;
     this.values = values;
-    ["pelvis", "person_pelvis"].forEach((name, i) => {  // something to stand on where there are no shadows
-      const at = 7 * this.names.indexOf(name);
-      this.blots[i].position.set(values[at], values[at + 1], 0.007);
-      this.blots[i].visible = !this.plain.shadows && (i === 1 || this.met !== "arm");
-    });
-    this.showPalms(values);
+    const stood = ["pelvis", "person_pelvis"].map((name) => values.subarray(7 * this.names.indexOf(name)));
+    const soft = !this.renderer.shadowMap.enabled;
+    this.signs.showBlots([soft && this.met !== "arm" && stood[0], soft && !this.immersed && stood[1]]);
+    this.signs.showPalms(values, this.palms, this.met !== "arm");
   }
 
-  showPalms(values) {
-    const at = ["avatar", "person"].map((owner, i) => {
-      const { body, position, quaternion } = this.palms[owner];
-      const frame = new Matrix4().compose(
-        new Vector3().fromArray(values, 7 * body),
-        new Quaternion(values[7 * body + 4], values[7 * body + 5], values[7 * body + 6], values[7 * body + 3]), new Vector3(1, 1, 1),
-      );
-      const [w, x, y, z] = quaternion;
-      frame.multiply(new Matrix4().compose(new Vector3().fromArray(position), new Quaternion(x, y, z, w), new Vector3(1, 1, 1)));
-      const disc = this.palmDiscs[i];
-      frame.decompose(disc.position, disc.quaternion, new Vector3());
-      return disc.position;
-    });
-    const distance = at[0].distanceTo(at[1]);
-    const near = distance < 0.6;
-    const ends = this.link.geometry.attributes.position;
-    at.forEach((point, i) => ends.setXYZ(i, point.x, point.y, point.z));
-    ends.needsUpdate = true;
-    this.link.computeLineDistances();
-    this.link.visible = near && distance > 0.02;
-    for (const disc of this.palmDiscs) disc.visible = near && distance > 0.012;
-  }
+  showMarkers(points, seen) { this.signs.showMarkers(points, seen); }
 
-  showMarkers(points, seen) {
-    const matrix = new Matrix4();
-    let shown = 0;
-    for (let i = 0; i < seen.length && shown < MOST_MARKERS; i++) {
-      if (!seen[i]) continue;
-      matrix.makeTranslation(points[3 * i], points[3 * i + 1], points[3 * i + 2]);
-      this.markers.setMatrixAt(shown++, matrix);
-    }
-    this.markers.count = shown;
-    this.markers.instanceMatrix.needsUpdate = true;
-  }
+  showForecast(forecast) { this.signs.showForecast(forecast); }
 
-  /** The forecast of the contact: its place, and the half axes of its standard deviation (columns), m. */
-  showForecast(forecast) {
-    this.forecast.visible = this.forecastDot.visible = Boolean(forecast);
-    if (!forecast) return;
-    const [a, b, c] = forecast.axes, [x, y, z] = forecast.point;
-    this.forecast.matrixAutoUpdate = false;
-    this.forecast.matrix.set(a[0], b[0], c[0], x, a[1], b[1], c[1], y, a[2], b[2], c[2], z, 0, 0, 0, 1);
-    this.forecast.matrixWorldNeedsUpdate = true;
-    this.forecastDot.position.set(x, y, z);
-  }
-
-  /** Palms have met there. */
-  contact(where, now) {
-    this.flash.position.fromArray(where);
-    this.flashed = now;
-  }
+  contact(where, now) { this.signs.contact(where, now); }
 
   view(name) {
-    this.seen = name;
-    const preset = VIEWS[name];
-    this.orbit.enabled = Boolean(preset);
-    for (const mesh of this.hers) mesh.layers.set(name === "person" ? 1 : 0);
-    this.camera.fov = name === "person" ? 68 : 36;
-    if (preset) {
-      const [eye, goal] = preset.map(([x, y, z]) => new Vector3(x, z, -y));
-      const away = this.camera.aspect < 1 ? Math.min(1 / this.camera.aspect, 1.9) : 1;
-      this.camera.up.set(0, 1, 0);
-      this.camera.position.copy(goal).addScaledVector(eye.sub(goal), away);
-      this.orbit.target.copy(goal);
-      this.orbit.update();
-    }
-    this.camera.updateProjectionMatrix();
+    this.eye.look(name);
+    this.hide();
   }
 
-  /** The camera between her eyes, smoothly. */
-  lookThroughHerEyes() {
-    const head = this.names.indexOf("person_head");
-    if (head < 0 || !this.values) return;
-    const at = 7 * head, v = this.values;
-    const turn = new Quaternion(v[at + 4], v[at + 5], v[at + 6], v[at + 3]);
-    const eye = new Vector3(...EYES).applyQuaternion(turn).add(new Vector3().fromArray(v, at));
-    const ahead = new Vector3(1, 0, -0.12).applyQuaternion(turn).add(eye);
-    this.world.localToWorld(eye);
-    this.world.localToWorld(ahead);
-    this.camera.position.copy(eye);
-    this.camera.up.set(0, 1, 0);
-    this.camera.lookAt(ahead);
+  /** Hers that is not seen: all of it in a headset, the face from behind which one looks. */
+  hide() {
+    for (const mesh of this.hers) {
+      const gone = this.immersed || (this.eye.name === "person" && FACE.test(mesh.name));
+      mesh.layers.set(gone ? HIDDEN : 0);
+    }
   }
 
   /** Coarse meshes where the figures are far, or the machine is slow. */
   detail() {
-    const coarse = this.plain.coarse || this.camera.position.distanceTo(this.orbit.target) > FAR_M;
+    const coarse = this.quality.now.coarse || this.camera.position.distanceTo(this.eye.orbit.target) > FAR_M;
     if (coarse === this.coarse) return;
     this.coarse = coarse;
     for (const mesh of this.near) mesh.visible = !coarse;
@@ -291,30 +153,27 @@ export class Stage {
   /** For a headset: her own body hidden; in passthrough the room, too. */
   immerse(passthrough) {
     this.immersed = true;
-    for (const mesh of this.hers) mesh.layers.set(1);
-    this.kept = { background: this.scene.background, fog: this.scene.fog };
-    if (passthrough) {
-      this.scene.background = this.scene.fog = null;
-      for (const mesh of this.room) mesh.visible = false;
-    }
+    this.passthrough = passthrough;
+    this.hide();
+    for (const mesh of this.room) mesh.visible = !passthrough;
   }
 
   /** Back to the window. */
   emerge() {
-    this.immersed = false;
-    Object.assign(this.scene, this.kept);
+    this.immersed = this.passthrough = false;
     for (const mesh of this.room) mesh.visible = true;
     this.place.position.set(0, 0, 0);
     this.place.rotation.set(0, 0, 0);
     this.dim(1);
-    this.view(this.seen);
+    this.view(this.eye.name);
     this.resize();
   }
 
   /** Comfortable beginnings: from dark to light, 0 to 1. */
   dim(light, eyes) {
     if (!this.veil) {
-      this.veil = new Mesh(new SphereGeometry(0.25, 16, 12), new MeshBasicMaterial({ color: 0x000000, transparent: true, side: DoubleSide, depthTest: false, fog: false }));
+      const black = new MeshBasicMaterial({ color: 0x000000, transparent: true, side: DoubleSide, depthTest: false, fog: false });
+      this.veil = new Mesh(new SphereGeometry(0.25, 16, 12), black);
       this.veil.renderOrder = 1000;
       this.scene.add(this.veil);
     }
@@ -332,45 +191,74 @@ export class Stage {
   }
 
   draw(now) {
+    const { eye, camera, renderer, scene } = this;
     this.detail();
-    if (this.immersed) this.camera.updateMatrixWorld();
-    else if (this.seen === "person") this.lookThroughHerEyes(); else this.orbit.update();
-    const share = (now - this.flashed) / FLASH_MS;
-    this.flash.visible = share >= 0 && share < 1;
-    if (this.flash.visible) {
-      this.flash.scale.setScalar(0.03 + 0.2 * (1 - (1 - share) ** 3));
-      this.flash.material.opacity = 0.95 * (1 - share) ** 1.5;
-      this.world.updateMatrixWorld();
-      const facing = new Quaternion();
-      this.world.getWorldQuaternion(facing).invert().multiply(this.camera.quaternion);
-      this.flash.quaternion.copy(facing);
+    if (this.immersed) camera.updateMatrixWorld();
+    else if (eye.fixed) eye.orbit.update();
+    else if (this.values) {
+      const [head, face] = ["person_head", "head"].map((name) => this.names.indexOf(name));
+      eye.throughHers(this.values, head, face, this.world);
     }
-    this.renderer.render(this.scene, this.camera);
+    this.signs.move(now, camera);
+    this.world.worldToLocal(this.stands.copy(camera.position));
+    if (!this.immersed) cutAway(this.room, this.stands);
+    const still = this.quality.now.still && !this.immersed && this.still.ready(eye.pose, () => this.roomAlone());
+    this.whole(!still);
+    renderer.render(scene, camera);
   }
 
-  /** Plainer, where the machine cannot draw this often enough: first fewer pixels, then no shadows, then fewer still. */
-  simplify() {
-    const { plain } = this;
-    if (plain.ratio > 1) plain.ratio = 1;
-    else if (plain.shadows) plain.shadows = this.renderer.shadowMap.enabled = false;
-    else if (!plain.coarse) plain.coarse = true;
-    else if (plain.ratio > 0.6) plain.ratio = 0.6;
-    else return false;
-    document.body.classList.add("plain");
-    if (!plain.shadows) this.scene.traverse((node) => { if (node.material) node.material.needsUpdate = true; });
+  /** All of it is drawn, or only what moves, on what lies behind. */
+  whole(all) {
+    const { scene, camera } = this;
+    scene.background = all && !this.passthrough ? this.backdrop : null;
+    scene.fog = this.passthrough ? null : this.fog;
+    for (const mesh of this.room) {  // what may stand before the people is not left behind them
+      const before = !all && isPlant(mesh) && mesh.position.distanceTo(this.stands) < this.people.distanceTo(this.stands);
+      mesh.layers.set(before ? 0 : ROOM);
+    }
+    if (all) camera.layers.enable(ROOM); else camera.layers.disable(ROOM);
+  }
+
+  /** Draws the room and nothing else, finely, and gives the canvas with it. */
+  roomAlone() {
+    const { renderer, scene, camera } = this, [width, height] = this.eye.size;
+    const moving = [this.skin, this.signs, ...this.arm], shown = moving.map((one) => one.visible);
+    this.whole(true);
+    moving.forEach((one) => { one.visible = false; });
+    renderer.setPixelRatio(width * height > SHARP_PIXELS ? 1 : 2);
+    renderer.setSize(width, height, false);
+    renderer.render(scene, camera);
+    return { canvas: renderer.domElement, after: () => {
+      moving.forEach((one, i) => { one.visible = shown[i]; });
+      renderer.setPixelRatio(this.quality.now.ratio);
+      renderer.setSize(width, height, false);
+    } };
+  }
+
+  /** Better or plainer by the pictures a second that there were. */
+  judge(rate) { if (this.quality.judge(rate)) this.apply(); }
+
+  apply() {
+    const { now } = this.quality, shadows = this.renderer.shadowMap.enabled;
+    this.renderer.shadowMap.enabled = now.shadows;
+    if (shadows !== now.shadows) this.scene.traverse((node) => { if (node.material) node.material.needsUpdate = true; });
+    document.body.classList.toggle("plain", now.still);
     this.resize();
-    return true;
   }
 
   resize() {
     if (this.renderer.xr.isPresenting) return;  // the headset has its own size
     const { innerWidth: width, innerHeight: height } = window;
-    this.renderer.setPixelRatio(this.plain.ratio);
+    this.renderer.setPixelRatio(this.quality.now.ratio);
     this.renderer.setSize(width, height, false);
-    const turned = (this.camera.aspect < 1) !== (width < height);
-    this.camera.aspect = width / height;
-    this.camera.updateProjectionMatrix();
-    if (turned) this.view(this.seen);
+    this.still.forget();
+    this.eye.fit(width, height, this.free || {});
+  }
+
+  /** So many pixels at each side lie under panels. */
+  keepClear(free) {
+    this.free = free;
+    this.resize();
   }
 }
 
@@ -381,57 +269,4 @@ function drawnByProcessor() {
   const name = about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "";
   gl?.getExtension("WEBGL_lose_context")?.loseContext();
   return /llvmpipe|softpipe|swiftshader|software|basic render/i.test(name);
-}
-
-/** A soft gradient behind everything. */
-function backdrop() {
-  const canvas = document.createElement("canvas");
-  canvas.width = 4;
-  canvas.height = 256;
-  const context = canvas.getContext("2d"), fill = context.createLinearGradient(0, 0, 0, 256);
-  fill.addColorStop(0, "#d9e0e2");
-  fill.addColorStop(0.6, "#efeae1");
-  fill.addColorStop(1, "#d9cfbf");
-  context.fillStyle = fill;
-  context.fillRect(0, 0, 4, 256);
-  const texture = new CanvasTexture(canvas);
-  texture.colorSpace = SRGBColorSpace;
-  return texture;
-}
-
-/** A soft dark spot, in place of a shadow. */
-function blotTexture() {
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = 128;
-  const context = canvas.getContext("2d"), fill = context.createRadialGradient(64, 64, 0, 64, 64, 64);
-  fill.addColorStop(0, "rgba(25,30,35,0.5)");
-  fill.addColorStop(0.5, "rgba(25,30,35,0.22)");
-  fill.addColorStop(1, "rgba(25,30,35,0)");
-  context.fillStyle = fill;
-  context.fillRect(0, 0, 128, 128);
-  return new CanvasTexture(canvas);
-}
-
-/** Floor boards. */
-function planks(anisotropy) {
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = 512;
-  const context = canvas.getContext("2d");
-  for (let row = 0; row < 8; row++) {
-    const shift = (row * 173) % 512;
-    for (const start of [shift - 512, shift]) {
-      const light = 62 + ((row * 37 + (start < shift ? 11 : 0)) % 6);
-      context.fillStyle = `hsl(31 30% ${light}%)`;
-      context.fillRect(start, row * 64, 512, 64);
-      context.fillStyle = "rgba(70,45,20,0.22)";
-      context.fillRect(start, row * 64, 2, 64);
-    }
-    context.fillRect(0, row * 64, 512, 2);
-  }
-  const texture = new CanvasTexture(canvas);
-  texture.colorSpace = SRGBColorSpace;
-  texture.wrapS = texture.wrapT = RepeatWrapping;
-  texture.repeat.set(4, 8);
-  texture.anisotropy = anisotropy;
-  return texture;
 }

@@ -1,6 +1,6 @@
 // Strip charts on small canvases.
 
-const INK = "#25302f", FAINT = "rgba(37,48,47,0.14)", DEEP = 2;
+const INK = "#25302f", FAINT = "rgba(37,48,47,0.14)", DEEP = 2, GAP_S = 0.4;
 
 function fit(canvas) {
   const width = canvas.clientWidth * DEEP, height = canvas.clientHeight * DEEP;
@@ -17,13 +17,18 @@ export class Strip {
   }
 
   add(time, value) {
-    if (this.points.length && time < this.points[this.points.length - 1][0]) this.points = [];
+    const last = this.points.length ? this.points[this.points.length - 1][0] : time;
+    if (time === last && this.points.length) return;
+    if (time < last || time > last + GAP_S) this.points = [];
+    this.fresh = true;
     this.points.push([time, value]);
     while (this.points.length && this.points[0][0] < time - this.seconds) this.points.shift();
   }
 
+  /** Again, if something has come since. */
   draw() {
-    if (!this.canvas.clientWidth) return;
+    if (!this.canvas.clientWidth || !this.fresh) return;
+    this.fresh = false;
     const { context, width, height } = fit(this.canvas);
     context.strokeStyle = FAINT;
     context.lineWidth = 1;
@@ -37,7 +42,7 @@ export class Strip {
     const end = this.points[this.points.length - 1][0];
     context.strokeStyle = this.colour;
     context.lineWidth = 3;
-    context.lineJoin = "round";
+    context.lineJoin = context.lineCap = "round";
     context.beginPath();
     let drawing = false;
     for (const [time, value] of this.points) {
@@ -53,7 +58,7 @@ export class Strip {
 
 /** One bar a contact: how far the palms were apart; a cross where they missed. */
 export class Contacts {
-  constructor(canvas, { top = 20, most = 16 } = {}) { Object.assign(this, { canvas, top, most, bars: [] }); }
+  constructor(canvas, { least = 2, most = 12 } = {}) { Object.assign(this, { canvas, least, most, bars: [] }); }
 
   set(bars) { this.bars = bars.slice(-this.most); this.draw(); }
 
@@ -61,6 +66,7 @@ export class Contacts {
     if (!this.canvas.clientWidth) return;
     const { context, width, height } = fit(this.canvas);
     const step = width / this.most, foot = height - 2;
+    const top = Math.max(this.least, ...this.bars.filter((bar) => bar.met).map((bar) => 1000 * bar.distance));
     context.fillStyle = FAINT;
     context.fillRect(0, foot, width, 2);
     context.font = `${9 * DEEP}px system-ui, sans-serif`;
@@ -69,11 +75,11 @@ export class Contacts {
       const x = (i + 0.5) * step;
       context.fillStyle = colour;
       if (!met) { context.fillText("×", x, foot - 6); return; }
-      const tall = Math.max((foot - 22) * Math.min((1000 * distance) / this.top, 1), 4);
+      const tall = Math.max((foot - 22) * Math.min((1000 * distance) / top, 1), 4);
       context.beginPath();
       context.roundRect(x - step * 0.28, foot - tall, step * 0.56, tall, 4);
       context.fill();
-      context.fillText((1000 * distance).toFixed(distance < 0.001 ? 1 : 0), x, foot - tall - 5);
+      context.fillText(distance < 5e-5 ? "<0.1" : (1000 * distance).toFixed(distance < 0.001 ? 1 : 0), x, foot - tall - 5);
     });
   }
 }

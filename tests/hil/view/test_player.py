@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from highfive.hil.recording.recording import read_recording
@@ -100,12 +101,31 @@ def test_a_recording_that_was_cut_short_is_shown_up_to_there(tmp_path: Path) -> 
     cut = tmp_path / "cut.mcap"
     whole = SHIPPED_RECORDING.read_bytes()
     cut.write_bytes(whole[: int(0.7 * len(whole))])
-    try:
-        found = recorded_trials(cut, build_scene())
-    except HighFiveError as error:  # its chunks are large: the first one may be all that is missing
-        assert "\n" not in str(error)
-    else:
-        assert 1 <= len(found) <= len(shipped())
+    found = recorded_trials(cut, build_scene())
+    assert 1 <= len(found) < len(shipped()) and np.array_equal(found[0].bodies, shipped()[0].bodies)
+    cut.write_bytes(whole[: int(0.1 * len(whole))])  # not one whole chunk
+    with pytest.raises(HighFiveError, match="not the recording of a session") as said:
+        recorded_trials(cut, build_scene())
+    assert "\n" not in str(said.value)
+
+
+def test_a_recording_of_a_version_without_markers_is_shown_without_them(tmp_path: Path) -> None:
+    older = tmp_path / "older.mcap"
+    with SHIPPED_RECORDING.open("rb") as file, older.open("wb") as out:
+        writer = Writer(out)
+        writer.start(profile="", library="test")
+        channels: dict[str, int] = {}
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.topic == "/markers" or schema is None:
+                continue
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    found = recorded_trials(older, build_scene())
+    assert len(found) == len(shipped()) and np.array_equal(found[1].bodies, shipped()[1].bodies)
+    assert found[1].markers.shape[1] == 0 and Player(found).state()["markers"] == 0
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,34 @@
+// What is seen, in words: the mood, large, and which high five it is.
+
+import { colourOf } from "./controls.js";
+
+const NEWCOMER = "The person in orange raises her hand. The avatar in blue-green answers.";
+
+/** Weights by emotion as words: one alone by its name, a mixture with its shares. */
+export function moodOf(weights) {
+  const kept = Object.entries(weights).filter(([, weight]) => weight > 0.01).sort((a, b) => b[1] - a[1]);
+  if (kept.length === 1) return kept[0][0];
+  return kept.map(([name, weight]) => `${name} ${Math.round(100 * weight)} %`).join(" + ");
+}
+
+export class Caption {
+  constructor(mood, about) { Object.assign(this, { mood, about, hello: {} }); }
+
+  begin(hello) {
+    this.hello = hello;
+    this.state({});
+  }
+
+  state(state) {
+    const { hello } = this, recorded = hello.mode === "recording";
+    const mood = recorded ? state.style || "" : moodOf(state.weights || {});
+    this.write(this.mood, mood);
+    this.mood.parentElement.classList.toggle("mixed", mood.includes("%") || mood.includes("+"));
+    this.mood.style.setProperty("--tint", colourOf(mood.split(" ")[0]));
+    const which = state.trials ? `High five ${state.trial + 1} of ${state.trials}` : "";
+    const more = recorded && !hello.title ? NEWCOMER : state.cell ? `hand raised at ${state.cell}` : "";
+    this.write(this.about, [which, more].filter(Boolean).join("\n"));
+  }
+
+  write(place, text) { if (place.textContent !== text) place.textContent = text; }
+}

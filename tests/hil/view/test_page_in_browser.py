@@ -1,0 +1,167 @@
+"""The page itself in Chromium, before a real server: what it asks for, and what it says where something is amiss."""
+
+import json
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from highfive.hil.bench.browser import Browser, browser_here
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.view import SHIPPED_RECORDING
+from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.recorded import RecordedTrial, recorded_trials
+from highfive.hil.view.wire import PoseMessage
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(browser_here() is None, reason="no Chromium here")]
+ABOUT = {"mode": "session", "title": "tested", "emotions": ["angry", "happy", "sad"], "cells": ["B2", "B3"]}
+STATE = {
+    "trial": 1, "trials": 9, "cell": "B2", "weights": {"happy": 1.0}, "paused": False, "corrected": True,
+    "stopped": False, "time_s": 0.5, "correction": 0.25, "time_to_contact_s": 0.4, "palms_m": 0.31,
+    "tracked": 15, "markers": 16,
+    "forecast": {"point": [0.48, 0.0, 1.4], "axes": [[0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.04]]},
+}  # fmt: skip
+SHOWN = "new Promise(r => {{const t = setInterval(() => {{if ({}) {{clearInterval(t); r(true)}}}}, 50)}})"
+
+
+@pytest.fixture(scope="module")
+def trial() -> RecordedTrial:
+    return recorded_trials(SHIPPED_RECORDING, build_scene())[1]
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[LivePage]:
+    with LivePage({**ABOUT, "arm": True}, port=0) as opened:
+        yield opened
+
+
+def show(page: LivePage, trial: RecordedTrial, tick: int) -> None:
+    now = time.monotonic_ns()
+    page.show(
+        PoseMessage(0, now, now - 20_000_000, 0, 0.0, 0.5, trial.bodies[tick], trial.markers[tick], trial.seen[tick])
+    )
+
+
+def until(browser: Browser, condition: str) -> None:
+    assert browser.evaluate(SHOWN.format(condition))
+
+
+def text(browser: Browser, name: str) -> str:
+    return browser.evaluate(f"document.getElementById('{name}').textContent")
+
+
+def asked(page: LivePage, count: int) -> list[tuple[str, object]]:
+    found, end = [], time.monotonic() + 20.0
+    while len(found) < count and time.monotonic() < end:
+        found += [(one.name, one.value) for one in page.commands()]
+        time.sleep(0.02)
+    return found
+
+
+def test_figures_controls_and_the_picture_are_those_of_the_session(page: LivePage, trial: RecordedTrial) -> None:
+    with Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
+        page.commands()
+        page.tell("state", **STATE)
+        show(page, trial, 30)
+        until(browser, "highfive.stage.values && highfive.state().trials === 9")
+        assert [text(browser, name) for name in ("palms", "contact", "markers")] == ["31 cm", "0.40 s", "15 of 16"]
+        assert text(browser, "mood") == "happy" and text(browser, "about").startswith("High five 2 of 9")
+        cloud = browser.evaluate("[highfive.stage.signs.cloud.visible, ...highfive.stage.signs.cloud.matrix.elements]")
+        assert cloud[0] and np.allclose(np.reshape(cloud[1:], (4, 4))[:, :3], [
+            [0.05, 0, 0], [0, 0.03, 0], [0, 0, 0.04], [0.48, 0, 1.4],
+        ])  # fmt: skip
+        assert browser.evaluate("highfive.stage.signs.markers.count") == trial.seen[30].sum()
+        # The room stands still: it is kept behind the picture, and no longer drawn, unless a graphics card draws.
+        until(browser, "highfive.stage.fine || (highfive.stage.still.kept.length && !highfive.stage.scene.background)")
+        page.tell("contact", met=True, distance_m=0.0012, style="happy", cell="B2")
+        browser.evaluate("document.querySelector('#moods button').click()")
+        browser.evaluate(
+            "(() => {const s = document.querySelectorAll('#moods input')[1]; s.value = 0.25; s.oninput();})()"
+        )
+        for press in ("correct", "pause", "again", "next", "end", "estop"):
+            browser.evaluate(f"document.getElementById('{press}').click()")
+        browser.evaluate("(c => {c.value = 'B3'; c.onchange({target: c})})(document.getElementById('cell'))")
+        wishes = asked(page, 9)
+        assert wishes == [
+            ("style", {"angry": 1.0}), ("style", {"happy": 0.25, "angry": 0.75}), ("correct", False), ("pause", True),
+            ("again", None), ("next", None), ("end", None), ("estop", None), ("cell", "B3"),
+        ]  # fmt: skip
+        page.tell("state", **{**STATE, "stopped": True})
+        until(browser, "document.getElementById('estop').textContent.includes('let go at the host')")
+        assert not browser.console
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (390, 844), (844, 390)])
+def test_whom_it_is_about_stands_clear_of_the_panels(
+    page: LivePage, trial: RecordedTrial, width: int, height: int
+) -> None:
+    """Heads and feet, projected by the page's own camera, lie in the window and under no panel."""
+    with Browser((width, height)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
+        page.tell("state", **STATE)
+        show(page, trial, 60)
+        until(browser, "highfive.stage.values")
+        places = browser.evaluate(
+            "(() => {const {stage} = highfive; stage.draw(performance.now()); stage.scene.updateMatrixWorld(true);"
+            "const [w, h] = stage.eye.size; return ['head', 'person_head', 'left_ankle', 'right_ankle'].map(name => {"
+            "const body = stage.bodies[stage.names.indexOf(name)]; if (!body) return null;"
+            "const p = stage.camera.position.clone().setFromMatrixPosition(body.matrixWorld).project(stage.camera);"
+            "const x = (p.x + 1) / 2 * w, y = (1 - p.y) / 2 * h; const top = document.elementFromPoint(x, y);"
+            "return [x, y, top && top.id]})})()"
+        )
+        found = [place for place in places if place]
+        assert len(found) >= 2
+        assert all(0 < x < width and 0 < y < height and name == "stage" for x, y, name in found), found
+
+
+def test_without_webgl_there_are_figures_and_controls(page: LivePage) -> None:
+    with Browser((900, 700), ("--disable-3d-apis",)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised")
+        page.commands()
+        page.tell("state", **STATE)
+        until(browser, "highfive.state().trials === 9")
+        assert text(browser, "notice").startswith("This browser has no WebGL") and text(browser, "palms") == "31 cm"
+        assert browser.evaluate("document.getElementById('notice').hidden") is False
+        browser.evaluate("document.getElementById('pause').click()")
+        assert asked(page, 1) == [("pause", True)]
+
+
+def test_an_old_page_is_told_to_reload_and_one_with_another_key_where_to_go(page: LivePage) -> None:
+    with Browser((900, 700)) as browser:
+        older = (
+            "const parse = JSON.parse; JSON.parse = t => {const m = parse(t); if (m.version) m.version = 99; return m}"
+        )
+        made = browser.call("Page.addScriptToEvaluateOnNewDocument", source=older)
+        browser.go(page.address)
+        until(browser, "document.getElementById('notice').textContent.includes('reload it')")
+        assert text(browser, "link").strip() == "old page"
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=made["identifier"])
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised")
+        browser.evaluate("history.replaceState(null, '', '/?key=wrong'); highfive.connection.socket.close()")
+        until(browser, "document.getElementById('notice').textContent.includes('another run')")
+        browser.evaluate(f"history.replaceState(null, '', {json.dumps(page.address.split('/')[-1])})")
+        until(browser, "document.getElementById('link').textContent.trim() !== 'not let in'")
+
+
+def test_quality_goes_down_where_pictures_are_slow_and_up_once_where_they_are_not(page: LivePage) -> None:
+    with Browser((400, 300)) as browser:
+        browser.go(page.address)
+        levels = browser.evaluate(
+            "import('/quality.js').then(({Quality}) => {"
+            "const judge = (quality, rates) => rates.map(rate => (quality.judge(rate), quality.level));"
+            "const card = new Quality(false, 2), plain = new Quality(false, 1), slow = new Quality(true, 1);"
+            "return [judge(card, [60, 20, 20, 60, 60, 60, 60]), judge(plain, [10, 10, 10, 10]),"
+            "judge(slow, [60, 60, 60, 20, 60, 60, 60, 60]), judge(new Quality(true, 1), [30, 20, 40, 40, 40])];})"
+        )
+        assert levels == [
+            [0, 1, 2, 2, 2, 2, 2],  # never up again to where it was too slow
+            [2, 3, 4, 4],  # more pixels are none on such a screen
+            [3, 3, 2, 3, 3, 3, 3, 3],  # tries finer meshes once
+            [3, 4, 4, 4, 4],
+        ]

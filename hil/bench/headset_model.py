@@ -37,7 +37,7 @@ JITTER_M = 0.001
 of a joint from frame to frame; and the time over which what wanders does. Fingertips are then 11 mm off on average."""
 HEAD_M, HEAD_RAD = 0.0015, 0.004
 """The same of what wanders in the head's pose."""
-SEEN = np.radians([-55.0, 50.0, 70.0])
+SEEN = np.radians([-65.0, 50.0, 70.0])
 """A hand is seen between these elevations against the head, and up to this far to either side, rad: before the face and
 beside it, but not where an arm hangs."""
 
@@ -49,12 +49,12 @@ class Device:
     Attributes:
         rate_hz: at which hands are tracked; frames come at :data:`XR_HZ` and repeat a hand until there is a new one.
         late_ms: by how much a hand lags behind the time for which a frame is predicted, on average.
-        told_ms: how much of that the host is told.
+        told_ms: how much the host is told that it lags beyond what a headset usually does.
     """
 
     rate_hz: float
     late_ms: float
-    told_ms: float = 40.0
+    told_ms: float = 0.0
 
 
 class Wearer:

@@ -62,7 +62,7 @@ def simulate(
     source: Annotated[
         str | None,
         typer.Option(
-            help="A real person instead: a C3D file, an address such as vicon://host, or headset: yours, through the page."
+            help="A real person instead: a C3D file, an address such as vicon://host, or headset (by the page)."
         ),
     ] = None,
     human: Annotated[

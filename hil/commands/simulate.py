@@ -122,7 +122,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             settings = _settings(options, len(partners))
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
-            # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
+            # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
             session = _session(options, model, scene, partners[0])
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)

@@ -28,6 +28,8 @@ NAMES = (*VIEWER, *(f"{side}_{name}" for side in SIDES for name in HAND), *LIMBS
 ADDRESS = "headset://page"
 SILENT_S = 0.9
 """A headset that sends nothing for so long sleeps, or has been left, s."""
+FIRST_PERIOD_MS, PACE_SHARE = 20.0, 0.05
+"""From hand to hand before any has come, ms, and the share of a hand in the average."""
 _IN_TIME_MS = 1000.0  # what holds for another time than so about now is not meant
 
 
@@ -35,10 +37,13 @@ _IN_TIME_MS = 1000.0  # what holds for another time than so about now is not mea
 class HeadsetSettings(Settings):
     """How far off what a headset says is, and how late. See docs/performance.md for what they were chosen on."""
 
-    latency_ms: float = setting(40.0, "ms", least=0.0, most=200.0)
-    """What hands lag behind the time for which they are said to hold: 38 to 45 ms on a Quest 2 (Abdlkarim 2023)."""
-    hand: float = setting(0.004, "m", above=0.0)
-    """Standard deviation of a joint of the hand from frame to frame; what stays is not in it."""
+    late_ms: float = setting(25.0, "ms", least=0.0, most=200.0)
+    periods: float = setting(0.6, least=0.0, most=5.0)
+    """What hands lag behind the time for which they are said to hold: so many ms, and so many periods of the hand's
+    tracking. That is 35 ms at 60 Hz and 45 at 30; a Quest 2 has 38 to 45 ms (Abdlkarim 2023)."""
+    hand: float = setting(0.02, "m", above=0.0)
+    """Standard deviation of a joint of the hand. From frame to frame it is a millimetre; but joints err together, for
+    several tenths of a second, and when they were seen is not known to some milliseconds."""
     head: float = setting(0.003, "m", above=0.0)
     """The same of the viewer."""
     body: float = setting(0.03, "m", above=0.0)
@@ -122,6 +127,7 @@ class HeadsetLink:
         self._settings = settings or HeadsetSettings()
         self._last: HeadsetPose | None = None
         self._came, self._number = now(), 0
+        self._period_ms = FIRST_PERIOD_MS
         self.dropped = 0
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
@@ -156,11 +162,14 @@ class HeadsetLink:
         return same and last.place == pose.place and pose.holds_ms - last.holds_ms < self._settings.repeat_ms
 
     def _frame(self, pose: HeadsetPose) -> MarkerFrame:
+        if self._last is not None and 5.0 < (period := pose.holds_ms - self._last.holds_ms) < self._settings.repeat_ms:
+            self._period_ms += PACE_SHARE * (period - self._period_ms)
+        late_ms = self._settings.late_ms + self._settings.periods * self._period_ms
         self._last, self._number = pose, self._number + 1
         points, seen, covariance = headset_markers(pose, self._hand, self._settings)
         return MarkerFrame(
             NAMES, points, seen, self._number, round(1e6 * pose.holds_ms), self._now(), np.zeros((0, 3)),
-            counted=False, latency_ns=round(1e6 * self._settings.latency_ms), covariance=covariance, own_clock=True,
+            counted=False, latency_ns=round(1e6 * late_ms), covariance=covariance, own_clock=True,
         )  # fmt: skip
 
 

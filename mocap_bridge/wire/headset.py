@@ -87,7 +87,8 @@ def decode_headset(data: bytes) -> HeadsetPose:
     kind, version, flags, place, number, holds, *masks = HEAD.unpack_from(data)
     if (kind, version) != (KIND, VERSION):
         raise LinkError(f"a headset's message of kind {kind} and version {version}, expected {KIND} and {VERSION}")
-    floats = np.frombuffer(data, "<f4", _FLOATS, HEAD.size).astype(float)
+    with np.errstate(invalid="ignore"):  # what is no number is found below
+        floats = np.frombuffer(data, "<f4", _FLOATS, HEAD.size).astype(float)
     joints = np.array(masks, dtype=np.uint32)[:, None] >> np.arange(JOINTS, dtype=np.uint32) & 1 == 1
     limbs_seen = np.array([flags >> i + 1 & 1 for i in range(len(LIMBS))], dtype=bool)
     end = 7 + 2 * JOINTS * 3

@@ -15,7 +15,7 @@ from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
-from highfive.hil.session.session import Session
+from highfive.hil.session.session import UNSEEN_AT_REST, PoseSettings, Session
 from highfive.hil.sim.people.actors import simulate_pair
 from highfive.hil.sim.people.capture import CLEAN
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -57,6 +57,7 @@ class HeadsetJob:
     seed: int
     device: Device
     tracking: FilterSettings = HEADSET
+    pose: PoseSettings = UNSEEN_AT_REST
     settings: HeadsetSettings = field(default_factory=HeadsetSettings)
 
 
@@ -82,7 +83,9 @@ def play_headset(job: HeadsetJob) -> LiveFelt:
     pair = simulate_pair(job.emotion, job.cell, 0, rng)
     person = partner_of(pair, job.emotion, job.cell, rng, CLEAN)
     model, scene = parts()
-    session = Session(model, {job.emotion: 1.0}, load_marker_set("headset"), scene, tracking=job.tracking)
+    session = Session(
+        model, {job.emotion: 1.0}, load_marker_set("headset"), scene, settings=job.pose, tracking=job.tracking
+    )
     settings = replace(job.settings, late_ms=job.settings.late_ms + job.device.told_ms)
     with VirtualClock(job.seed) as clock:
         zero = clock.now() + 100_000_000 + round(1e9 * BEFORE_S)

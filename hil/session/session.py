@@ -48,8 +48,15 @@ class PoseSettings(Settings):
 
     quickest: float = setting(30.0, "rad/s", above=0.0)
     """No hinge of the generated pose turns faster than this; a simulated angry elbow reaches some 20."""
+    acquaint: float = setting(0.0, "s", least=0.0)
+    """A hand that comes into sight is not gone to for so long, unless the model knows what it does: where a hanging arm
+    is not seen the model knows no beginning, and a raised hand of which nothing else is known is met at once."""
     calming: float = setting(0.12, "s", above=0.0)
     """Time constant with which the avatar goes from the model's pose to a calm one and back."""
+
+
+UNSEEN_AT_REST = PoseSettings(acquaint=0.45)
+"""For a headset, whose cameras do not see a hanging arm. Chosen on simulated high fives of seed 7."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +187,7 @@ class Session:
         self._palm.reset()
         self._calm_palm.reset()
         self._trust = [0.0, 0.0]
+        self._seen_s = 0.0  # for how long the hand has been in sight
         self._responder.reset()
         self._last = self._timing.waiting(self._responder.style)
         self._reach.reset()
@@ -217,7 +225,8 @@ class Session:
         familiar = response.in_distribution
         generated = self._pose(response, familiar, dt)
         palm = self._correction.palm_of(generated)
-        seen = person.palm if person.valid else None
+        self._seen_s = self._seen_s + dt if person.valid else 0.0
+        seen = person.palm if person.valid and (familiar or self._seen_s >= self._settings.acquaint) else None
         expectation = _expectation(response, familiar)
         shoulder = self._correction.shoulder
         target = self._reach.step(palm, seen, expectation, shoulder, dt)

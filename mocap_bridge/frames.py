@@ -27,6 +27,7 @@ class MarkerFrame:
         covariance: (M, 3, 3) m², symmetric and positive definite, of each measured position, where the source knows how
             far its points are off; None where one standard deviation holds for all
             (``FilterSettings.marker_sigma``). Meaningless where ``valid`` is False.
+        own_clock: ``source_time_ns`` is of this process's monotonic clock already.
     """
 
     names: tuple[str, ...]
@@ -40,6 +41,7 @@ class MarkerFrame:
     impossible: int = 0
     latency_ns: int = 0
     covariance: Float[np.ndarray, "M 3 3"] | None = None
+    own_clock: bool = False
 
 
 @dataclass(frozen=True)

@@ -150,14 +150,15 @@ class LiveJob:
 
 
 @cache
-def _parts() -> tuple[HGPDM, Scene]:
+def parts() -> tuple[HGPDM, Scene]:
+    """The model that comes along, and a scene."""
     return load_model(DEFAULT_MODEL), build_scene()
 
 
 def play(job: LiveJob) -> LiveFelt:
     """Plays one high five as a live session does."""
     person, system = job.person, job.system
-    model, scene = _parts()
+    model, scene = parts()
     session = Session(model, {person.emotion: 1.0}, person.marker_set, scene)
     with VirtualClock(job.seed) as clock:
         begins = clock.now() + 100_000_000
@@ -166,19 +167,35 @@ def play(job: LiveJob) -> LiveFelt:
         with closing(LiveSource("simulated", lambda: link, None, system.rate_hz, VirtualScheduler(clock))) as source:
             zero = begins + round(1e9 * BEFORE_S)
             clock.wait_until(zero + round(1e6 * system.latency_ms))
-            trial = LiveTrial(source, here(), clock)
-            inputs, ticks = list[TickInput](), list[Tick]()
+            return meet(person, session, source, clock, zero)
 
-            def noted() -> Any:
-                for begins in trial:
-                    inputs.append(begins)
-                    yield begins
 
-            def watch(tick: Tick) -> None:
-                ticks.append(tick)
-                trial.watch(tick)
+def meet(
+    person: Partner, session: Session, source: LiveSource, clock: VirtualClock, zero: int, latency_ns: int = 0
+) -> LiveFelt:
+    """One high five with whom a source follows in virtual time, beside her true palm.
 
-            result = run_trial(0, person, session, KinematicPlayOut(scene), noted(), watch)
+    Args:
+        person: what she does, from ``zero`` ns on.
+        session: answers.
+        source: follows her, in the world.
+        clock: of all.
+        zero: ns of that clock.
+        latency_ns: made up for beyond what the source reports.
+    """
+    trial = LiveTrial(source, here(), clock, latency_ns)
+    inputs, ticks = list[TickInput](), list[Tick]()
+
+    def noted() -> Any:
+        for begins in trial:
+            inputs.append(begins)
+            yield begins
+
+    def watch(tick: Tick) -> None:
+        ticks.append(tick)
+        trial.watch(tick)
+
+    result = run_trial(0, person, session, KinematicPlayOut(parts()[1]), noted(), watch)
     shown = 1e-9 * np.array([begins.at_ns - zero for begins in inputs], dtype=float)  # after the person began
     assert person.palm is not None
     truth = CubicSpline(np.arange(len(person.palm)) / RATE_HZ, person.palm)

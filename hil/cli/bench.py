@@ -185,6 +185,19 @@ def bench_latency(
     _run(json, lambda bar: bench.latency(latency, cell, seed, bar))
 
 
+@app.command("headset")
+def bench_headset(
+    cell: Cells = None,
+    device: Annotated[
+        list[str] | None, typer.Option(help='Only this one, such as "60 Hz, 35 ms"; may be given again.')
+    ] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Let simulated people wear a headset of published noise, rate and delay, in virtual time: palm to true palm."""
+    _run(json, lambda bar: bench.headset(cell, device, seed, bar))
+
+
 @app.command("view")
 def bench_view(
     seconds: Annotated[float, typer.Option(min=1.0, help="For so long poses are counted.")] = 60.0,

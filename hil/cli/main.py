@@ -61,7 +61,9 @@ def simulate(
     style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
     source: Annotated[
         str | None,
-        typer.Option(help="A real person instead: a C3D file, or an address such as vicon://host."),
+        typer.Option(
+            help="A real person instead: a C3D file, an address such as vicon://host, or headset (by the page)."
+        ),
     ] = None,
     human: Annotated[
         str | None, typer.Option("--human", "--person", help="Prefix of that person's markers, such as A or human.")

@@ -145,6 +145,15 @@ def latency(latencies_ms: list[float] | None, cells: list[str] | None, seed: int
     return Measured(bench_latency(options, bar), print_latency)
 
 
+def headset(cells: list[str] | None, devices: list[str] | None, seed: int, bar: Bar) -> Measured:
+    """People in a headset; see :mod:`highfive.hil.bench.headset`."""
+    from highfive.hil.bench.headset import DEVICES, HeadsetOptions, bench_headset, print_headset
+    from highfive.hil.sim.people.grid import CELLS
+
+    options = HeadsetOptions(tuple(cells or CELLS), seed, tuple(devices or DEVICES))
+    return Measured(bench_headset(options, bar), print_headset)
+
+
 def view(seconds: float, seed: int, bar: Bar) -> Measured:
     """The live page; see :mod:`highfive.hil.bench.view`."""
     from highfive.hil.bench.view import ViewBenchOptions, bench_view, print_view

@@ -7,18 +7,21 @@ from datetime import UTC, datetime
 
 from highfive.calibration.placement_file import load_placement, save_placement
 from highfive.calibration.registration import load_registration
+from highfive.hil.commands.headset_session import HERE, wait_until_worn
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.console import confirm, say_aside
 from highfive.hil.trials.live_partner import LivePerson, live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
+from highfive.hil.view.live_page import LivePage
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.sources.address import parse_address
 
 
 def live_person(
-    options: SimulateOptions, stack: ExitStack, wiring: LiveWiring | None, marker_set: MarkerSet | None
-) -> LivePerson:
-    """Who is there: followed until ``stack`` ends, found and placed in the world.
+    options: SimulateOptions, stack: ExitStack, wiring: LiveWiring | None, marker_set: MarkerSet | None,
+    page: LivePage | None = None,
+) -> LivePerson:  # fmt: skip
+    """Who is there: followed until ``stack`` ends, found and placed in the world; ``page`` tracks her headset.
 
     Raises:
         HighFiveError: nothing comes, nobody can be placed, or a file says otherwise.
@@ -30,6 +33,9 @@ def live_person(
     registered = None if file is None else load_registration(file).placement
     if options.place is not None and options.place.exists():
         registered = load_placement(options.place, system)
+    if page is not None:
+        wait_until_worn(source, page.address)
+        registered = HERE
     latency_ns = round(1e6 * options.latency_ms)
     person = LivePerson(source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm)
     if options.place is not None and registered is None:

@@ -18,18 +18,21 @@ PATIENCE_S = 120.0
 
 
 @contextmanager
-def open_page(options: PageOptions, about: dict[str, Any], estop: Latch | None = None) -> Iterator[LivePage]:
+def open_page(
+    options: PageOptions, about: dict[str, Any], estop: Latch | None = None, *, tracks: bool = False
+) -> Iterator[LivePage]:
     """A page that somebody has opened, or could have.
 
     Args:
         options: where it is.
         about: what it is told first.
         estop: is pulled by its button.
+        tracks: a headset is tracked through it.
 
     Raises:
         HighFiveError: the port is in use, or this machine is in no network that the page could be served to.
     """
-    with LivePage(about, port=options.port, estop=estop, **_network(options)) as page:
+    with LivePage(about, port=options.port, estop=estop, tracks=tracks, **_network(options)) as page:
         say_aside(f"open {page.address} in a browser")
         if options.open_browser:
             webbrowser.open(page.address)

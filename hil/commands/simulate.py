@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options
 from highfive.hil.commands.play_trials import Played, play
 from highfive.hil.commands.session_partners import partners_of, worn_set
@@ -26,7 +27,9 @@ from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.address import is_live
+from highfive.mocap_bridge.tracking.filter_settings import HEADSET
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.trained import HGPDM
@@ -34,11 +37,9 @@ from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.reaction import ReactionModel
 
 if TYPE_CHECKING:
-    from highfive.hil.arm.arm_options import ArmOptions
     from highfive.hil.arm.arm_trial import ArmWatch
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
-    from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.trials.live_wiring import LiveWiring
     from highfive.hil.view.live_page import LivePage
 
@@ -66,6 +67,8 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             cannot be written.
     """
     live = options.source is not None and is_live(options.source)
+    worn = live and wears_headset(options)
+    options = with_page(options) if worn else options
     with ExitStack() as stack:
         check_live_options(options, live)
         if options.view is not None and options.arm is not None and options.arm.port == "virtual":
@@ -81,12 +84,30 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
-        model, person = _model(options, bar), None
-        if live:
-            from highfive.hil.commands.live_session import live_person  # noqa: PLC0415
+        model, scene, watch, page, person = _model(options, bar), build_scene(), None, None, None
+        with ExitStack() as parts:
+            if worn:  # the page is what tracks her
+                watch = _arm_watch(options, bar, load_marker_set(SCHEME), parts)
+                page = _page(options, model, watch, parts)
+                wiring = headset_wiring(options, page, wiring)
+            if live:
+                from highfive.hil.commands.live_session import live_person  # noqa: PLC0415
 
-            person = live_person(options, stack, wiring, worn_set(options))
-        return _simulate(options, model, folder, bar, person)
+                person = live_person(options, parts, wiring, worn_set(options), page)
+            partners = partners_of(options, model, bar, person)
+            settings = _settings(options, len(partners))
+            if not worn:
+                watch = _arm_watch(options, bar, partners[0].marker_set, parts)
+            # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
+            session = _session(options, model, scene, partners[0])
+            if options.view is not None and page is None:
+                page = _page(options, model, watch, parts)
+            recorder = SessionRecorder(folder / "session.mcap", settings)
+            played = play(options, session, scene, partners, person, recorder, bar, watch, page)
+            if page is not None:
+                page.tell("over", message=f"The session is over: {folder / 'report.html'}")
+        lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
+        return _report(options, played, settings, folder, bar, lag)
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
@@ -105,24 +126,6 @@ def _training_trials(data: Path, bar: Bar) -> list[Trial]:
     return [pair.trial for pair in pairs]
 
 
-def _simulate(
-    options: SimulateOptions, model: HGPDM | ReactionModel, folder: Path, bar: Bar, person: LivePerson | None
-) -> dict[str, Any]:
-    partners = partners_of(options, model, bar, person)
-    scene = build_scene()
-    settings = _settings(options, len(partners))
-    with ExitStack() as stack:
-        watch = None if options.arm is None else _arm_watch(options.arm, bar, partners[0].marker_set, stack)
-        # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
-        session = _session(options, model, scene, partners[0])
-        page = None if options.view is None else _page(options, model, watch, stack)
-        recorder = SessionRecorder(folder / "session.mcap", settings)
-        played = play(options, session, scene, partners, person, recorder, bar, watch, page)
-        if page is not None:
-            page.tell("over", message=f"The session is over: {folder / 'report.html'}")
-    return _report(options, played, settings, folder, bar, 0.0 if watch is None else watch.loop.retarget.settings.lag)
-
-
 def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatch | None, stack: ExitStack) -> LivePage:
     """The live page; the session begins when somebody looks on."""
     from highfive.hil.commands.page import open_page  # noqa: PLC0415
@@ -130,17 +133,21 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
     assert options.view is not None
     cells = list(options.cells or CELLS) if options.source is None else []
     about = {"mode": "session", "title": _shown(options.source), "emotions": list(model.emotions), "cells": cells}
+    worn = wears_headset(options)
+    if worn:
+        about |= {"tracks": True, "hand": hand_of(options)}
     estop = None if watch is None else watch.loop.estop
-    return stack.enter_context(
-        open_page(options.view, {**about, "arm": estop is not None, "rig": estop is not None}, estop)
-    )
+    about |= {"arm": estop is not None, "rig": estop is not None}
+    return stack.enter_context(open_page(options.view, about, estop, tracks=worn))
 
 
-def _arm_watch(options: ArmOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch:
+def _arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch | None:
+    if options.arm is None:
+        return None
     from highfive.hil.arm.arm_trial import ArmWatch  # noqa: PLC0415
     from highfive.hil.arm.lifecycle import ready_arm  # noqa: PLC0415
 
-    return ArmWatch(stack.enter_context(ready_arm(options, bar, worn)))
+    return ArmWatch(stack.enter_context(ready_arm(options.arm, bar, worn)))
 
 
 def _report(
@@ -207,4 +214,5 @@ def _shown(source: str | None) -> str:
 
 def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:
     style = options.style or {partner.emotion: 1.0}
-    return Session(model, style, partner.marker_set, scene, correct=options.correct)
+    tracking = HEADSET if wears_headset(options) else None
+    return Session(model, style, partner.marker_set, scene, correct=options.correct, tracking=tracking)

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -176,10 +176,10 @@ class _Guarded:
             raise PluginError(f"{self._title}: time_to_contact is {clock}; expected seconds")
         if not (np.isfinite(spread) and spread >= 0.0):
             raise PluginError(f"{self._title}: time_to_contact_std is {spread}; expected seconds, 0 or more")
-        contact = _called(self._title, "contact", lambda: reaction.contact)
+        contact: Any = _called(self._title, "contact", lambda: reaction.contact)
         if contact is not None and not isinstance(contact, ContactForecast):
             raise PluginError(f"{self._title}: contact is {type(contact).__name__}; expected a ContactForecast or None")
-        familiar = _called(self._title, "in_distribution", lambda: reaction.in_distribution)
+        familiar: Any = _called(self._title, "in_distribution", lambda: reaction.in_distribution)
         if not isinstance(familiar, bool | np.bool_):
             raise PluginError(f"{self._title}: in_distribution is {type(familiar).__name__}; expected True or False")
 

@@ -18,6 +18,7 @@ from highfive.hil.sim.avatar import Pose, between
 from highfive.hil.sim.scene import Scene
 from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.palm_filter import PalmFilter, PalmFilterSettings
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
@@ -48,8 +49,15 @@ class PoseSettings(Settings):
 
     quickest: float = setting(30.0, "rad/s", above=0.0)
     """No hinge of the generated pose turns faster than this; a simulated angry elbow reaches some 20."""
+    acquaint: float = setting(0.0, "s", least=0.0)
+    """A hand that comes into sight is not gone to for so long, unless the model knows what it does: where a hanging arm
+    is not seen the model knows no beginning, and a raised hand of which nothing else is known is met at once."""
     calming: float = setting(0.12, "s", above=0.0)
     """Time constant with which the avatar goes from the model's pose to a calm one and back."""
+
+
+UNSEEN_AT_REST = PoseSettings(acquaint=0.45)
+"""For a headset, whose cameras do not see a hanging arm. Chosen on simulated high fives of seed 7."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +138,18 @@ class Session:
         *,
         correct: bool = True,
         settings: PoseSettings | None = None,
+        tracking: FilterSettings | None = None,
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
+
+        Args:
+            model: answers.
+            style: weights by emotion.
+            marker_set: the person's.
+            scene: the avatar's.
+            correct: the hand is corrected.
+            settings: of the pose.
+            tracking: of the tracker, where markers are not a motion capture system's.
 
         Raises:
             HighFiveError: the model was trained for another skeleton, or the style does not fit it; a model of
@@ -139,7 +157,7 @@ class Session:
         """
         use_one_blas_thread()
         self._settings = settings or PoseSettings()
-        self._tracker = Tracker(marker_set, RATE_HZ)
+        self._tracker = Tracker(marker_set, RATE_HZ, tracking)
         self._arm = HumanArmEstimator(marker_set)
         self._return = ReacquisitionSmoother()
         self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()
@@ -172,6 +190,7 @@ class Session:
         self._palm.reset()
         self._calm_palm.reset()
         self._trust = [0.0, 0.0]
+        self._seen_s = 0.0  # for how long the hand has been in sight
         self._responder.reset()
         self._last = self._timing.waiting(self._responder.style)
         self._reach.reset()
@@ -209,7 +228,8 @@ class Session:
         familiar = response.in_distribution
         generated = self._pose(response, familiar, dt)
         palm = self._correction.palm_of(generated)
-        seen = person.palm if person.valid else None
+        self._seen_s = self._seen_s + dt if person.valid else 0.0
+        seen = person.palm if person.valid and (familiar or self._seen_s >= self._settings.acquaint) else None
         expectation = _expectation(response, familiar)
         shoulder = self._correction.shoulder
         target = self._reach.step(palm, seen, expectation, shoulder, dt)

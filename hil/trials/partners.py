@@ -12,7 +12,7 @@ from highfive.calibration.placement import place_person
 from highfive.hil.datasets.training_data import track_hand
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.avatar import right_palm
-from highfive.hil.sim.people.actors import simulate_pair
+from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.capture import PERSON_SET, Defects, markers_of, record
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
@@ -122,7 +122,18 @@ def simulated_partner(
         slips: (M, 3) m, how far each marker sits from where the set has it, in the frame of the joint that carries it;
             None for not at all.
     """
-    trial = simulate_pair(emotion, cell, repetition, rng, body)
+    return partner_of(simulate_pair(emotion, cell, repetition, rng, body), emotion, cell, rng, defects, slips)
+
+
+def partner_of(
+    trial: PairTrial,
+    emotion: str,
+    cell: str,
+    rng: np.random.Generator,
+    defects: Defects | None = None,
+    slips: Array | None = None,
+) -> Partner:
+    """The person of a simulated pair, captured; arguments as of :func:`simulated_partner`."""
     marker_set = load_marker_set(PERSON_SET)
     worn = marker_set if slips is None else replace(marker_set, local_positions=marker_set.local_positions + slips)
     defects = Defects() if defects is None else defects

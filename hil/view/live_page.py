@@ -36,6 +36,7 @@ class LivePage:
         tls: tuple[Path, Path] | None = None,
         estop: Latch | None = None,
         key: str | None = None,
+        tracks: bool = False,
     ) -> None:
         """Starts the server and waits until it answers.
 
@@ -47,12 +48,15 @@ class LivePage:
             tls: files with certificate and key; None serves without TLS.
             estop: is pulled by the page's button at once.
             key: of the address; None makes a new one.
+            tracks: what a headset tracks comes through :attr:`joints`.
 
         Raises:
             HighFiveError: the port is in use, or the server does not start.
         """
         self._key = key or new_key()
         self._box, others = mailboxes()
+        self.joints, tracker = mailboxes() if tracks else (None, None)
+        """What a headset tracks, a message after the other; None where it does not."""
         self.pages = 0
         """How many look on."""
         self._commands: list[Command] = []
@@ -61,7 +65,7 @@ class LivePage:
         for chosen in (PORT, 0) if port is None else (port,):
             options = ServerOptions(host, chosen, self._key, names, {**about, "run": run}, tls)
             self._process = multiprocessing.get_context("spawn").Process(
-                target=run_server, args=(options, others, estop), name="highfive-page", daemon=True
+                target=run_server, args=(options, others, estop, tracker), name="highfive-page", daemon=True
             )
             self._process.start()
             answer = self._wait_for(("ready", "failed"))
@@ -69,11 +73,13 @@ class LivePage:
                 break
             self._process.join(_CLOSE_S)
         else:
-            self._box.close()
+            self._close_boxes()
             raise HighFiveError(
                 f"cannot show the page on port {port or PORT}: {answer['reason']}; choose another --port"
             )
         others.close()
+        if tracker is not None:
+            tracker.close()
         self.port = int(answer["port"])
         self._name = names[0] if names else "localhost"
         self._scheme = "http" if tls is None else "https"
@@ -120,7 +126,7 @@ class LivePage:
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-        self._box.close()
+        self._close_boxes()
 
     def __enter__(self) -> LivePage:
         """Self."""
@@ -131,6 +137,11 @@ class LivePage:
     ) -> None:
         """Closes."""
         self.close()
+
+    def _close_boxes(self) -> None:
+        self._box.close()
+        if self.joints is not None:
+            self.joints.close()
 
     def _note(self, message: dict[str, Any]) -> None:
         if message["kind"] == "pages":

@@ -5,6 +5,7 @@ A pose that does not fit is dropped, for a newer one follows. A text that does n
 
 from __future__ import annotations
 
+import select
 import socket
 from collections import deque
 
@@ -61,6 +62,14 @@ class Mailbox:
                 return found
             except OSError:  # the other end is gone
                 return found
+
+    def wait(self, seconds: float) -> list[bytes]:
+        """All that has come since; waits so long at most for something to come."""
+        try:
+            select.select([self._socket], [], [], max(seconds, 0.0))
+        except (OSError, ValueError):  # it was closed meanwhile
+            return []
+        return self.take()
 
     def close(self) -> None:
         """Closes this end."""

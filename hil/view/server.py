@@ -35,6 +35,7 @@ from highfive.hil.view.mailbox import Mailbox
 from highfive.hil.view.pages import TYPES, File, page_files, refusal
 from highfive.hil.view.skin_file import skin_file
 from highfive.hil.view.wire import LONGEST, POSES, VERSION, encode_text, number_of, stamped
+from highfive.mocap_bridge.wire import headset
 
 CREDIT = 8
 """Poses that a page may owe: 120 Hz over a round trip of 66 ms."""
@@ -46,6 +47,9 @@ MOST_PAGES = 16
 NICE = 5
 """Less urgent by so much than what it shows: where cores are few, the tick goes first."""
 FULL = "too many pages look on already"
+RELEASED_S = 2.0
+"""A headset that sends nothing for so long, s, is no longer the one that is tracked."""
+TAKEN = "Another headset is tracked already: this one only shows."
 LIVE = "/live"
 
 
@@ -70,11 +74,14 @@ class ServerOptions:
     tls: tuple[Path, Path] | None = None
 
 
-def run_server(options: ServerOptions, mailbox: Mailbox, estop: Latch | None) -> None:
-    """What the process does until it is told to close, or its parent is gone."""
+def run_server(options: ServerOptions, mailbox: Mailbox, estop: Latch | None, joints: Mailbox | None = None) -> None:
+    """What the process does until it is told to close, or its parent is gone.
+
+    ``joints`` takes what a headset tracks; None where nobody asks for that.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host decides when the page closes
     os.nice(NICE)
-    asyncio.run(_Server(options, mailbox, estop).run())
+    asyncio.run(_Server(options, mailbox, estop, joints).run())
 
 
 @dataclass(eq=False)
@@ -88,6 +95,7 @@ class _Page:
     news: asyncio.Event = field(default_factory=asyncio.Event)
     second: int = 0
     messages: int = 0
+    refused: bool = False
 
     def tell(self, text: str) -> None:
         """Queues a text; who has not taken so many is let go."""
@@ -108,8 +116,10 @@ class _Page:
 class _Server:
     """The pages, and what they are shown."""
 
-    def __init__(self, options: ServerOptions, mailbox: Mailbox, estop: Latch | None) -> None:
-        self._options, self._mailbox, self._estop = options, mailbox, estop
+    def __init__(self, options: ServerOptions, mailbox: Mailbox, estop: Latch | None, joints: Mailbox | None) -> None:
+        self._options, self._mailbox, self._estop, self._joints = options, mailbox, estop, joints
+        self._worn: _Page | None = None  # the headset that is tracked, and when it last sent something
+        self._worn_at = 0.0
         self._pages: set[_Page] = set()
         self._newest: bytes | None = None
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
@@ -211,6 +221,8 @@ class _Server:
             pass
         finally:
             self._pages.discard(page)
+            if self._worn is page:
+                self._worn = None
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionClosed):
                 await sender
@@ -236,7 +248,13 @@ class _Server:
             return
 
     def _hear(self, page: _Page, message: str | bytes) -> None:
-        """An acknowledgement (4 bytes), a question for the time, or a command; all else is dropped."""
+        """An acknowledgement (4 bytes), what a headset tracks, a question for the time, or a command.
+
+        All else is dropped.
+        """
+        if isinstance(message, bytes) and len(message) == headset.LENGTH:
+            self._track(page, message)
+            return
         if isinstance(message, bytes):
             if len(message) == 4:
                 number = int.from_bytes(message, "little")
@@ -254,6 +272,20 @@ class _Server:
         asked = _asked(message)
         if asked is not None:
             page.tell(encode_text("time", asked=asked, now_ms=1e-6 * time.monotonic_ns()))
+
+    def _track(self, page: _Page, message: bytes) -> None:
+        """Hands on what one headset tracks; another one is told that it is not tracked."""
+        now = time.monotonic()
+        if self._joints is None or message[0] != headset.KIND:
+            return
+        if self._worn is None or now - self._worn_at > RELEASED_S:
+            self._worn, page.refused = page, False
+        if self._worn is page:
+            self._worn_at = now
+            self._joints.put_newest(message)
+        elif not page.refused:
+            page.refused = True
+            page.tell(encode_text("headset", message=TAKEN))
 
 
 def _asked(message: str) -> float | None:

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 
 from highfive.model.errors import HighFiveError
 
-VERSION = 1
+VERSION = 2
 """Of all messages. A page of another version is told to load itself again."""
 POSES = 1
 """Kind of a message: the first byte. Text messages begin with ``{``."""

@@ -30,6 +30,9 @@ def parse_address(text: str) -> Address:
     Raises:
         HighFiveError: an unknown scheme or option, no host, a port or value that is none.
     """
+    name, _, options = text.strip().partition("?")
+    if name.lower() == "headset":  # there is one page: its headset needs no further name
+        text = f"headset://page{options and '?' + options}"
     scheme, separator, rest = text.strip().partition("://")
     if not separator:
         if not text.strip():

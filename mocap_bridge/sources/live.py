@@ -131,7 +131,8 @@ class LiveSource:
 
         What the least delay of network and system is beyond what the system reports of it, nobody here can know.
         """
-        return self._stamps.local(frame.source_time_ns) - frame.latency_ns
+        stamp = frame.source_time_ns if frame.own_clock else self._stamps.local(frame.source_time_ns)
+        return stamp - frame.latency_ns
 
     def wait(self, seen: MarkerFrame | None, timeout_s: float) -> MarkerFrame | None:
         """The newest frame as soon as it is another than ``seen``; None if that takes longer than ``timeout_s``."""

@@ -23,15 +23,18 @@ BUILT_IN: Mapping[str, str] = MappingProxyType(
 )
 """Our own protocols; each one's library is imported only where it is needed."""
 
+_OURS: Mapping[str, str] = MappingProxyType({**BUILT_IN, "headset": "highfive.mocap_bridge.sources.headset:SCHEME"})
+"""With what comes through the live page, and not over the network by itself."""
+
 
 def scheme_names() -> list[str]:
     """Names of all protocols, our own first."""
-    return [*BUILT_IN, *(name for name in plugin_names(GROUP) if name not in BUILT_IN)]
+    return [*_OURS, *(name for name in plugin_names(GROUP) if name not in _OURS)]
 
 
 def is_known(name: str) -> bool:
     """Whether there is a protocol of that name; installed packages are looked through for none of ours."""
-    return name in BUILT_IN or name in plugin_names(GROUP)
+    return name in _OURS or name in plugin_names(GROUP)
 
 
 @cache
@@ -41,7 +44,7 @@ def scheme_named(name: str) -> Scheme:
     Raises:
         PluginError: two of that name, none, or one that cannot be loaded or is no :class:`Scheme`.
     """
-    found = load_plugin(GROUP, name, BUILT_IN.get(name))
+    found = load_plugin(GROUP, name, _OURS.get(name))
     if not isinstance(found, Scheme):
         raise PluginError(f"the plug-in {name!r} offers a {type(found).__name__}; expected a highfive Scheme")
     return found

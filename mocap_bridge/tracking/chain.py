@@ -58,6 +58,7 @@ def segment_order(marker_set: MarkerSet) -> list[str]:
 
 def make_chain(marker_set: MarkerSet, settings: FilterSettings | None = None) -> Chain:
     """The chain of a marker set, on the body for which the set was written."""
+    settings = settings or FilterSettings()
     names = segment_order(marker_set)
     segments = [marker_set.segments[name] for name in names]
     parents = [-1 if s.parent is None else names.index(s.parent) for s in segments]
@@ -89,7 +90,7 @@ def make_chain(marker_set: MarkerSet, settings: FilterSettings | None = None) ->
         rest=rest.astype(float),
         stiffness=stiffness.astype(float),
         power=power.astype(float),
-        coasting=np.array([_COASTING.get(_plain(names[j]), _OTHERS_COASTING) for j in moved]),
+        coasting=settings.coasting * np.array([_COASTING.get(_plain(names[j]), _OTHERS_COASTING) for j in moved]),
         path=np.array([p + [-1] * (longest - len(p)) for p in path]),
         lengths=np.array([len(p) for p in path]),
         carrier=np.array([names.index(joint) for joint in marker_set.joints]),
@@ -97,7 +98,7 @@ def make_chain(marker_set: MarkerSet, settings: FilterSettings | None = None) ->
         spreads=np.array(marker_set.spreads, dtype=float),
         strangeness=_strangeness(marker_set, names, parents, offsets),
         head=names.index("head") if "head" in free and len(free) > 1 else -1,
-        settings=(settings or FilterSettings()).compiled(),
+        settings=settings.compiled(),
     )
 
 

@@ -22,3 +22,18 @@ def minimize(
     callback: Callable[..., Any] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> OptimizeResult: ...
+
+def least_squares(
+    fun: Callable[..., Any],
+    x0: ArrayLike,
+    jac: Callable[..., Any] | str = "2-point",
+    bounds: Any = ...,
+    method: str = "trf",
+    ftol: float | None = 1e-8,
+    xtol: float | None = 1e-8,
+    gtol: float | None = 1e-8,
+    x_scale: ArrayLike | str = 1.0,
+    loss: str = "linear",
+    f_scale: float = 1.0,
+    args: tuple[Any, ...] = (),
+) -> OptimizeResult: ...

@@ -1,6 +1,6 @@
 // The link to the server: the newest poses, texts in order, the host's clock. Reconnects by itself.
 
-const VERSION = 1, HEAD = 40, RETRY_MS = 500, ASK_MS = 1000, KEPT = 10;
+const VERSION = 2, HEAD = 40, RETRY_MS = 500, ASK_MS = 1000, KEPT = 10, MOST_WAITING = 3000;
 
 /** A pose message; times in ms of the host's monotonic clock. */
 export function decodePoses(buffer) {
@@ -62,6 +62,11 @@ export class Connection {
 
   send(message) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  /** Bytes that are worth nothing later: none where earlier ones still wait. */
+  sendNewest(bytes) {
+    if (this.socket.readyState === WebSocket.OPEN && this.socket.bufferedAmount < MOST_WAITING) this.socket.send(bytes);
   }
 
   hear(data) {

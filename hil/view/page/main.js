@@ -5,6 +5,7 @@ import { Caption } from "./caption.js";
 import { Controls, colourOf } from "./controls.js";
 import { Headset } from "./xr.js";
 import { keepClear } from "./layout.js";
+import { mirrored, mirroredForecast, mirroredPoint } from "./mirror.js";
 import { Motion } from "./motion.js";
 import { Stage } from "./stage.js";
 import { Contacts, Strip } from "./strip.js";
@@ -44,10 +45,10 @@ const strips = {
   correction: new Strip(byId("correction-strip"), { top: 1, colour: "#1f6f9c" }),
 };
 const contacts = new Contacts(byId("contacts-strip"));
-let state = {}, bars = [], trials = [], frozen = false, linked = "", said = "", shownContact = null;
+let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", shownContact = null;
 
 const connection = new Connection({
-  poses(poses) { motion.add(poses); arrivals.push(performance.now()); },
+  poses(poses) { motion.add(behind && stage?.ready ? mirrored(poses, stage.names) : poses); arrivals.push(performance.now()); },
   text(text) { (heard[text.kind] || panel)(text); },
   link(kind) {
     if (kind === linked) return;
@@ -67,7 +68,9 @@ const heard = {
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
-    notice("");
+    notice(text.tracks && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
+    behind = text.hand === "left";
+    headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     motion.before = motion.newest = null;
     bars = [];
   },
@@ -84,7 +87,7 @@ const heard = {
       strips.palms.add(text.time_s, text.palms_m === null ? null : 100 * text.palms_m);
       strips.correction.add(text.time_s, text.correction);
     }
-    if (stage) stage.showForecast(text.forecast);
+    if (stage) stage.showForecast(behind ? mirroredForecast(text.forecast) : text.forecast);
     if (text.message !== undefined) notice(text.message);
   },
   contacts(text) {
@@ -96,8 +99,9 @@ const heard = {
     contacts.set(bars);
   },
   over(text) { notice(text.message); linkShown("", "over"); linked = "over"; connection.close(); },
+  headset(text) { notice(text.message); },
   touch(text) {
-    if (stage) stage.contact(text.where, performance.now());
+    if (stage) stage.contact(behind ? mirroredPoint(text.where) : text.where, performance.now());
     headset?.touch();
   },
 };

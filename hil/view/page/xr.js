@@ -1,11 +1,14 @@
 // In a headset: the avatar life-size before the person, floor on the floor; her own hands drawn, her own body hidden.
 
+import { LIMBS, Tracked } from "./tracked.js";
 import { CylinderGeometry, InstancedMesh, Matrix4, MeshStandardMaterial, Quaternion, SphereGeometry, Vector3 } from "./three.js";
 
-const FEATURES = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
+const FEATURES = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking", "body-tracking"] };
 const MODES = { "immersive-vr": "Enter VR", "immersive-ar": "Enter AR" };
 const UP = new Vector3(0, 1, 0);
-const STAND_OFF = 1.0, FADE_MS = 600, PULSE = [0.8, 60];  // m; share of the strength, ms
+// m between her eyes and the avatar where palms meet at an arm's length, for eyes at this height; with bounds for others.
+const STAND_OFF = 1.0, EYES = 1.674, NEAREST = 0.85, FURTHEST = 1.15;
+const FADE_MS = 600, PULSE = [0.8, 60];  // m; share of the strength, ms
 const JOINTS = 25;
 // Bones from joint to joint, in the order of XRHand: the wrist, four joints of the thumb, five of each finger.
 const BONES = [[1, 2, 3, 4], ...[5, 10, 15, 20].map((first) => [0, 1, 2, 3, 4].map((i) => first + i))]
@@ -18,11 +21,14 @@ export class Headset {
    * @param {(text: string) => void} say
    */
   constructor(stage, place, say) {
-    Object.assign(this, { stage, place, say, session: null, counts: { frames: 0, hands: 0, lost: 0 } });
+    Object.assign(this, { stage, place, say, session: null, send: null, places: 0, counts: { frames: 0, hands: 0, lost: 0, sent: 0 } });
     this.hands = ["left", "right"].map(() => this.hand());
     this.offer();
     navigator.xr?.addEventListener("devicechange", () => this.offer());
   }
+
+  /** From now on what is tracked is sent: ``send(message)``, for a time ``host(ms)`` of the host's; null for not. */
+  track(send, host) { Object.assign(this, { send, host }); }
 
   /** A button for each way in that this browser has. */
   async offer() {
@@ -65,27 +71,55 @@ export class Headset {
   frame(frame) {
     const space = this.stage.renderer.xr.getReferenceSpace();
     const viewer = space && frame.getViewerPose(space);
-    if (!viewer) { this.counts.lost += 1; return; }  // tracking is lost: what was there stays
+    if (!viewer || this.session.visibilityState === "hidden") {  // tracking is lost: what was there stays, and is not seen
+      this.counts.lost += 1;
+      this.tell(frame, space, null, []);
+      return;
+    }
     this.counts.frames += 1;
     if (!this.placed) this.recentre(viewer.transform);
     this.stage.dim(Math.min((performance.now() - this.began) / FADE_MS, 1), viewer.transform.position);
     let shown = 0;
+    const seen = [null, null];
     for (const source of this.session.inputSources) {
       if (!source.hand) continue;
-      const mesh = this.hands[source.handedness === "left" ? 0 : 1];
-      mesh.visible = this.drawHand(mesh, source.hand, frame, space);
+      const side = source.handedness === "left" ? 0 : 1, mesh = this.hands[side];
+      seen[side] = this.drawHand(mesh, source.hand, frame, space);
+      mesh.visible = Boolean(seen[side]);
       shown += mesh.visible;
     }
+    this.tell(frame, space, viewer.transform, seen);
     this.counts.hands += shown > 0;
     if (!shown) for (const hand of this.hands) hand.visible = false;
+  }
+
+  /** Sends what is seen, for when it holds. */
+  tell(frame, space, viewer, hands) {
+    if (!this.send || !this.placed) return;
+    const { world } = this.stage, limbs = frame.body;
+    world.updateWorldMatrix(true, false);
+    const message = new Tracked(this.counts.sent, this.places, this.host(frame.predictedDisplayTime ?? performance.now()), world.matrixWorld.clone().invert());
+    if (viewer) message.head(viewer);
+    hands.forEach((places, side) => places && message.hand(side, places));
+    if (limbs) {
+      LIMBS.forEach((name, index) => {
+        const pose = limbs.get(name) && frame.getPose(limbs.get(name), space);
+        if (pose) message.limb(index, pose.transform.position);
+      });
+    }
+    this.counts.sent += 1;
+    this.send(message.bytes);
   }
 
   /** Puts the avatar at an arm's length before where the person looks, on her floor. */
   recentre({ position, orientation }) {
     const ahead = new Vector3(0, 0, -1).applyQuaternion(new Quaternion(orientation.x, orientation.y, orientation.z, orientation.w));
     const heading = Math.atan2(-ahead.x, -ahead.z);
-    this.stage.placeAvatar(new Vector3(position.x, 0, position.z), heading, STAND_OFF);
+    // Arms are as long as people are tall: so far apart their hands meet with bent elbows.
+    const distance = Math.min(Math.max(0.5 * STAND_OFF * (1 + position.y / EYES), NEAREST), FURTHEST);
+    this.stage.placeAvatar(new Vector3(position.x, 0, position.z), heading, distance);
     this.placed = true;
+    this.places += 1;
   }
 
   hand() {
@@ -99,13 +133,13 @@ export class Headset {
     return mesh;
   }
 
-  /** All joints of a hand, or none: a hand that is not seen is not drawn. */
+  /** Places of all joints of a hand, or null: a hand that is not seen is not drawn. */
   drawHand(mesh, hand, frame, space) {
     const matrix = new Matrix4(), places = [], radii = [];
     let i = 0;
     for (const joint of hand.values()) {
       const pose = frame.getJointPose(joint, space);
-      if (!pose) return false;
+      if (!pose) return null;
       const { position } = pose.transform, radius = pose.radius || 0.008;
       matrix.makeScale(radius, radius, radius).setPosition(position.x, position.y, position.z);
       mesh.setMatrixAt(i++, matrix);
@@ -120,7 +154,7 @@ export class Headset {
     });
     mesh.bones.instanceMatrix.needsUpdate = true;
     mesh.instanceMatrix.needsUpdate = true;
-    return true;
+    return places;
   }
 
   /** Palms have met: it is heard, and felt where there is a controller. */

@@ -5,12 +5,15 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from highfive.hil.bench.browser import Browser, browser_here
+from highfive.mocap_bridge.wire.headset import HeadsetPose, decode_headset
+from highfive.model.geometry import rotations
 
 IWER = "iwer@2.5.0"
 DEVICE = """
@@ -21,6 +24,22 @@ headset.primaryInputMode = 'hand';
 """
 READY = """new Promise(done => {const look = setInterval(() => {
 if (window.highfive?.stage?.ready && highfive.counts.poses > 5) {clearInterval(look); done(true)}}, 100)})"""
+HIGH_FIVES = """
+headset.position.set(0, 1.65, 0);
+highfive.stage.renderer.render = () => {};  // drawing is not what is tested, and slow without a graphics card
+const ease = s => s * s * s * (10 - 15 * s + 6 * s * s);
+const rest = [0.25, 1.05, -0.2], out = [0.14, 1.42, -0.52];
+setInterval(() => {
+  const t = (performance.now() / 1000) % 4;
+  const s = t < 1.5 || t > 3.2 ? 0 : t < 2.2 ? ease((t - 1.5) / 0.7) : t < 2.4 ? 1 : 1 - ease((t - 2.4) / 0.8);
+  const at = rest.map((r, i) => r + s * (out[i] - r) + 0.0005 * Math.random());
+  headset.hands.right.position.set(...at);
+  headset.hands.right.quaternion.set(Math.SQRT1_2, 0, 0, Math.SQRT1_2);  // fingers up, palm to the avatar
+}, 4);
+"""
+LOADED = """new Promise(done => {const look = setInterval(() => {
+if (window.highfive?.stage?.ready && highfive.connection.synchronised && document.querySelector('[data-mode]')) {
+clearInterval(look); done(true)}}, 100)})"""
 WAIT = "new Promise(done => setTimeout(done, {}))"
 
 
@@ -48,6 +67,38 @@ def worn(emulator: str) -> Iterator[Browser]:
         assert browser.evaluate(READY)
         yield browser
         process.kill()
+
+
+class Session:
+    """A session that follows a headset, and its page."""
+
+    def __init__(self, emulator: str, *arguments: object) -> None:
+        command = [sys.executable, "-m", "highfive.hil.cli.main", "simulate", "--source", *map(str, arguments)]
+        self.process = subprocess.Popen(
+            [*command, "--no-open", "--no-pictures", "--json"],
+            stderr=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stderr is not None
+        self.said: list[str] = []
+        for line in self.process.stderr:
+            self.said.append(line)
+            if found := re.search(r"http://\S+", line):
+                self.address = found[0]
+                break
+        else:
+            raise AssertionError("".join(self.said))
+        self.emulator = emulator
+
+    def put_on(self, browser: Browser) -> None:
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source=self.emulator + DEVICE)
+        browser.go(self.address)
+        assert browser.evaluate(LOADED)
+
+    def end(self, seconds: float = 120.0) -> tuple[int, str, str]:
+        out, said = self.process.communicate(timeout=seconds)
+        return self.process.returncode, out, "".join(self.said) + said
 
 
 def enter(browser: Browser, mode: str) -> None:
@@ -125,3 +176,121 @@ def test_a_browser_without_a_headset_offers_none(emulator: str, tmp_path: Path) 
         assert browser.evaluate(READY)
         assert browser.evaluate("document.getElementById('headset').hidden") is True
         process.kill()
+
+
+def watch_messages(browser: Browser) -> None:
+    """Keeps the newest message of the headset, decoded, as ``window.sent``."""
+    browser.evaluate(
+        "(() => {const {headset} = highfive, send = headset.send;"
+        "headset.send = bytes => {window.sentBytes = Array.from(new Uint8Array(bytes)); send && send(bytes);};})()"
+    )
+
+
+def newest(browser: Browser) -> HeadsetPose:
+    browser.evaluate(WAIT.format(600))
+    return decode_headset(bytes(browser.evaluate("window.sentBytes")))
+
+
+@pytest.mark.slow
+def test_what_the_page_sends_is_where_head_and_hands_are_before_the_avatar(emulator: str, tmp_path: Path) -> None:
+    """Into the world, by the place that the page gave her: lost, seen again, re-centred, reloaded, and left."""
+    session = Session(emulator, "headset", "--trials", 1, "--out", tmp_path / "s")
+    try:
+        with Browser((640, 360)) as browser:
+            session.put_on(browser)
+            browser.evaluate("highfive.stage.renderer.render = () => {}")
+            browser.evaluate("headset.hands.right.position.set(0.5, 1.4, -0.25)")
+            enter(browser, "immersive-vr")
+            watch_messages(browser)
+            seen = newest(browser)
+            # Eyes at (0.3, 1.62, 0.2) look along -z: in the world she stands at +x and looks at the avatar.
+            away = 0.5 * (1.0 + 1.62 / 1.674)
+            assert seen.viewer[:3] == pytest.approx([away, 0.0, 1.62], abs=0.02)
+            ahead = rotations.rotate(seen.viewer[3:], [0.0, 0.0, -1.0])
+            assert ahead == pytest.approx([-1.0, 0.0, 0.0], abs=0.02)
+            assert seen.hands_seen.all()
+            # 0.45 m before her and 0.2 m to her right, which is the world's +y.
+            wrist = browser.evaluate("Array.from(highfive.headset.hands[1].instanceMatrix.array.slice(12, 15))")
+            expected = [away - (0.2 - wrist[2]), wrist[0] - 0.3, wrist[1]]
+            assert seen.hands[1, 0] == pytest.approx(expected, abs=0.02)
+            assert seen.hands[1, 0, 1] > 0.0 > seen.hands[0, 0, 1] - 0.3
+            host_ms = browser.evaluate("highfive.connection.host(performance.now())")
+            assert abs(seen.holds_ms - host_ms) < 2000.0 and abs(host_ms - 1e3 * time.monotonic()) < 500.0
+
+            browser.evaluate(
+                "window.joints = XRFrame.prototype.getJointPose; XRFrame.prototype.getJointPose = () => null"
+            )
+            lost = newest(browser)
+            assert not lost.hands_seen.any() and not lost.hands.any() and lost.viewer_seen
+            browser.evaluate("XRFrame.prototype.getJointPose = window.joints")
+            assert newest(browser).hands_seen.all()
+            browser.evaluate(
+                "window.viewer = XRFrame.prototype.getViewerPose; XRFrame.prototype.getViewerPose = () => null"
+            )
+            blind = newest(browser)
+            assert not blind.viewer_seen and not blind.hands_seen.any()
+            browser.evaluate("XRFrame.prototype.getViewerPose = window.viewer")
+
+            browser.evaluate("headset.position.set(-0.1, 1.62, 0.5); headset.recenter()")
+            browser.evaluate(WAIT.format(1000))
+            again = newest(browser)
+            assert again.place == seen.place + 1
+            assert again.viewer[:3] == pytest.approx([away, 0.0, again.viewer[2]], abs=0.02)
+
+            browser.evaluate(f"highfive.headset.session.end().then(() => {WAIT.format(1000)})")
+            count = browser.evaluate("highfive.headset.counts.sent")
+            browser.evaluate(WAIT.format(500))
+            assert browser.evaluate("highfive.headset.counts.sent") == count
+            browser.go(session.address)  # reloaded: she may enter again
+            assert browser.evaluate(LOADED)
+            browser.evaluate("highfive.stage.renderer.render = () => {}")
+            enter(browser, "immersive-vr")
+            watch_messages(browser)
+            assert newest(browser).viewer_seen and not browser.console
+    finally:
+        session.process.kill()
+        session.process.communicate()
+
+
+@pytest.mark.slow
+def test_high_fives_in_four_emotions_and_a_second_headset_that_only_shows(emulator: str, tmp_path: Path) -> None:
+    session = Session(emulator, "headset", "--trials", 4, "--out", tmp_path / "s")
+    try:
+        with Browser((640, 360)) as browser, Browser((640, 360)) as other:
+            session.put_on(browser)
+            browser.evaluate(HIGH_FIVES)
+            enter(browser, "immersive-vr")
+            session.put_on(other)
+            other.evaluate("highfive.stage.renderer.render = () => {}")
+            enter(other, "immersive-vr")
+            other.evaluate(WAIT.format(1000))
+            assert "Another headset is tracked already" in other.evaluate(
+                "document.getElementById('notice').textContent"
+            )
+            other.close()
+            code, out, said = session.end(300.0)
+            assert not browser.console
+        summary = json.loads(out)
+        assert summary["trials"] == 4 and not summary["interrupted"], said
+        assert [row["style"] for row in summary["rows"]] == ["neutral", "happy", "angry", "sad"]
+        assert sum(row["met"] for row in summary["rows"]) >= 3, (code, said)
+        assert "enter VR" in said.replace("press Enter VR", "enter VR")
+    finally:
+        session.process.kill()
+
+
+@pytest.mark.slow
+def test_a_headset_that_sleeps_ends_the_session_with_a_line(emulator: str, tmp_path: Path) -> None:
+    session = Session(emulator, "headset", "--trials", 3, "--out", tmp_path / "s")
+    try:
+        with Browser((640, 360)) as browser:
+            session.put_on(browser)
+            browser.evaluate(HIGH_FIVES)
+            enter(browser, "immersive-vr")
+            browser.evaluate(WAIT.format(9000))
+            browser.evaluate("highfive.headset.send = null")
+            code, _, said = session.end(120.0)
+        assert code in (1, 2) and "the headset sends nothing" in said
+        assert "Traceback" not in said
+    finally:
+        session.process.kill()

@@ -57,8 +57,10 @@ class BlackBox:
         told += [s.values["torque_enable"] for servos in self._all for s in servos]
         if told != self._told:
             self._told, self._row = told, self._values()
-        for rows, row in zip((self.goals, self.allowed, self.powered), self._row, strict=True):
-            rows.append(row)
+        goals, allowed, powered = self._row
+        self.goals.append(goals)
+        self.allowed.append(allowed)
+        self.powered.append(powered)
         self.trips.append(self.bus.watchdog_trips)
         positions, velocities = self.bus.body
         self.positions.append(np.array(positions))

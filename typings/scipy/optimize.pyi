@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 class OptimizeResult:
     x: NDArray[np.float64]
+    jac: NDArray[np.float64]
     fun: float
     success: bool
     message: str

@@ -1,6 +1,6 @@
 // How well the picture is drawn: plainer where pictures come too seldom, better again where there is time.
 
-const SEVERAL = 3, SLOW_FPS = 24, EASY_FPS = 50;
+const SEVERAL = 3, SLOW_FPS = 24, EASY_FPS = 50, WORTH_FPS = 40;  // what is better must also be smooth
 const LEVELS = [
   { ratio: 2, shadows: true, still: false, coarse: false },
   { ratio: 1, shadows: true, still: false, coarse: false },
@@ -29,12 +29,14 @@ export class Quality {
   judge(rate) {
     const before = this.level;
     this.easy = rate > EASY_FPS ? this.easy + 1 : 0;
-    if (rate < SLOW_FPS && before < LEVELS.length - 1) {
+    if (rate < (this.risen ? WORTH_FPS : SLOW_FPS) && before < LEVELS.length - 1) {
       this.level += before === 0 && this.density <= 1 ? 2 : 1;  // where a ratio of 2 is one of 1
       this.best = this.level;
+      this.risen = false;
     } else if (this.easy >= SEVERAL && before > this.best) {
       this.level -= 1;
       this.easy = 0;
+      this.risen = true;
     }
     return this.level !== before;
   }

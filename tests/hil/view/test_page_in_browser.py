@@ -157,7 +157,7 @@ def test_quality_goes_down_where_pictures_are_slow_and_up_once_where_they_are_no
             "const judge = (quality, rates) => rates.map(rate => (quality.judge(rate), quality.level));"
             "const card = new Quality(false, 2), plain = new Quality(false, 1), slow = new Quality(true, 1);"
             "return [judge(card, [60, 20, 20, 60, 60, 60, 60]), judge(plain, [10, 10, 10, 10]),"
-            "judge(slow, [60, 60, 60, 20, 60, 60, 60, 60]), judge(new Quality(true, 1), [30, 20, 40, 40, 40])];})"
+            "judge(slow, [60, 60, 60, 35, 60, 60, 60, 60]), judge(new Quality(true, 1), [30, 20, 40, 40, 40])];})"
         )
         assert levels == [
             [0, 1, 2, 2, 2, 2, 2],  # never up again to where it was too slow

@@ -23,7 +23,6 @@ def minimize(
     callback: Callable[..., Any] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> OptimizeResult: ...
-
 def least_squares(
     fun: Callable[..., Any],
     x0: ArrayLike,

@@ -26,7 +26,7 @@ from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.runtime.threads import quick_switching
-from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
+from highfive.hil.session.session import RATE_HZ, UNSEEN_AT_REST, Session, Tick, TickInput
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
@@ -419,5 +419,8 @@ def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None
 
 def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:
     style = options.style or {partner.emotion: 1.0}
-    tracking = HEADSET if wears_headset(options) else None
-    return Session(model, style, partner.marker_set, scene, correct=options.correct, tracking=tracking)
+    worn = wears_headset(options)
+    settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None)
+    return Session(
+        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking
+    )

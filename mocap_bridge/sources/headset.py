@@ -41,9 +41,9 @@ class HeadsetSettings(Settings):
     periods: float = setting(0.6, least=0.0, most=5.0)
     """What hands lag behind the time for which they are said to hold: so many ms, and so many periods of the hand's
     tracking. That is 35 ms at 60 Hz and 45 at 30; a Quest 2 has 38 to 45 ms (Abdlkarim 2023)."""
-    hand: float = setting(0.006, "m", above=0.0)
-    """Standard deviation of a joint of the hand. From frame to frame it is a millimetre; but joints err together, for
-    several tenths of a second, and when they were seen is not known to some milliseconds."""
+    hand: float = setting(0.004, "m", above=0.0)
+    """Standard deviation of a joint of the hand. From frame to frame it is a millimetre; but joints err together, and
+    when they were seen is not known to some milliseconds."""
     head: float = setting(0.003, "m", above=0.0)
     """The same of the viewer."""
     body: float = setting(0.03, "m", above=0.0)

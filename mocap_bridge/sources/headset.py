@@ -19,8 +19,8 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
 VIEWER = ("viewer", "viewer_left", "viewer_up")
-"""Between the eyes, and so far to the left of it and above it as :data:`APART` says."""
-APART = 0.1
+"""Between the eyes, and :data:`APART` m to the left of it and above it."""
+APART = 0.08
 HAND = {"wrist": 0, "index_1": 6, "middle_1": 11, "ring_1": 16, "little_1": 21}
 """Markers of a hand, and their joints in the order of ``XRHand``: a joint named after a bone lies at its near end."""
 NAMES = (*VIEWER, *(f"{side}_{name}" for side in SIDES for name in HAND), *LIMBS)

@@ -119,7 +119,7 @@ def bench_headset(options: HeadsetOptions, bar: Bar) -> dict[str, Any]:
     rows = {device: figures(felt[i * count : (i + 1) * count]) for i, device in enumerate(options.devices)}
     judged = [rows[device] for device in JUDGED if device in rows] or list(rows.values())
     return {
-        **max(judged, key=lambda row: (row["trials"] - row["touched"], row["true_error_mm"]["p95"])),
+        **max(judged, key=lambda row: (row["trials"] - row["touched"], row["true_error_mm"]["p95"] or 0.0)),
         "devices": rows,
     }
 
@@ -127,11 +127,11 @@ def bench_headset(options: HeadsetOptions, bar: Bar) -> dict[str, Any]:
 def figures(felt: Sequence[LiveFelt]) -> dict[str, Any]:
     """How many were touched, and of these the median and the 95th percentile, mm, of palm to true palm."""
     errors = 1e3 * np.array([one.error for one in felt if one.touched])
-    median, p95 = np.percentile(errors, [50, 95]) if len(errors) else (np.inf, np.inf)
+    median, p95 = np.percentile(errors, [50, 95]).round(2).tolist() if len(errors) else (None, None)
     return {
         "trials": len(felt),
         "touched": len(errors),
-        "true_error_mm": {"median": round(float(median), 2), "p95": round(float(p95), 2)},
+        "true_error_mm": {"median": median, "p95": p95},
     }
 
 
@@ -139,5 +139,5 @@ def print_headset(result: dict[str, Any]) -> None:
     """The figures, for people."""
     print("headset                touched    palm to true palm, median / 95 %")
     for device, row in result["devices"].items():
-        error = row["true_error_mm"]
-        print(f"{device:<22} {row['touched']:>3} of {row['trials']:<3}  {error['median']:.1f} / {error['p95']:.1f} mm")
+        error = " / ".join("-" if value is None else f"{value:.1f}" for value in row["true_error_mm"].values())
+        print(f"{device:<22} {row['touched']:>3} of {row['trials']:<3}  {error} mm")

@@ -21,7 +21,7 @@ from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.recording import SessionRecorder
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
-from highfive.hil.session.session import Session
+from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner
@@ -214,5 +214,8 @@ def _shown(source: str | None) -> str:
 
 def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:
     style = options.style or {partner.emotion: 1.0}
-    tracking = HEADSET if wears_headset(options) else None
-    return Session(model, style, partner.marker_set, scene, correct=options.correct, tracking=tracking)
+    worn = wears_headset(options)
+    settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None)
+    return Session(
+        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking
+    )

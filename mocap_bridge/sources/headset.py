@@ -19,8 +19,8 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
 VIEWER = ("viewer", "viewer_left", "viewer_up")
-"""Between the eyes, and so far to the left of it and above it as :data:`APART` says."""
-APART = 0.1
+"""Between the eyes, and :data:`APART` m to the left of it and above it."""
+APART = 0.08
 HAND = {"wrist": 0, "index_1": 6, "middle_1": 11, "ring_1": 16, "little_1": 21}
 """Markers of a hand, and their joints in the order of ``XRHand``: a joint named after a bone lies at its near end."""
 NAMES = (*VIEWER, *(f"{side}_{name}" for side in SIDES for name in HAND), *LIMBS)
@@ -41,9 +41,9 @@ class HeadsetSettings(Settings):
     periods: float = setting(0.6, least=0.0, most=5.0)
     """What hands lag behind the time for which they are said to hold: so many ms, and so many periods of the hand's
     tracking. That is 35 ms at 60 Hz and 45 at 30; a Quest 2 has 38 to 45 ms (Abdlkarim 2023)."""
-    hand: float = setting(0.006, "m", above=0.0)
-    """Standard deviation of a joint of the hand. From frame to frame it is a millimetre; but joints err together, for
-    several tenths of a second, and when they were seen is not known to some milliseconds."""
+    hand: float = setting(0.004, "m", above=0.0)
+    """Standard deviation of a joint of the hand. From frame to frame it is a millimetre; but joints err together, and
+    when they were seen is not known to some milliseconds."""
     head: float = setting(0.003, "m", above=0.0)
     """The same of the viewer."""
     body: float = setting(0.03, "m", above=0.0)

@@ -76,7 +76,7 @@ class FilterSettings(Settings):
     """After a step below it no more is linearised: the next one would be a thousandth of that."""
 
 
-HEADSET = FilterSettings(usable_sigma=0.15, coasting=0.65)
+HEADSET = FilterSettings(usable_sigma=0.3, coasting=0.8)
 """For the joints that a headset tells of. Chosen on simulated high fives of seed 7 (``highfive bench headset``)."""
 
 FilterSettingsValues = named_tuple(FilterSettings)

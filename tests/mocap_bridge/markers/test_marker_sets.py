@@ -28,7 +28,8 @@ def marker_set(request):
 
 def test_the_sets_that_come_with_the_project():
     assert marker_set_names() == [
-        "cmu_joint_centres", "full_body", "joint_centres", "paper", "plug_in_gait", "plug_in_gait_upper", "upper_limb",
+        "cmu_joint_centres", "full_body", "headset", "joint_centres", "paper", "plug_in_gait", "plug_in_gait_upper",
+        "upper_limb",
     ]  # fmt: skip
     paper = load_marker_set("paper")
     assert len(paper) == 16
@@ -248,7 +249,9 @@ def test_any_number_survives_writing_and_reading(tmp_path):
 
 
 def test_unknown_sets_are_refused():
-    with pytest.raises(HighFiveError, match="cmu_joint_centres, full_body, joint_centres, paper, plug_in_gait"):
+    with pytest.raises(
+        HighFiveError, match="cmu_joint_centres, full_body, headset, joint_centres, paper, plug_in_gait"
+    ):
         load_marker_set("vicon")
     with pytest.raises(HighFiveError, match="no marker set fits the labels a, b"):
         find_marker_set(["a", "b"])

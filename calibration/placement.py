@@ -48,6 +48,11 @@ class Placement:
         """Points (..., 3), m, of the recording in the world."""
         return rotations.rotate(self.rotation, points) + self.translation
 
+    def turned(self, covariances: Array) -> Array:
+        """Covariances (..., 3, 3), m², of points of the recording in the world."""
+        turn = rotations.to_matrix(self.rotation)
+        return turn @ covariances @ turn.T
+
     def apply_to(self, recording: Recording) -> Recording:
         """The whole recording in the world; unseen points stay zero."""
         return replace(

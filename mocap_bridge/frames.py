@@ -24,6 +24,9 @@ class MarkerFrame:
             shows some time after it.
         impossible: markers that are not ``valid`` because their coordinates cannot be meant (infinite, or too far).
         latency_ns: from when the cameras saw it until the system sent it, ns, as the system says; 0 where it does not.
+        covariance: (M, 3, 3) m², symmetric and positive definite, of each measured position, where the source knows how
+            far its points are off; None where one standard deviation holds for all
+            (``FilterSettings.marker_sigma``). Meaningless where ``valid`` is False.
     """
 
     names: tuple[str, ...]
@@ -36,6 +39,7 @@ class MarkerFrame:
     counted: bool = True
     impossible: int = 0
     latency_ns: int = 0
+    covariance: Float[np.ndarray, "M 3 3"] | None = None
 
 
 @dataclass(frozen=True)

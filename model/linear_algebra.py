@@ -98,3 +98,25 @@ def determinant(a: Array) -> float:
     """Determinant of a symmetric matrix (3, 3)."""
     x, y = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 1] * a[2, 2] - a[0, 2] * a[1, 2]
     return a[0, 0] * x - a[0, 1] * y + a[0, 2] * (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1])
+
+
+@compiled
+def precision_of(out: Array, extra: float) -> None:
+    """Inverse, in place, of a covariance (3, 3) with ``extra`` on its diagonal."""
+    a, b, c = out[0, 0] + extra, out[0, 1], out[0, 2]
+    d, e, f = out[1, 1] + extra, out[1, 2], out[2, 2] + extra
+    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = 1.0 / (a * x + b * y + c * z)
+    out[0, 0], out[0, 1], out[0, 2] = scale * x, scale * y, scale * z
+    out[1, 0], out[1, 1], out[1, 2] = scale * y, scale * (a * f - c * c), scale * (b * c - a * e)
+    out[2, 0], out[2, 1], out[2, 2] = scale * z, scale * (b * c - a * e), scale * (a * d - b * b)
+
+
+@compiled
+def squared_distance(precision: Array, gap: Array) -> float:
+    """Squared Mahalanobis distance of a gap (3,)."""
+    total = 0.0
+    for i in range(3):
+        for k in range(3):
+            total += gap[i] * precision[i, k] * gap[k]
+    return total

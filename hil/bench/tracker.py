@@ -26,6 +26,7 @@ from highfive.hil.bench.tracker_faults import count_of_episodes, robustness
 from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
+from highfive.mocap_bridge.tracking.filter_settings import ALIKE
 from highfive.mocap_bridge.tracking.first_pose import first_state
 from highfive.mocap_bridge.tracking.following import followed
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
@@ -250,7 +251,7 @@ def _own_joints(case: Case) -> Array:
     frames = []
     nothing = np.zeros((0, 3))
     for points, seen in zip(case.measured, case.seen, strict=True):
-        state, _, worked = followed(chain, state, points, seen, nothing, round(1e9 / RATE_HZ))
+        state, _, worked = followed(chain, state, points, seen, ALIKE, nothing, round(1e9 / RATE_HZ))
         if not worked:
             raise HighFiveError("the tracker's covariance was spoilt by rounding")
         frames.append(state.pose.frames[[upper, fore, hand]])

@@ -295,5 +295,6 @@ class LiveTrial:
             frame,
             positions=np.where(frame.valid[:, None], self._placement.apply(frame.positions), 0.0),
             unlabelled=self._placement.apply(frame.unlabelled),
+            covariance=None if frame.covariance is None else self._placement.turned(frame.covariance),
             source_time_ns=time_ns,
         )

@@ -270,12 +270,16 @@ class LiveSource:
                 f"the markers span {span:.3g} m, a person spans about 2 m: "
                 f"{self._title} sends another unit than its protocol says; set it right there"
             )
-        return replace(frame, names=self._own_names, positions=points, valid=valid)
+        covariance = None if frame.covariance is None else frame.covariance[self._columns]
+        return replace(frame, names=self._own_names, positions=points, valid=valid, covariance=covariance)
 
 
 def _check(frame: MarkerFrame, title: str) -> None:
     """Refuses arrays that do not fit the names: a wrong plug-in would put one marker in another's place."""
     count = len(frame.names)
-    for name, values, shape in (("positions", frame.positions, (count, 3)), ("valid", frame.valid, (count,))):
+    arrays = [("positions", frame.positions, (count, 3)), ("valid", frame.valid, (count,))]
+    if frame.covariance is not None:
+        arrays.append(("covariance", frame.covariance, (count, 3, 3)))
+    for name, values, shape in arrays:
         if np.shape(values) != shape:
             raise HighFiveError(f"{title} gives {name} of shape {np.shape(values)}; expected {shape}, one a name")

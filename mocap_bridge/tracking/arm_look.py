@@ -103,19 +103,19 @@ def arm_model(chain: Chain, marker_set: MarkerSet, names: list[str], segments: t
 
 
 @compiled_entry
-def sharpened(noise: float, tracked: Array, measured: Array, seen: NDArray[np.bool_]) -> Array:
+def sharpened(noise: Array, tracked: Array, measured: Array, seen: NDArray[np.bool_]) -> Array:
     """Markers (N, 3), m, where they are ``tracked``, or nearer to where they are ``measured`` and ``seen`` (N,).
 
-    A tracker lags where people are quicker than it expects. What is off by more than ``noise``, m, is taken from the
-    measurement, and the more so the further it is off.
+    A tracker lags where people are quicker than it expects. What is off by more than ``noise`` (N,), m, is taken from
+    the measurement, and the more so the further it is off.
     """
     result = tracked.copy()
     for m in range(len(tracked)):
         square = 0.0
         for i in range(3):
             square += (measured[m, i] - tracked[m, i]) ** 2
-        if seen[m] and square > (_NOISE * noise) ** 2:
-            share = 1.0 - (_NOISE * noise) ** 2 / square
+        if seen[m] and square > (_NOISE * noise[m]) ** 2:
+            share = 1.0 - (_NOISE * noise[m]) ** 2 / square
             for i in range(3):
                 result[m, i] += share * (measured[m, i] - tracked[m, i])
     return result

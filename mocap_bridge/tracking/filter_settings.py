@@ -11,13 +11,16 @@ from highfive.model.settings import Settings, named_tuple, setting
 NEVER = np.iinfo(np.int64).max
 """Age, ns, of a marker that was never seen."""
 
+ALIKE = np.zeros((0, 3, 3))
+"""The noise (M, 3, 3) of a frame whose markers are all measured with :attr:`FilterSettings.marker_sigma`: no rows."""
+
 
 @dataclass(frozen=True)
 class FilterSettings(Settings):
     """Chosen on simulated motion and a part of a real recording (CMU 85, 12), gates and iterations aside."""
 
     marker_sigma: float = setting(0.0012, "m", above=0.0)
-    """Standard deviation of a measured marker."""
+    """Standard deviation of a measured marker, where a frame does not say what its own are."""
     pull_s: float = setting(2.0, "s", above=0.0)
     """Time in which the expected pose weighs as much as one look at it."""
     slip: float = setting(0.001, "m/√s", above=0.0)

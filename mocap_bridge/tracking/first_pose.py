@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, SHIFT, Chain, Pose, kinematics, on_segments
-from highfive.mocap_bridge.tracking.filter_settings import NEVER
+from highfive.mocap_bridge.tracking.filter_settings import ALIKE, NEVER
 from highfive.mocap_bridge.tracking.following import misfit_of
-from highfive.mocap_bridge.tracking.pose_filter import State, consider_covariance, corrected, expected, settled
+from highfive.mocap_bridge.tracking.marker_places import settled
+from highfive.mocap_bridge.tracking.pose_filter import State, consider_covariance, corrected, expected
 from highfive.model.geometry.rotations import Array
 
 HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0])
@@ -30,7 +31,9 @@ _SPEEDS = (0.7, 3.0)  # m/s and rad/s, standard deviation of a speed that is not
 _ROUNDS, _SMALL = 30, 1e-6
 
 
-def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: NDArray[np.bool_]) -> State | None:
+def first_state(
+    chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: NDArray[np.bool_], noise: Array = ALIKE
+) -> State | None:
     """The state that explains one frame best, from several guesses; None where the frame shows too little.
 
     Args:
@@ -38,26 +41,27 @@ def first_state(chain: Chain, shoulders: NDArray[np.intp], points: Array, seen: 
         shoulders: freedoms that lift the arms.
         points: (M, 3) m.
         seen: (M,).
+        noise: (M, 3, 3) m², covariance of the points; without rows all have the settings'.
     """
     if seen.sum() < ENOUGH:
         return None
     lifting = np.zeros(len(chain.rest))
     lifting[shoulders] = 1.0
     guesses = [(heading, chain.rest + bend * lifting) for heading, bend in itertools.product(HEADINGS, _BENDS)]
-    tried = [_fitted(chain, points, seen, *guess, SIZES[0]) for guess in guesses]
+    tried = [_fitted(chain, points, seen, noise, *guess, SIZES[0]) for guess in guesses]
     best = int(np.argmin([cost for _, cost in tried]))
-    tried = [tried[best]] + [_fitted(chain, points, seen, *guesses[best], size) for size in SIZES[1:]]
+    tried = [tried[best]] + [_fitted(chain, points, seen, noise, *guesses[best], size) for size in SIZES[1:]]
     state, cost = min(tried, key=lambda found: found[1])
     if not math.isfinite(cost):
         return None
     other = turned_back(chain, shoulders, state.pose.angles)
     if other is not None:
         size = float(np.linalg.norm(state.offsets) / np.linalg.norm(chain.offsets))
-        headings = [_fitted(chain, points, seen, heading, other, size) for heading in HEADINGS]
+        headings = [_fitted(chain, points, seen, noise, heading, other, size) for heading in HEADINGS]
         found, worse = min(headings, key=lambda one: one[1])
         if math.isfinite(worse) and turned_back(chain, shoulders, found.pose.angles) is None:
             state = found
-    return settled(chain, state, points, seen, 0.0)
+    return settled(chain, state, points, seen, noise, 0.0)
 
 
 def turned_back(chain: Chain, shoulders: NDArray[np.intp], angles: Array) -> Array | None:
@@ -77,7 +81,7 @@ def turned_back(chain: Chain, shoulders: NDArray[np.intp], angles: Array) -> Arr
     return turned if changed else None
 
 
-def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]) -> State:
+def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], noise: Array = ALIKE) -> State:
     """The state after markers have come that were never seen before; where they are may be far from where they were
     expected.
 
@@ -89,6 +93,7 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
         state: before the frame.
         points: (M, 3) m.
         seen: (M,) markers to go by, new ones and others.
+        noise: (M, 3, 3) m², covariance of the points; without rows all have the settings'.
     """
     n = len(chain.kind)
     wide = state._replace(
@@ -96,7 +101,7 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
     )
     markers, covariances, _ = expected(chain, wide)
     gap = points - markers
-    precisions = np.linalg.inv(covariances + chain.settings.marker_sigma**2 * np.eye(3))
+    precisions = np.linalg.inv(covariances + (noise if len(noise) else chain.settings.marker_sigma**2 * np.eye(3)))
     away = np.einsum("mi,mij,mj->m", gap, precisions, gap)
     seen = seen & ((state.ages != NEVER) | (away < chain.settings.gate))  # the first sight may be of something else
     new = seen & (state.ages == NEVER)
@@ -115,10 +120,10 @@ def welcomed(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_])
         ages=np.where(new, 0, state.ages),
         last=np.where(new[:, None], points, state.last),
     )
-    found, worked = corrected(chain, fresh, points, seen, np.zeros(len(seen)), 0.0, _ROUNDS, _SMALL)
+    found, worked = corrected(chain, fresh, points, seen, noise, np.zeros(len(seen)), 0.0, _ROUNDS, _SMALL)
     if not worked or not np.isfinite(found.pose.centres).all():
         return state
-    return settled(chain, found, points, seen, 0.0)
+    return settled(chain, found, points, seen, noise, 0.0)
 
 
 def standing(chain: Chain, heading: float = 0.0, angles: Array | None = None, size: float = 1.0) -> Pose:
@@ -134,7 +139,7 @@ def standing(chain: Chain, heading: float = 0.0, angles: Array | None = None, si
 
 
 def _fitted(
-    chain: Chain, points: Array, seen: NDArray[np.bool_], heading: float, angles: Array, size: float
+    chain: Chain, points: Array, seen: NDArray[np.bool_], noise: Array, heading: float, angles: Array, size: float
 ) -> tuple[State, float]:
     """The pose found from one guess, and how badly it explains the frame."""
     n, markers = len(chain.kind), len(chain.carrier)
@@ -150,7 +155,7 @@ def _fitted(
         pose, np.zeros(n), covariance, offsets, places, places, chain.spreads**2, none, np.zeros((markers, 3)),
         ages, later, points, np.full((markers, 3), np.nan), 0,
     )  # fmt: skip
-    state, worked = corrected(chain, state, points, seen, none, chain.settings.pull_s, _ROUNDS, _SMALL)
+    state, worked = corrected(chain, state, points, seen, noise, none, chain.settings.pull_s, _ROUNDS, _SMALL)
     if not worked or not np.isfinite(state.pose.centres).all():
         return state, math.inf
-    return state, misfit_of(chain, state, points, seen)
+    return state, misfit_of(chain, state, points, seen, noise)

@@ -13,18 +13,19 @@ from highfive.mocap_bridge.tracking.chain_kinematics import (
     on_segments,
 )
 from highfive.mocap_bridge.tracking.filter_settings import NEVER
-from highfive.mocap_bridge.tracking.label_gating import believed, precision_of, taken_up
+from highfive.mocap_bridge.tracking.label_gating import believed, taken_up
+from highfive.mocap_bridge.tracking.marker_places import settled
 from highfive.mocap_bridge.tracking.pose_filter import (
     State,
     corrected,
     expected,
     marker_covariance,
     predicted,
-    settled,
     with_pose,
 )
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
+from highfive.model.linear_algebra import precision_of, squared_distance
 
 
 class Followed(NamedTuple):
@@ -49,7 +50,7 @@ class Followed(NamedTuple):
 
 @compiled_entry
 def followed(
-    chain: Chain, state: State, points: Array, labelled: NDArray[np.bool_], loose: Array, elapsed_ns: int
+    chain: Chain, state: State, points: Array, labelled: NDArray[np.bool_], noise: Array, loose: Array, elapsed_ns: int
 ) -> tuple[State, Followed, bool]:
     """One frame: predict, tell points apart, correct, and say where every marker is; False where the filter failed.
 
@@ -58,6 +59,7 @@ def followed(
         state: after the frame before.
         points: (M, 3) m, finite.
         labelled: (M,) the marker's label has a point.
+        noise: (M, 3, 3) m², covariance of each point; no rows where the settings' holds for all.
         loose: (U, 3) m, points without a label.
         elapsed_ns: since the frame before.
     """
@@ -74,14 +76,15 @@ def followed(
         for i in range(3):
             square += (points[m, i] - markers[m, i]) ** 2
         # No variance is below the measurement's own, so that what is this near lies inside the gate.
-        if not labelled[m] or square > chain.settings.gate * chain.settings.marker_sigma**2 or state.ages[m] > 0:
+        near = square <= chain.settings.gate * chain.settings.marker_sigma**2 and len(noise) == 0
+        if not labelled[m] or not near or state.ages[m] > 0:
             # Only while its label is nowhere: one that is somewhere else is not believed for staying there.
             slack = chain.settings.drift * 1e-9 * (state.ages[m] - min(state.disbelieved[m], state.ages[m]))
             marker_covariance(chain, state, axes, m, markers[m], jacobian, precisions[m])
             if state.ages[m] > 0:
                 for i in range(3):
                     caution[m] += chain.settings.caution * precisions[m, i, i] / 3.0
-            precision_of(precisions[m], chain.settings.marker_sigma**2 + state.misfit[m] + slack * slack)
+            _measured(chain, state, noise, m, slack, precisions[m])
         if state.ages[m] == 0:
             for i in range(3):
                 slides[m, i] = markers[m, i]
@@ -95,13 +98,25 @@ def followed(
         rejected += 1 if doubted[m] else 0
         wanting = wanting or (known and not seen[m])
     if wanting and rejected + len(loose) > 0:
-        points = taken_up(chain.settings, state, markers, precisions, points, loose, seen, doubted)
+        points, noise = taken_up(chain.settings, state, markers, precisions, points, loose, seen, doubted, noise)
     state = without_speeds(chain, state, seen)
-    state, worked = corrected(chain, state, points, seen, caution, seconds, chain.settings.rounds, chain.settings.small)
-    state = remembered(
-        chain, settled(chain, state, points, seen, seconds), points, labelled, seen, rejected, elapsed_ns
+    state, worked = corrected(
+        chain, state, points, seen, noise, caution, seconds, chain.settings.rounds, chain.settings.small
     )
-    return state, shown(chain, state, points, seen, doubted), worked
+    state = remembered(
+        chain, settled(chain, state, points, seen, noise, seconds), points, labelled, seen, rejected, elapsed_ns
+    )
+    return state, shown(chain, state, points, seen, noise, doubted), worked
+
+
+@compiled
+def _measured(chain: Chain, state: State, noise: Array, m: int, slack: float, out: Array) -> None:
+    """Makes of the covariance (3, 3) of where a marker is the precision of where it is measured, in place."""
+    if len(noise) > 0:
+        out += noise[m]
+        precision_of(out, state.misfit[m] + slack * slack)
+    else:
+        precision_of(out, chain.settings.marker_sigma**2 + state.misfit[m] + slack * slack)
 
 
 @compiled_entry
@@ -114,7 +129,7 @@ def forecast(chain: Chain, state: State, elapsed_ns: int) -> tuple[State, Follow
             ages[m] += elapsed_ns
     ahead = predicted(chain, state, 1e-9 * elapsed_ns)
     none = np.zeros(count, dtype=np.bool_)
-    return with_ages(ahead, ages), shown(chain, ahead, ahead.last, none, none)
+    return with_ages(ahead, ages), shown(chain, ahead, ahead.last, none, np.zeros((0, 3, 3)), none)
 
 
 @compiled
@@ -194,13 +209,27 @@ def remembered(
 
 
 @compiled
-def shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], doubted: NDArray[np.bool_]) -> Followed:
+def shown(
+    chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], noise: Array, doubted: NDArray[np.bool_]
+) -> Followed:
     """Where every marker is, seen or not."""
     markers, covariances, velocities = expected(chain, state)
-    valid = np.empty(len(markers), dtype=np.bool_)
+    valid, weights, gap = np.empty(len(markers), dtype=np.bool_), np.empty((3, 3)), np.empty(3)
     for m in range(len(markers)):
         j, own = chain.carrier[m], 0.0
-        if seen[m]:  # what chain and place do not explain is the skin's own motion, for the most part
+        if seen[m] and len(noise) > 0:  # the same with matrices: the share is misfit · (misfit + noise)⁻¹
+            misfit = state.misfit[m]
+            for i in range(3):
+                gap[i] = points[m, i] - markers[m, i]
+                for k in range(3):
+                    weights[i, k] = noise[m, i, k]
+            precision_of(weights, misfit)
+            for i in range(3):
+                covariances[m, i, i] += misfit
+                for k in range(3):
+                    markers[m, i] += misfit * weights[i, k] * gap[k]
+                    covariances[m, i, k] -= misfit * misfit * weights[i, k]
+        elif seen[m]:  # what chain and place do not explain is the skin's own motion, for the most part
             share = state.misfit[m] / (state.misfit[m] + chain.settings.marker_sigma**2)
             own = share * chain.settings.marker_sigma**2
             for i in range(3):
@@ -219,13 +248,19 @@ def shown(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], do
 
 
 @compiled_entry
-def misfit_of(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_]) -> float:
+def misfit_of(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], noise: Array) -> float:
     """How badly a pose explains points (M, 3): squares of residuals and displacements from rest, by deviations."""
     pose, _ = kinematics(chain, state.offsets, state.pose)
     markers = on_segments(chain, pose, state.places)
-    total = 0.0
+    total, weights = 0.0, np.empty((3, 3))
     for m in range(len(markers)):
-        if seen[m]:
+        if seen[m] and len(noise) > 0:
+            for i in range(3):
+                for k in range(3):
+                    weights[i, k] = noise[m, i, k]
+            precision_of(weights, state.place_variance[m])
+            total += squared_distance(weights, points[m] - markers[m])
+        elif seen[m]:
             square = 0.0
             for i in range(3):
                 square += (points[m, i] - markers[m, i]) ** 2

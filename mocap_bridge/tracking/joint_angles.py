@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from highfive.mocap_bridge.tracking.arm_look import ArmModel, base_covariance, looked, sharpened, tracking_covariance
 from highfive.mocap_bridge.tracking.chain_kinematics import Chain, kinematics
-from highfive.mocap_bridge.tracking.filter_settings import NEVER
+from highfive.mocap_bridge.tracking.filter_settings import ALIKE, NEVER
 from highfive.mocap_bridge.tracking.pose_filter import State, consider_covariance
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
@@ -148,7 +148,9 @@ def _turned_in(turn: Array) -> Array:
     return result
 
 
-def arm_angles_of(chain: Chain, arm: ArmModel, state: State, tracked: Array, seen: NDArray[np.bool_]) -> ArmAngles:
+def arm_angles_of(
+    chain: Chain, arm: ArmModel, state: State, tracked: Array, seen: NDArray[np.bool_], noise: Array = ALIKE
+) -> ArmAngles:
     """Angles of the right arm of a chain.
 
     Args:
@@ -157,12 +159,16 @@ def arm_angles_of(chain: Chain, arm: ArmModel, state: State, tracked: Array, see
         state: after a frame.
         tracked: (M, 3) m, the markers in that frame.
         seen: (M,) those that were measured, and believed.
+        noise: (M, 3, 3) m², covariance of the measured points; without rows all have the settings'.
     """
     pose, axes = kinematics(chain, state.offsets, state.pose)
     base, limb, markers = int(arm.segments[0]), arm.segments[1:], arm.markers
+    deviations = np.full(len(markers), chain.settings.marker_sigma)
+    if len(noise):
+        deviations = np.sqrt(noise[markers].diagonal(axis1=1, axis2=2).max(axis=1))
     look = looked(
         arm, pose.centres[limb[0]], pose.frames[limb], state.offsets[limb[1:]], state.homes[markers],
-        sharpened(chain.settings.marker_sigma, tracked[markers], state.last[markers], seen[markers]),
+        sharpened(deviations, tracked[markers], state.last[markers], seen[markers]),
         state.ages[markers] != NEVER,
         tracking_covariance(chain, arm, axes, state.covariance[0]),
     )  # fmt: skip

@@ -11,31 +11,7 @@ from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.pose_filter import State
 from highfive.model.compiled import compiled
 from highfive.model.geometry.rotations import Array
-from highfive.model.linear_algebra import (
-    determinant,
-)
-
-
-@compiled
-def precision_of(out: Array, extra: float) -> None:
-    """Inverse, in place, of a covariance (3, 3) with ``extra`` on its diagonal."""
-    a, b, c = out[0, 0] + extra, out[0, 1], out[0, 2]
-    d, e, f = out[1, 1] + extra, out[1, 2], out[2, 2] + extra
-    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
-    scale = 1.0 / (a * x + b * y + c * z)
-    out[0, 0], out[0, 1], out[0, 2] = scale * x, scale * y, scale * z
-    out[1, 0], out[1, 1], out[1, 2] = scale * y, scale * (a * f - c * c), scale * (b * c - a * e)
-    out[2, 0], out[2, 1], out[2, 2] = scale * z, scale * (b * c - a * e), scale * (a * d - b * b)
-
-
-@compiled
-def squared_distance(precision: Array, gap: Array) -> float:
-    """Squared Mahalanobis distance of a gap (3,)."""
-    total = 0.0
-    for i in range(3):
-        for k in range(3):
-            total += gap[i] * precision[i, k] * gap[k]
-    return total
+from highfive.model.linear_algebra import determinant, squared_distance
 
 
 @compiled
@@ -72,13 +48,16 @@ def believed(
 def taken_up(
     settings: FilterSettings, state: State, markers: Array, precisions: Array, points: Array,
     loose: Array, seen: NDArray[np.bool_],
-    doubted: NDArray[np.bool_],
-) -> Array:  # fmt: skip
+    doubted: NDArray[np.bool_], noise: Array,
+) -> tuple[Array, Array]:  # fmt: skip
     """Gives loose points (U, 3), and labelled ones that are ``doubted`` (M,), to markers that are not ``seen`` (M,).
 
-    Only where point and marker fit each other and no other. Returns the points as used (M, 3); marks markers as seen.
+    Only where point and marker fit each other and no other. Returns the points as used (M, 3), with their noise, of
+    which there are M or no rows; marks markers as seen. A point takes the noise of its label along; where it has no
+    label, it has the settings'.
     """
     count, used, gap = len(markers), points.copy(), np.empty(3)
+    noises = noise.copy()
     owner = np.full(count + len(loose), -1)  # the marker that a point fits: -1 for none, -2 for several
     choice = np.full(count, -1)  # the point that fits a marker, likewise
     for p in range(len(owner)):
@@ -108,4 +87,9 @@ def taken_up(
         if p >= 0 and owner[p] == m:
             used[m] = points[p] if p < count else loose[p - count]
             seen[m] = True
-    return used
+            if len(noise) > 0:
+                for i in range(3):
+                    for k in range(3):
+                        noises[m, i, k] = noise[p, i, k] if p < count else 0.0
+                    noises[m, i, i] = noise[p, i, i] if p < count else settings.marker_sigma**2
+    return used, noises

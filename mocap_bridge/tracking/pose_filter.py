@@ -32,6 +32,7 @@ from highfive.model.linear_algebra import (
     cholesky,
     cholesky_inverse,
     cholesky_solve,
+    precision_of,
     product,
     product_transposed,
 )
@@ -209,17 +210,32 @@ def _expect_rest(chain: Chain, pose: Pose, seconds: float, system: Array, right:
 
 @compiled
 def _look(
-    chain: Chain, state: State, pose: Pose, axes: Array, points: Array, seen: NDArray[np.bool_], caution: Array,
-    system: Array, right: Array,
+    chain: Chain, state: State, pose: Pose, axes: Array, points: Array, seen: NDArray[np.bool_], noise: Array,
+    caution: Array, system: Array, right: Array,
 ) -> None:  # fmt: skip
     """Adds what the points (M, 3) of the markers that were ``seen`` (M,) say: normal equations, lower triangle."""
     jacobian, gap = np.empty((chain.path.shape[1], 3)), np.empty(3)
+    weights = np.empty((3, 3))
     markers = on_segments(chain, pose, state.places)
     for m in range(len(markers)):
         if not seen[m]:
             continue
         j = chain.carrier[m]
         count = point_jacobian(chain, pose, axes, j, markers[m], jacobian)
+        if len(noise) > 0:
+            weights[:] = noise[m]
+            precision_of(weights, state.place_variance[m] + state.misfit[m] + caution[m])
+            for i in range(3):
+                gap[i] = 0.0
+                for k in range(3):
+                    gap[i] += weights[i, k] * (points[m, k] - markers[m, k])
+            for a in range(count):
+                row = chain.path[j, a]
+                right[row] += jacobian[a, 0] * gap[0] + jacobian[a, 1] * gap[1] + jacobian[a, 2] * gap[2]
+                x, y, z = _weighted(weights, jacobian[a])
+                for b in range(a + 1):
+                    system[row, chain.path[j, b]] += x * jacobian[b, 0] + y * jacobian[b, 1] + z * jacobian[b, 2]
+            continue
         weight = 1.0 / (chain.settings.marker_sigma**2 + state.place_variance[m] + state.misfit[m] + caution[m])
         for k in range(3):
             gap[k] = weight * (points[m, k] - markers[m, k])
@@ -229,6 +245,17 @@ def _look(
             x, y, z = weight * jacobian[a, 0], weight * jacobian[a, 1], weight * jacobian[a, 2]
             for b in range(a + 1):  # a path runs from the root outward: its freedoms are in order
                 system[row, chain.path[j, b]] += x * jacobian[b, 0] + y * jacobian[b, 1] + z * jacobian[b, 2]
+
+
+@compiled
+def _weighted(weights: Array, vector: Array) -> tuple[float, float, float]:
+    """Product of a symmetric matrix (3, 3) and a vector (3,)."""
+    a, b, c = vector[0], vector[1], vector[2]
+    return (
+        weights[0, 0] * a + weights[0, 1] * b + weights[0, 2] * c,
+        weights[1, 0] * a + weights[1, 1] * b + weights[1, 2] * c,
+        weights[2, 0] * a + weights[2, 1] * b + weights[2, 2] * c,
+    )
 
 
 @compiled_entry
@@ -244,7 +271,8 @@ def consider_covariance(chain: Chain, state: State) -> Array:
     doubtful = with_places(state, state.places, chain.strangeness, np.zeros_like(state.misfit), state.left)
     _expect_rest(chain, pose, chain.settings.pull_s, system, right)
     markers = on_segments(chain, pose, state.places)
-    _look(chain, doubtful, pose, axes, markers, state.ages != NEVER, np.zeros(len(markers)), system, right)
+    alike = np.zeros((0, 3, 3))
+    _look(chain, doubtful, pose, axes, markers, state.ages != NEVER, alike, np.zeros(len(markers)), system, right)
     for d in range(n):
         system[d, d] += 1e-6
     return cholesky_inverse(system) if cholesky(system, system) else np.zeros((n, n))
@@ -252,13 +280,13 @@ def consider_covariance(chain: Chain, state: State) -> Array:
 
 @compiled_entry
 def corrected(
-    chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], caution: Array, seconds: float, rounds: int,
-    small: float,
+    chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], noise: Array, caution: Array, seconds: float,
+    rounds: int, small: float,
 ) -> tuple[State, bool]:  # fmt: skip
     """The state after looking at the points (M, 3) of the markers that were ``seen`` (M,); False where it failed.
 
-    ``caution`` (M,), m², is added to their variances. ``rounds`` linearisations at most; a step below ``small``, rad or
-    m, ends them.
+    ``noise`` (M, 3, 3), m², is the points' covariance; without rows all have the settings'. ``caution`` (M,), m², is
+    added to it. ``rounds`` linearisations at most; a step below ``small``, rad or m, ends them.
     """
     n = len(state.speeds)
     prior = state.covariance[0].copy()
@@ -276,7 +304,7 @@ def corrected(
                 total -= information[i, k] * moved[k]
             step[i] = total
         _expect_rest(chain, pose, seconds, system, step)
-        _look(chain, state, pose, axes, points, seen, caution, system, step)
+        _look(chain, state, pose, axes, points, seen, noise, caution, system, step)
         if not cholesky(system, system):
             return state, False
         cholesky_solve(system, step)
@@ -302,37 +330,3 @@ def corrected(
             speeds[i] += gain[i, k] * moved[k]
             covariance[2, i, k] = speed[i, k] - taken[i, k] + kept[i, k]
     return with_pose(state, pose, speeds, covariance), True
-
-
-@compiled_entry
-def settled(chain: Chain, state: State, points: Array, seen: NDArray[np.bool_], seconds: float) -> State:
-    """The state after the markers' places on their segments have followed what was seen."""
-    places, place_variance, misfit, left = (
-        state.places.copy(),
-        state.place_variance.copy(),
-        state.misfit.copy(),
-        state.left.copy(),
-    )
-    share = min(seconds / chain.settings.misfit_s, 1.0)
-    beside = np.empty(3)
-    for m in range(len(places)):
-        if not seen[m]:
-            continue
-        j = chain.carrier[m]
-        gain = place_variance[m] / (place_variance[m] + chain.settings.marker_sigma**2 + misfit[m])
-        # A turn of a segment and a shift of all its markers look alike. In the long run it is the turn: markers wander
-        # about their homes, at most as far as they lie apart from person to person.
-        homing = seconds * chain.settings.slip**2 / chain.spreads[m] ** 2
-        square = 0.0
-        for i in range(3):
-            local = 0.0
-            for k in range(3):
-                local += state.pose.frames[j, k, i] * (points[m, k] - state.pose.centres[j, k])
-            beside[i] = local - places[m, i]
-            places[m, i] += gain * beside[i] + homing * (state.homes[m, i] - places[m, i])
-            left[m, i] = (1.0 - gain) * beside[i]
-            square += left[m, i] * left[m, i] / 3.0
-        place_variance[m] *= 1.0 - gain
-        misfit[m] += share * (max(square - chain.settings.marker_sigma**2, 0.0) - misfit[m])
-        misfit[m] = min(misfit[m], chain.settings.largest_misfit**2)
-    return with_places(state, places, place_variance, misfit, left)

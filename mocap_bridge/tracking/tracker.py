@@ -19,7 +19,7 @@ from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.tracking.arm_look import arm_model
 from highfive.mocap_bridge.tracking.chain import make_chain, segment_order
 from highfive.mocap_bridge.tracking.chain_kinematics import kinematics, on_segments
-from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
+from highfive.mocap_bridge.tracking.filter_settings import ALIKE, NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing, welcomed
 from highfive.mocap_bridge.tracking.following import Followed, followed, forecast
 from highfive.mocap_bridge.tracking.joint_angles import ArmAngles, arm_angles_of, arm_segments
@@ -104,6 +104,7 @@ class Tracker:
         """Forgets everything that was seen."""
         self._state: State | None = None
         self._found: Followed | None = None
+        self._noise = ALIKE
         self._agreed_ns = self._reconsidered_ns = 0
         self._doubted_ns = np.zeros(len(self._set), dtype=np.int64)  # how long each label has been somewhere else
         self._time_ns: int | None = None
@@ -113,16 +114,18 @@ class Tracker:
 
         Time stamps that do not advance count as one period; a pause of more than a second starts anew.
         """
-        points, labelled = self._arranged(frame)
+        points, labelled, noise = self._arranged(frame)
         elapsed = self._elapsed(frame.source_time_ns)
         if self._state is not None:
-            self._state = self._reconsidered(self._state, points, labelled, elapsed)
+            self._state = self._reconsidered(self._state, points, labelled, noise, elapsed)
         if self._state is None:
-            self._state = first_state(self._chain, self._shoulders, points, labelled)
+            self._state = first_state(self._chain, self._shoulders, points, labelled, noise)
         if self._state is None:
             return self._nothing(frame.source_time_ns)
-        self._state, found, worked = followed(self._chain, self._state, points, labelled, frame.unlabelled, elapsed)
-        self._found = found
+        self._state, found, worked = followed(
+            self._chain, self._state, points, labelled, noise, frame.unlabelled, elapsed
+        )
+        self._found, self._noise = found, noise
         self._doubted_ns = self._doubts(points, labelled, found, elapsed)
         if not worked or self._state.astray > self._restart.lost_frames:
             self.reset()  # the covariance is spoilt by rounding, or the tracker is wrong: start anew
@@ -152,10 +155,12 @@ class Tracker:
             time_ns=time_ns,
         )
 
-    def _reconsidered(self, state: State, points: Array, labelled: NDArray[np.bool_], elapsed: int) -> State:
+    def _reconsidered(
+        self, state: State, points: Array, labelled: NDArray[np.bool_], noise: Array, elapsed: int
+    ) -> State:
         """The state before a frame, changed where the frame says that it was wrong or knew too little."""
         if (labelled & (state.ages == NEVER)).any():
-            state = welcomed(self._chain, state, points, labelled & (state.disbelieved == 0))
+            state = welcomed(self._chain, state, points, labelled & (state.disbelieved == 0), noise)
         doubted = int(self._doubted_ns.max(initial=0))
         if not doubted:
             self._agreed_ns += elapsed
@@ -167,10 +172,11 @@ class Tracker:
         if doubted < patience + self._reconsidered_ns:
             return state
         self._reconsidered_ns = doubted  # should it have been right, it is not reconsidered again at once
-        fresh = first_state(self._chain, self._shoulders, points, labelled)
-        if fresh is None or self._cost(fresh, points, labelled) > self._restart.better * self._cost(
-            state, points, labelled
-        ):
+        fresh = first_state(self._chain, self._shoulders, points, labelled, noise)
+        if fresh is None:
+            return state
+        followed_so_far = self._cost(state, points, labelled, noise)
+        if self._cost(fresh, points, labelled, noise) > self._restart.better * followed_so_far:
             return state
         self._agreed_ns = self._reconsidered_ns = 0
         return fresh
@@ -182,23 +188,20 @@ class Tracker:
         away = labelled & (np.square(points - found.positions).sum(axis=1) > self._restart.elsewhere**2)
         return np.where(away, self._doubted_ns + elapsed, np.where(labelled, 0, self._doubted_ns))
 
-    def _cost(self, state: State, points: Array, labelled: NDArray[np.bool_]) -> float:
+    def _cost(self, state: State, points: Array, labelled: NDArray[np.bool_], noise: Array) -> float:
         """How far labelled points are from where the set has the markers, against how people differ; none counts beyond
-        ``RestartSettings.explained``."""
+        ``RestartSettings.explained``. Of a point's noise its least sure coordinate counts."""
         pose, _ = kinematics(self._chain, state.offsets, state.pose)
         away = np.square(points - on_segments(self._chain, pose, state.homes)).sum(axis=1)
-        return float(
-            np.minimum(away / (self._chain.settings.marker_sigma**2 + self._chain.spreads**2), self._restart.explained)[
-                labelled
-            ].sum()
-        )
+        own = noise.diagonal(axis1=1, axis2=2).max(axis=1) if len(noise) else self._chain.settings.marker_sigma**2
+        return float(np.minimum(away / (own + self._chain.spreads**2), self._restart.explained)[labelled].sum())
 
     @property
     def arm_angles(self) -> ArmAngles | None:
         """Angles of the right arm after the last frame; None before the first pose, or without the arm's segments."""
         if self._state is None or self._found is None or self._arm is None:
             return None
-        return arm_angles_of(self._chain, self._arm, self._state, self._found.positions, self._found.seen)
+        return arm_angles_of(self._chain, self._arm, self._state, self._found.positions, self._found.seen, self._noise)
 
     @property
     def pose(self) -> tuple[tuple[str, ...], Array, Array] | None:
@@ -221,20 +224,32 @@ class Tracker:
             return None
         return on_segments(self._chain, self._state.pose, self._state.places)
 
-    def _arranged(self, frame: MarkerFrame) -> tuple[Array, NDArray[np.bool_]]:
-        """Positions (M, 3) and validity (M,) in the order of the set; columns are looked up by name."""
+    def _arranged(self, frame: MarkerFrame) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Positions (M, 3), validity (M,) and noise (M, 3, 3), or no rows of it, in the order of the set.
+
+        Columns are looked up by name.
+        """
         if frame.names is not self._names and frame.names != self._names:
             self._columns = self._set.match(frame.names)
             self._there = self._columns >= 0
         self._names = frame.names
         if not len(frame.names):
-            return np.zeros((len(self._set), 3)), np.zeros(len(self._set), dtype=bool)
+            return np.zeros((len(self._set), 3)), np.zeros(len(self._set), dtype=bool), ALIKE
         points = frame.positions.take(self._columns, axis=0, mode="wrap")
         labelled = self._there & frame.valid.take(self._columns, mode="wrap")
         if not math.isfinite(points.sum()):  # one test for all is quicker, and mostly enough
             finite = np.asarray(np.isfinite(points).all(axis=1))
             points, labelled = np.where(finite[:, None], points, 0.0), labelled & finite
-        return points, labelled
+        if frame.covariance is None:
+            return points, labelled, ALIKE
+        noise = frame.covariance.take(self._columns, axis=0, mode="wrap")
+        with np.errstate(invalid="ignore"):  # a noise that is none, and a point that has none, count for nothing
+            labelled = labelled & (np.linalg.det(noise) > 0.0) & (noise.diagonal(axis1=1, axis2=2) > 0.0).all(axis=1)
+        return (
+            points,
+            labelled,
+            np.where(labelled[:, None, None], noise, self._chain.settings.marker_sigma**2 * np.eye(3)),
+        )
 
     def _elapsed(self, time_ns: int) -> int:
         before, self._time_ns = self._time_ns, time_ns

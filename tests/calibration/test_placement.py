@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highfive.calibration.placement import DISTANCE, place_person
+from highfive.calibration.placement import DISTANCE, Placement, place_person
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import make_recording
@@ -101,3 +101,14 @@ def test_the_real_high_five_happens_in_front_of_the_avatar(recordings, human, pa
     assert 1.7 < hand[80, 2] < 1.95
     assert root[80, 0] == pytest.approx(1.02, abs=0.02)
     assert root[80, 1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_covariances_turn_with_the_points():
+    """Many points about one, moved into the world: their covariance is the one that was turned."""
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(3, 3))
+    cloud = rng.multivariate_normal(np.zeros(3), root @ root.T, 1000)
+    placement = Placement(rotations.from_rotation_vector(rng.normal(size=3)), rng.normal(size=3), ())
+    turned = placement.turned(np.stack([np.cov(cloud.T), np.eye(3)]))
+    np.testing.assert_allclose(turned[0], np.cov(placement.apply(cloud).T), atol=1e-12)
+    np.testing.assert_allclose(turned[1], np.eye(3), atol=1e-12)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.chain import make_chain
 from highfive.mocap_bridge.tracking.chain_kinematics import HINGE, Pose, kinematics, on_segments, shifted
-from highfive.mocap_bridge.tracking.filter_settings import NEVER, FilterSettings
+from highfive.mocap_bridge.tracking.filter_settings import ALIKE, NEVER, FilterSettings
 from highfive.mocap_bridge.tracking.first_pose import first_state, standing
+from highfive.mocap_bridge.tracking.marker_places import settled
 from highfive.mocap_bridge.tracking.pose_filter import State, corrected, expected, predicted
 
 SETS = ("paper", "plug_in_gait", "full_body")
@@ -72,7 +74,7 @@ def test_the_update_is_the_textbooks(chain):
     points = markers + rng.normal(scale=0.002, size=markers.shape)
     seen = rng.random(count) < 0.7
     caution = np.where(rng.random(count) < 0.3, 1e-5, 0.0)
-    found, worked = corrected(chain, state, points, seen, caution, 0.0, 1, 1e-9)
+    found, worked = corrected(chain, state, points, seen, ALIKE, caution, 0.0, 1, 1e-9)
     assert worked
     rows = np.repeat(seen, 3)
     h = np.hstack([slopes[rows], np.zeros((rows.sum(), n))])
@@ -110,7 +112,7 @@ def test_nothing_seen_for_long_keeps_the_covariance_positive(chain):
     for _ in range(600):
         state = predicted(chain, state, 1.0 / 120.0)
         state, worked = corrected(
-            chain, state, np.zeros_like(chain.places), nothing, np.zeros(len(nothing)), 1 / 120, 1, 1e-3
+            chain, state, np.zeros_like(chain.places), nothing, ALIKE, np.zeros(len(nothing)), 1 / 120, 1, 1e-3
         )
         assert worked
     whole = np.block([[state.covariance[0], state.covariance[1].T], [state.covariance[1], state.covariance[2]]])
@@ -129,3 +131,56 @@ def test_the_first_pose_is_found_wherever_somebody_looks_and_however_tall(chain,
     assert state is not None
     error = np.linalg.norm(expected(chain, state)[0] - points, axis=1)
     assert np.sqrt((error**2).mean()) < 0.004
+
+
+def random_noise(count, seed, least=0.001, most=0.03):
+    """Covariances (M, 3, 3), each with its own axes and deviations."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
+    return np.einsum("mik,mk,mjk->mij", axes, rng.uniform(least, most, (count, 3)) ** 2, axes)
+
+
+def test_the_update_with_a_covariance_of_each_point_is_the_textbooks(chain):
+    """Kalman's update with correlated coordinates: a point that is well measured in one direction says so in that."""
+    state = random_state(chain, 1)
+    rng, n, count = np.random.default_rng(2), len(chain.kind), len(chain.carrier)
+    slopes, markers = slopes_of(chain, state.pose), expected(chain, state)[0]
+    points, seen = markers + rng.normal(scale=0.002, size=markers.shape), rng.random(count) < 0.7
+    noise, caution = random_noise(count, 3), np.where(rng.random(count) < 0.3, 1e-5, 0.0)
+    found, worked = corrected(chain, state, points, seen, noise, caution, 0.0, 1, 1e-9)
+    assert worked
+    rows = np.repeat(seen, 3)
+    h = np.hstack([slopes[rows], np.zeros((rows.sum(), n))])
+    prior = np.block([[state.covariance[0], state.covariance[1].T], [state.covariance[1], state.covariance[2]]])
+    whole = block_diag(*(noise + (state.place_variance + state.misfit + caution)[:, None, None] * np.eye(3)))
+    gain = prior @ h.T @ np.linalg.inv(h @ prior @ h.T + whole[np.ix_(rows, rows)])
+    step, posterior = gain @ (points - markers).reshape(-1)[rows], prior - gain @ h @ prior
+    np.testing.assert_allclose(found.covariance[0], posterior[:n, :n], atol=1e-10)
+    np.testing.assert_allclose(found.covariance[1], posterior[n:, :n], atol=1e-10)
+    np.testing.assert_allclose(found.covariance[2], posterior[n:, n:], atol=1e-10)
+    np.testing.assert_allclose(found.speeds, state.speeds + step[n:], atol=1e-8)
+    np.testing.assert_allclose(
+        on_segments(chain, found.pose, chain.places), markers_of(chain, state.pose, step[:n]), atol=1e-8
+    )
+
+
+def test_places_follow_with_the_gain_of_a_kalman_filter_in_each_direction(chain):
+    """A marker's place on its segment: the textbook's gain, and a misfit that asks the sure directions."""
+    state = random_state(chain, 6)
+    count = len(chain.carrier)
+    points = expected(chain, state)[0] + np.random.default_rng(7).normal(scale=0.02, size=(count, 3))
+    noise, seconds = random_noise(count, 8), 1.0 / 60.0
+    after = settled(chain, state, points, np.ones(count, dtype=bool), noise, seconds)
+    for m in range(count):
+        turn, spread = state.pose.frames[chain.carrier[m]], chain.spreads[m]
+        local = turn.T @ noise[m] @ turn
+        beside = turn.T @ (points[m] - state.pose.centres[chain.carrier[m]]) - state.places[m]
+        variance, misfit = state.place_variance[m], state.misfit[m]
+        gain = variance * np.linalg.inv(local + (variance + misfit) * np.eye(3))
+        home = seconds * chain.settings.slip**2 / spread**2 * (state.homes[m] - state.places[m])
+        np.testing.assert_allclose(after.places[m], state.places[m] + gain @ beside + home, atol=1e-12)
+        assert after.place_variance[m] == pytest.approx(np.trace((np.eye(3) - gain) * variance) / 3.0)
+        left, sure = beside - gain @ beside, np.linalg.inv(local)
+        excess = max((left @ sure @ left - np.trace(sure @ local)) / np.trace(sure), 0.0)
+        share = seconds / chain.settings.misfit_s
+        assert after.misfit[m] == pytest.approx(min(misfit + share * (excess - misfit), 0.02**2))

@@ -391,3 +391,62 @@ def test_settings_say_when_the_tracker_begins_anew():
         return 120
 
     assert frames_until_there(RestartSettings(lost_frames=1)) < frames_until_there(RestartSettings(lost_frames=30))
+
+
+def follow_with(points, covariance, valid=None, unlabelled=None):
+    tracker = Tracker(PAPER)
+    shown = np.ones(points.shape[:2], dtype=bool) if valid is None else valid
+    extra = [NOTHING] * len(points) if unlabelled is None else unlabelled
+    return [
+        tracker.update(replace(frame(points[k], k, shown[k], extra[k]), covariance=covariance))
+        for k in range(len(points))
+    ]
+
+
+def test_a_covariance_that_is_the_settings_own_changes_nothing():
+    """Hidden hands, swapped labels and points without a label: the two ways of saying the same noise agree."""
+    points, valid, swap = NOISY[:200].copy(), hidden_hand()[:200], PAPER.indices(["RWRA", "RFIN"])
+    points[100:110, swap] = points[100:110, swap[::-1]]
+    loose = [NOISY[k, HAND[:1]] if k % 3 else NOTHING for k in range(200)]
+    alike = np.tile(FilterSettings().marker_sigma ** 2 * np.eye(3), (16, 1, 1))
+    for ours, usual in zip(follow_with(points, alike, valid, loose), follow(points, valid, loose), strict=True):
+        np.testing.assert_allclose(ours.positions, usual.positions, atol=1e-9)
+        np.testing.assert_allclose(ours.covariances, usual.covariances, atol=1e-11)
+        np.testing.assert_array_equal(ours.seen, usual.seen)
+        np.testing.assert_array_equal(ours.rejected, usual.rejected)
+
+
+def test_a_point_that_is_known_in_two_directions_counts_for_these():
+    """Depth off by 5 cm, the rest by 3 mm: told so, the tracker believes the points and is better in depth than they,
+    and better in all directions than one that is told a single deviation between the two."""
+    deviations = np.array([0.05, 0.003, 0.003])
+    points = TRUTH + np.random.default_rng(4).normal(size=TRUTH.shape) * deviations
+    told = follow_with(points, np.tile(np.diag(deviations**2), (16, 1, 1)))
+    single = follow_with(points, np.tile(np.square(deviations).mean() * np.eye(3), (16, 1, 1)))
+    ours = np.array([t.positions for t in told]) - TRUTH
+    other = np.array([t.positions for t in single]) - TRUTH
+    rms, other_rms = (np.sqrt(np.square(each[60:]).mean(axis=(0, 1))) for each in (ours, other))
+    assert np.mean([t.rejected.sum() for t in told]) < 0.1
+    assert rms[0] < 0.6 * deviations[0]
+    assert (rms[1:] < 0.7 * other_rms[1:]).all()
+
+
+def test_the_gate_is_as_wide_as_the_covariance_says_in_each_direction():
+    """The same 8 cm beside the marker are believed along the direction that is not sure, not across it."""
+    noise = np.tile(np.diag([0.05**2, 0.002**2, 0.002**2]), (16, 1, 1))
+    for axis, believed in ((0, True), (1, False), (2, False)):
+        tracker = Tracker(PAPER)
+        for k in range(60):
+            tracker.update(replace(frame(TRUTH[k], k), covariance=noise))
+        points = TRUTH[60].copy()
+        points[HAND[0], axis] += 0.08
+        tracked = tracker.update(replace(frame(points, 60), covariance=noise))
+        assert tracked.seen[HAND[0]] == believed
+
+
+def test_a_covariance_that_is_none_hides_its_marker():
+    noise = np.tile(1e-6 * np.eye(3), (16, 1, 1))
+    noise[2], noise[5], noise[7] = np.nan, 0.0, -1e-6 * np.eye(3)
+    tracked = follow_with(NOISY[:30], noise)[-1]
+    np.testing.assert_array_equal(np.flatnonzero(~tracked.seen), [2, 5, 7])
+    assert np.isfinite(tracked.positions).all() and np.isfinite(tracked.covariances).all()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -18,20 +18,28 @@ PATIENCE_S = 120.0
 
 
 @contextmanager
-def open_page(options: PageOptions, about: dict[str, Any], estop: Latch | None = None) -> Iterator[LivePage]:
+def open_page(
+    options: PageOptions,
+    about: dict[str, Any],
+    estop: Latch | None = None,
+    opened: Callable[[LivePage], None] | None = None,
+) -> Iterator[LivePage]:
     """A page that somebody has opened, or could have.
 
     Args:
         options: where it is.
         about: what it is told first.
         estop: is pulled by its button.
+        opened: opens it, instead of somebody.
 
     Raises:
         HighFiveError: the port is in use, or this machine is in no network that the page could be served to.
     """
     with LivePage(about, port=options.port, estop=estop, **_network(options)) as page:
         say_aside(f"open {page.address} in a browser")
-        if options.open_browser:
+        if opened is not None:
+            opened(page)
+        elif options.open_browser:
             webbrowser.open(page.address)
         if not page.wait_for_page(PATIENCE_S):
             say_aside("nobody looks on; it begins")

@@ -37,7 +37,7 @@ from highfive.hil.trials.trial_result import TrialResult
 from highfive.hil.view.interruption import Interruption
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
-from highfive.mocap_bridge.sources.address import is_live
+from highfive.mocap_bridge.sources.address import WEBCAM, is_live
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
@@ -105,8 +105,12 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+        if options.source == WEBCAM:
+            from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
+
+            net_files()  # are they there?
         model, person = _model(options, bar), None
-        if live:
+        if live and options.source != WEBCAM:
             from highfive.hil.commands.live_session import live_person  # noqa: PLC0415
 
             person = live_person(options, stack, wiring, _marker_set(options))
@@ -132,14 +136,21 @@ def _training_trials(data: Path, bar: Bar) -> list[Trial]:
 def _simulate(
     options: SimulateOptions, model: HGPDM | ReactionModel, folder: Path, bar: Bar, person: LivePerson | None
 ) -> dict[str, Any]:
-    partners = _partners(options, model, bar, person)
-    scene = build_scene()
-    settings = _settings(options, len(partners))
     with ExitStack() as stack:
+        page = None
+        if options.source == WEBCAM:  # who is seen by the page is there after the page
+            from highfive.hil.commands.webcam_session import webcam_person  # noqa: PLC0415
+
+            page = _page(options, model, None, stack)
+            person = webcam_person(options, page, stack)
+        partners = _partners(options, model, bar, person)
+        scene = build_scene()
+        settings = _settings(options, len(partners))
         watch = None if options.arm is None else _arm_watch(options.arm, bar, partners[0].marker_set, stack)
         # Before there is a recording: it compiles, and who interrupts that leaves nothing in the next attempt's way.
-        session = _session(options, model, scene, partners[0])
-        page = None if options.view is None else _page(options, model, watch, stack)
+        session = _session(options, model, scene, partners[0], person)
+        if page is None and options.view is not None:
+            page = _page(options, model, watch, stack)
         recorder = SessionRecorder(folder / "session.mcap", settings)
         played = _run(options, session, scene, partners, person, recorder, bar, watch, page)
         if page is not None:
@@ -152,12 +163,17 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
     from highfive.hil.commands.page import open_page  # noqa: PLC0415
 
     assert options.view is not None
+    webcam = options.source == WEBCAM
     cells = list(options.cells or CELLS) if options.source is None else []
     about = {"mode": "session", "title": _shown(options.source), "emotions": list(model.emotions), "cells": cells}
     estop = None if watch is None else watch.loop.estop
-    return stack.enter_context(
-        open_page(options.view, {**about, "arm": estop is not None, "rig": estop is not None}, estop)
-    )
+    about |= {"arm": estop is not None, "rig": estop is not None, "webcam": webcam}
+    opened = None
+    if webcam and options.webcam.video is not None:
+        from highfive.hil.commands.webcam_session import watch_video  # noqa: PLC0415
+
+        opened = partial(watch_video, options, stack=stack)
+    return stack.enter_context(open_page(options.view, about, estop, opened))
 
 
 def _arm_watch(options: ArmOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch:
@@ -387,7 +403,8 @@ def _trial(
 
     if live is None:
         return run_trial(number, partner, session, playout, inputs, seen), ""
-    say_aside(f"high five {number + 1}, {style}: raise the right hand")
+    assert person is not None
+    person.say(f"high five {number + 1}, {style}: raise the right hand")
     result = run_trial(number, partner, session, playout, inputs, seen) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble
@@ -396,7 +413,12 @@ def _trial(
         f"{live.count} ticks, {live.late} late, {live.predicted} between frames, {live.stale} of them stale; "
         f"poses {ahead:.1f} ms ahead of the newest frame"
     )
-    return replace(result, notes=(*result.notes, note)), ""
+    result = replace(result, notes=(*result.notes, note))
+    if person.camera is not None:
+        from highfive.hil.trials.screen_contact import seen_on_screen  # noqa: PLC0415
+
+        result = seen_on_screen(result, person.camera)
+    return result, ""
 
 
 def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None) -> Iterable[TickInput]:
@@ -410,6 +432,9 @@ def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None
     return as_captured(view.in_time(source))
 
 
-def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:
+def _session(
+    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None
+) -> Session:
     style = options.style or {partner.emotion: 1.0}
-    return Session(model, style, partner.marker_set, scene, correct=options.correct)
+    tracking = None if person is None else person.tracking
+    return Session(model, style, partner.marker_set, scene, correct=options.correct, tracking=tracking)

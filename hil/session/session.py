@@ -18,6 +18,7 @@ from highfive.hil.sim.avatar import Pose, between
 from highfive.hil.sim.scene import Scene
 from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, PalmPose, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
+from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.palm_filter import PalmFilter, PalmFilterSettings
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
@@ -129,8 +130,18 @@ class Session:
         *,
         correct: bool = True,
         settings: PoseSettings | None = None,
+        tracking: FilterSettings | None = None,
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
+
+        Args:
+            model: answers.
+            style: weights by emotion.
+            marker_set: the person's.
+            scene: the avatar's.
+            correct: the hand is corrected.
+            settings: of the pose.
+            tracking: of the tracker, where markers are not a motion capture system's.
 
         Raises:
             HighFiveError: the model was trained for another skeleton, or the style does not fit it; a model of
@@ -138,7 +149,7 @@ class Session:
         """
         use_one_blas_thread()
         self._settings = settings or PoseSettings()
-        self._tracker = Tracker(marker_set, RATE_HZ)
+        self._tracker = Tracker(marker_set, RATE_HZ, tracking)
         self._arm = HumanArmEstimator(marker_set)
         self._return = ReacquisitionSmoother()
         self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()

@@ -24,14 +24,16 @@ from highfive.mocap_bridge.markers.recognise import find_marker_set
 from highfive.mocap_bridge.sources.address import open_source
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.source import Connection
+from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 PRACTICE_S = 5.0
 """For so long the person is looked at before the first trial, s: with the hand raised once, that is where it is met."""
 
-STALE_S = 0.1
-"""An older frame says nothing any more of where a marker is, s."""
+STALE_S, STALE_FRAMES = 0.1, 2.5
+"""A frame that is older, s, and older than so many frames of its source apart, says nothing any more of where a marker
+is: a webcam's come at 5 to 30 Hz."""
 
 RESTING_S, RESTING_SPEED = 0.3, 0.3
 """A hand that was slower than this, m/s, for so long, s, rests: only then does a trial begin."""
@@ -78,7 +80,12 @@ class LivePerson:
 
     Attributes:
         placement: where the person stands.
+        say: tells the person what to do.
+        tracking: of the session's tracker; None for a motion capture system's.
+        camera: (3,) m, of the one camera that sees her, in the world; None of a motion capture system.
     """
+
+    camera: Array | None = None
 
     def __init__(
         self,
@@ -89,6 +96,8 @@ class LivePerson:
         clock: Clock = MACHINE,
         latency_ns: int = 0,
         confirm: Callable[[str], bool | None] = lambda question: None,
+        say: Callable[[str], None] = say_aside,
+        tracking: FilterSettings | None = None,
     ):
         """Waits for the first frame, finds the marker set, and watches the person for :data:`PRACTICE_S`.
 
@@ -102,11 +111,14 @@ class LivePerson:
             clock: this process's.
             latency_ns: what cameras, network and screen take beyond what the source says of itself.
             confirm: asks whether a guess is right; None where nobody is there to be asked.
+            say: tells the person what to do.
+            tracking: of the session's tracker, where the source is no motion capture system.
 
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
         self._source, self._address, self._clock, self._latency_ns = source, address, clock, latency_ns
+        self.say, self.tracking = say, tracking
         first = source.first()
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
@@ -121,7 +133,7 @@ class LivePerson:
 
     def _placed(self, first: MarkerFrame) -> Placement:
         """Where the person stands, once watched."""
-        say_aside(
+        self.say(
             f"for {PRACTICE_S:g} s now: raise the right hand once, as for a high five; there the avatar will meet it"
         )
         watched = self._watched(first)
@@ -204,7 +216,7 @@ class LiveTrial:
     Attributes:
         late: ticks that began more than a millisecond after they could.
         predicted: ticks without a new frame.
-        stale: those of them in which the newest frame was older than :data:`STALE_S`.
+        stale: those of them in which the newest frame was older than :data:`STALE_S` and :data:`STALE_FRAMES` say.
         count: ticks so far.
         ahead_ms: by how much each was ahead of its frame, ms.
         trouble: why the trial ended early, '' if it did not: nothing has come for :data:`GONE_S`.
@@ -250,7 +262,7 @@ class LiveTrial:
                 frame, captured = new, seen_ns
             elif frame is None:
                 return
-            stale = now - frame.arrival_time_ns > STALE_S * 1e9
+            stale = now - frame.arrival_time_ns > max(STALE_S * 1e9, STALE_FRAMES * self._source.period_ns)
             self.predicted, self.stale, self.count = self.predicted + (new is None), self.stale + stale, self.count + 1
             # Time does not go back where a frame shows that the one before was late.
             at_ns = now + self._latency_ns

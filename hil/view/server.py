@@ -31,9 +31,11 @@ from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import parse_command
 from highfive.hil.view.mailbox import Mailbox
-from highfive.hil.view.pages import TYPES, File, page_files, refusal
+from highfive.hil.view.pages import POLICY, TYPES, WEBCAM_POLICY, File, page_files, refusal
 from highfive.hil.view.skin_file import skin_file
+from highfive.hil.view.webcam_files import net_files
 from highfive.hil.view.wire import LONGEST, POSES, VERSION, encode_text, number_of, stamped
+from highfive.mocap_bridge.wire.landmarks import KIND as LANDMARKS
 
 CREDIT = 8
 """Poses that a page may owe: 120 Hz over a round trip of 66 ms."""
@@ -111,6 +113,12 @@ class _Server:
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
         self._done = asyncio.Event()
         self._made: asyncio.Task[dict[str, File]] | None = None
+        self._files = dict(page_files())
+        self._policy = POLICY
+        self._camera: _Page | None = None
+        if options.about.get("webcam"):
+            self._files |= net_files()
+            self._policy = WEBCAM_POLICY
         self._secure = options.tls is not None
         self._access = Access.to(options.port, options.key, options.names, secure=self._secure)
 
@@ -153,7 +161,7 @@ class _Server:
             if kind == "close":
                 self._done.set()
                 return
-            if kind in ("state", "contacts"):
+            if kind in ("state", "contacts", "say"):
                 self._kept[kind] = text
             for page in self._pages:
                 page.tell(text)
@@ -177,12 +185,12 @@ class _Server:
         if path == LIVE:
             full = len(self._pages) >= MOST_PAGES
             return refusal(HTTPStatus.SERVICE_UNAVAILABLE, FULL) if full else None
-        file = page_files().get(path)
+        file = self._files.get(path)
         if file is None and path in ("/skin.glb", "/scene.json"):
             file = await self._make(path)
         if file is None:
             return refusal(HTTPStatus.NOT_FOUND, "there is no such file here")
-        return file.response(request.headers.get("Accept-Encoding", ""))
+        return file.response(request.headers.get("Accept-Encoding", ""), self._policy)
 
     async def _make(self, path: str) -> File | None:
         """Skin and scene, made once and off the loop: it takes seconds."""
@@ -207,6 +215,7 @@ class _Server:
             pass
         finally:
             self._pages.discard(page)
+            self._camera = None if self._camera is page else self._camera
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionClosed):
                 await sender
@@ -232,7 +241,8 @@ class _Server:
             return
 
     def _hear(self, page: _Page, message: str | bytes) -> None:
-        """An acknowledgement (4 bytes), a question for the time, or a command; all else is dropped."""
+        """An acknowledgement (4 bytes), landmarks, a question for the time or for the camera, or a command; all else is
+        dropped."""
         if isinstance(message, bytes):
             if len(message) == 4:
                 number = int.from_bytes(message, "little")
@@ -240,6 +250,12 @@ class _Server:
                     while page.owed.popleft() != number:
                         pass
                     page.news.set()
+            elif page is self._camera and message[:1] == bytes([LANDMARKS]):
+                self._mailbox.put_newest(message)
+            return
+        if self._options.about.get("webcam") and _asks_for_camera(message):
+            self._camera = self._camera or page  # one at a time: two people's hands are never mixed
+            page.tell(encode_text("camera", granted=self._camera is page))
             return
         command = parse_command(message)
         if command is not None:
@@ -250,6 +266,13 @@ class _Server:
         asked = _asked(message)
         if asked is not None:
             page.tell(encode_text("time", asked=asked, now_ms=1e-6 * time.monotonic_ns()))
+
+
+def _asks_for_camera(message: str) -> bool:
+    """The page wants to be the one whose camera counts."""
+    with suppress(ValueError, RecursionError, AttributeError):
+        return json.loads(message).get("kind") == "camera"
+    return False
 
 
 def _asked(message: str) -> float | None:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from highfive.mocap_bridge.sources.camera_settings import (
     HAND,
-    HEAD,
     KNUCKLES,
     SHOULDER,
     TRUNK,
@@ -74,7 +73,9 @@ def look(found: Landmarks, camera: Camera, settings: CameraSettings, expected: A
     picture, sure, world = found.picture[order] * size, found.visibility[order], found.world[order]
     inside = (np.abs(picture / size - 0.5) < 0.5 + settings.margin).all(axis=1)
 
-    scale = settings.height * TRUNK / max(float(np.linalg.norm(_middle(world, _SHOULDERS) - _middle(world, _HIPS))), 0.1)
+    scale = (
+        settings.height * TRUNK / max(float(np.linalg.norm(_middle(world, _SHOULDERS) - _middle(world, _HIPS))), 0.1)
+    )
     world = scale * world  # the net makes people too small
     pixels, across = np.empty((6, 2)), np.array(settings.across)
     seen, depths = np.zeros(6, dtype=bool), np.zeros(6)
@@ -150,5 +151,7 @@ def _exchanged(picture: Array, sure: Array, expected: Array | None, settings: Ca
         return bool(sure[0] >= settings.visible and width[0] < -0.2 * height)
     joints = np.array([SHOULDER, 1, WRIST, 4])
     right = np.array([12, 14, 16, 11])
-    misfits = [float(np.linalg.norm(picture[order] - expected[joints], axis=1).sum()) for order in (right, _MIRROR[right])]
+    misfits = [
+        float(np.linalg.norm(picture[order] - expected[joints], axis=1).sum()) for order in (right, _MIRROR[right])
+    ]
     return misfits[1] < settings.exchanged * misfits[0]

@@ -73,4 +73,7 @@ class FilterSettings(Settings):
     """After a step below it no more is linearised: the next one would be a thousandth of that."""
 
 
+WEBCAM = FilterSettings(usable_sigma=0.25, largest_misfit=0.05)
+"""For joint centres by a webcam, good across its view and bad along it (``highfive bench webcam``)."""
+
 FilterSettingsValues = named_tuple(FilterSettings)

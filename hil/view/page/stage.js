@@ -9,6 +9,7 @@ import {
 } from "./three.js";
 
 const FLASH_MS = 700, FAR_M = 4.6, MOST_MARKERS = 128, EYES = [0.09, 0, 0.09];
+const GAZE = 0.02, CHEST = 1.32;  // share of the way in a picture; m
 const VIEWS = {  // eye and what is looked at, in the world: z up, m
   orbit: [[1.55, -3.05, 1.62], [0.5, 0, 1.02]],
   side: [[0.55, -3.5, 1.25], [0.52, 0, 1.0]],
@@ -251,8 +252,11 @@ export class Stage {
     this.seen = name;
     const preset = VIEWS[name];
     this.orbit.enabled = Boolean(preset);
-    for (const mesh of this.hers) mesh.layers.set(name === "person" ? 1 : 0);
-    this.camera.fov = name === "person" ? 68 : 36;
+    const inside = name === "person" || name === "mirror";
+    // Before a screen she sees the hand that she raises, on the side where she raises it.
+    for (const mesh of this.hers) mesh.layers.set(inside && !(name === "mirror" && mesh.name.includes("right_hand")) ? 1 : 0);
+    this.gaze = null;
+    this.camera.fov = inside ? 68 : 36;
     if (preset) {
       const [eye, goal] = preset.map(([x, y, z]) => new Vector3(x, z, -y));
       const away = this.camera.aspect < 1 ? Math.min(1 / this.camera.aspect, 1.9) : 1;
@@ -277,6 +281,17 @@ export class Stage {
     this.camera.position.copy(eye);
     this.camera.up.set(0, 1, 0);
     this.camera.lookAt(ahead);
+  }
+
+  /** From where her head is, in the long run, to the avatar: what a webcam says of depth would shake the picture. */
+  lookAsInAMirror() {
+    const head = this.names.indexOf("person_head");
+    if (head < 0 || !this.values) return;
+    const eye = this.world.localToWorld(new Vector3().fromArray(this.values, 7 * head));
+    this.gaze = this.gaze ? this.gaze.lerp(eye, GAZE) : eye;
+    this.camera.position.copy(this.gaze);
+    this.camera.up.set(0, 1, 0);
+    this.camera.lookAt(this.world.localToWorld(new Vector3(0, 0, CHEST)));
   }
 
   /** Coarse meshes where the figures are far, or the machine is slow. */
@@ -334,7 +349,8 @@ export class Stage {
   draw(now) {
     this.detail();
     if (this.immersed) this.camera.updateMatrixWorld();
-    else if (this.seen === "person") this.lookThroughHerEyes(); else this.orbit.update();
+    else if (this.seen === "person") this.lookThroughHerEyes();
+    else if (this.seen === "mirror") this.lookAsInAMirror(); else this.orbit.update();
     const share = (now - this.flashed) / FLASH_MS;
     this.flash.visible = share >= 0 && share < 1;
     if (this.flash.visible) {

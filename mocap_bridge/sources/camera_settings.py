@@ -27,39 +27,39 @@ class CameraSettings(Settings):
     """Of the person. Who is another one is seen so much further or nearer in all; the placement takes that out."""
     field_of_view: float = setting(70.0, "°", least=30.0, most=120.0)
     """Across the picture. Laptops have 60 to 78; 10 % wrong shifts depth by 10 %, and the placement takes that out."""
-    across: tuple[float, ...] = setting((0.014, 0.022, 0.016, 0.009, 0.014, 0.02), "m", above=0.0)
+    across: tuple[float, ...] = setting((0.014, 0.04, 0.016, 0.009, 0.014, 0.02), "m", above=0.0)
     """Standard deviation of each joint across the view, at full visibility; of the wrist by the pose's net."""
     hand_wrist: float = setting(0.012, "m", above=0.0)
     """The same of the wrist by the hand's net."""
     depth: float = setting(0.08, "m", above=0.0)
     """Standard deviation of a joint's depth against the shoulders by the pose's net."""
-    hand_depth: float = setting(0.15, above=0.0)
+    hand_depth: float = setting(0.09, above=0.0)
     """That of the hand's distance by its size, over itself."""
-    size_depth: float = setting(0.06, above=0.0)
+    size_depth: float = setting(0.05, above=0.0)
     """That of the person's distance by the trunk's size, over itself."""
     steady_s: float = setting(0.3, "s", least=0.0)
     """Time over which errors of depth hang together: they are no noise, and so many pictures count as one."""
     size_steady_s: float = setting(2.0, "s", least=0.0)
     """The same of the distance by size."""
-    bone: float = setting(0.015, "m", above=0.0)
+    bone: float = setting(0.03, "m", above=0.0)
     """Standard deviation of a bone's length about that of people of this height."""
-    girdle: float = setting(0.03, "m", above=0.0)
+    girdle: float = setting(0.025, "m", above=0.0)
     """The same of the shoulders' distance, and of the head's from them: girdle and neck move."""
-    bone_steady_s: float = setting(0.3, "s", least=0.0)
+    bone_steady_s: float = setting(0.4, "s", least=0.0)
     """Time over which a bone is the longer or shorter: shoulders move, and the nets' joints do on the bones."""
-    girdle_steady_s: float = setting(1.0, "s", least=0.0)
+    girdle_steady_s: float = setting(2.5, "s", least=0.0)
     """The same of shoulders and head."""
-    front: float = setting(0.05, "m", above=0.0)
+    front: float = setting(0.07, "m", above=0.0)
     """Elbow and hand are not further behind the shoulder than this; and how surely."""
-    jerk: tuple[float, ...] = setting((0.5, 1.5, 3.0, 3.5, 0.5, 0.5), "m/s^1.5", above=0.0)
+    jerk: tuple[float, ...] = setting((0.4, 2.2, 4.3, 5.0, 0.4, 0.4), "m/s^1.5", above=0.0)
     """Of each joint, how fast its speed wanders: white acceleration's spectral density."""
-    jerk_along: tuple[float, ...] = setting((0.1, 1.5, 3.0, 3.5, 0.1, 0.1), "m/s^1.5", above=0.0)
+    jerk_along: tuple[float, ...] = setting((0.1, 1.2, 3.0, 3.5, 0.1, 0.1), "m/s^1.5", above=0.0)
     """The same along the view: who stands before a camera does not walk, and her shoulders' depth is seen worst."""
     visible: float = setting(0.5, least=0.0, most=1.0)
     """A joint whose visibility is less is not measured."""
     margin: float = setting(0.05, least=0.0)
     """Share of a picture's height beyond its edge up to which a landmark counts as seen: the nets guess there."""
-    hand_near: float = setting(0.3, above=0.0)
+    hand_near: float = setting(0.25, above=0.0)
     """A hand belongs to the pose's wrist within this share of the shoulders' distance in the picture."""
     hand_score: float = setting(0.5, least=0.0, most=1.0)
     """A hand that is less sure is none."""

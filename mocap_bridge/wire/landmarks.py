@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from highfive.mocap_bridge.wire.errors import LinkError
 
-KIND, VERSION = 2, 1
+KIND, VERSION = 3, 1
 """First bytes of the message; other kinds are other messages."""
 HEAD = struct.Struct("<BBBBIdHHd")
 """Kind, version, persons (0, 1, or 2 where another one is in view), hands, number, captured_ms, width, height, and

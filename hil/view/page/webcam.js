@@ -1,7 +1,7 @@
 // The webcam as motion capture: pictures to the nets, landmarks to the host; a mirror with what is seen, and what is wrong.
 
-const KIND = 2, VERSION = 1, HEAD = 28, POSE = 25, HAND = 21, MOST_HANDS = 4;
-const NET = { modelComplexity: 1, minDetectionConfidence: 0.5, minTrackingConfidence: 0.5 };
+const KIND = 3, VERSION = 1, HEAD = 28, POSE = 25, HAND = 21, MOST_HANDS = 4;
+export const NET = { modelComplexity: 1, minDetectionConfidence: 0.5, minTrackingConfidence: 0.5 };
 const SURE = 0.5, WIDTH = 232;
 const SCAN_MS = 3000, NEARER = 1.15, MARGIN = 0.25;
 const BONES = [[11, 12], [12, 14], [14, 16], [11, 13], [13, 15], [11, 23], [12, 24], [23, 24]];
@@ -13,7 +13,7 @@ const REFUSED = {
 };
 
 /** A worker with a net; one question at a time. */
-class Net {
+export class Net {
   constructor(net, options) {
     this.worker = new Worker("nets.js");
     this.worker.onmessage = ({ data }) => this.settle(data);

@@ -25,6 +25,9 @@ DISTANCE = (0.90, 1.20)
 RAISED_BELOW = 0.15
 """A hand that comes so near the shoulder's height, m below it, was raised."""
 
+_RAISED_OVER = 0.10
+"""m below its highest within which a hand counts as held up."""
+
 _HEAD_HEIGHT = 1.60  # m, of the head's markers of a standing adult where nothing shows the floor
 
 
@@ -116,6 +119,36 @@ def place_person(
     yaw = rotations.from_axis_angle("z", -np.arctan2(facing[1], facing[0]))
     translation = -rotations.rotate(yaw, np.array([here[0], here[1], floor]))
     return Placement(rotations.multiply(yaw, level), translation, (*notes, floor_note, note), guesses)
+
+
+def place_before_camera(person: Recording, marker_set: MarkerSet, camera: Array) -> Placement:
+    """Where a person stands who is seen by one camera, in a frame that has z up and the floor at zero.
+
+    The avatar is on the screen that the camera stands on, and she faces it. How far a hand reaches towards the camera is
+    what the camera sees worst: the pictures in which the hand is highest say it together.
+
+    Args:
+        person: her markers.
+        marker_set: of them.
+        camera: (3,) m, in the recording's frame.
+
+    Raises:
+        HighFiveError: markers of the head or the arm are missing, or hand and shoulder are never seen.
+    """
+    seen = _person(person, marker_set)
+    known = np.isfinite(seen.hand + seen.shoulder + seen.head).all(axis=-1)
+    if not known.any():
+        raise HighFiveError("head, shoulder and hand are never seen together; stand back, from head to hips")
+    hand, head = seen.hand[known], np.median(seen.head[known], axis=0)
+    facing = (camera - head)[:2] / max(float(np.linalg.norm((camera - head)[:2])), 1e-9)
+    raised = hand[:, 2] > hand[:, 2].max() - _RAISED_OVER
+    ahead = float(np.median((hand[raised] - head)[:, :2] @ facing))
+    away = float(np.clip(ahead + AVATAR_REACH, *DISTANCE))
+    yaw = rotations.from_axis_angle("z", -np.arctan2(-facing[1], -facing[0]))
+    avatar = np.array([*(head[:2] + away * facing), 0.0])
+    note = f"the avatar stands {away:.2f} m before the person, towards the camera"
+    guesses = () if _raised(seen) else (f"{note}; no hand was raised as for a high five",)
+    return Placement(yaw, -rotations.rotate(yaw, avatar), (note,), guesses)
 
 
 def _person(recording: Recording, marker_set: MarkerSet) -> _Person:

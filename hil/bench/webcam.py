@@ -1,8 +1,9 @@
 """The webcam: high fives with a person of known truth, from what the nets saw of her, through filter and session.
 
 In virtual time, as a live session goes. She is rendered, of the avatar's size, 2 m before a 70° camera; the nets' answers
-were recorded once (:mod:`highfive.hil.bench.webcam_recorded`), every other moment of them can be left out. The world is
-placed as a session does it, by a high five before the first one.
+were recorded once (:mod:`highfive.hil.bench.webcam_recorded`), and some of them can be left out. The world is placed as a
+session does it, by a high five before the first one. She holds her hand up for a while, as people do before a screen: it
+rests where she met her own partner, and so do the landmarks of that picture.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from highfive.calibration.placement import Placement, place_person
+from highfive.calibration.placement import Placement, place_before_camera
 from highfive.hil.bench.live_people import FrameLink, parts
 from highfive.hil.bench.webcam_recorded import STEP, RecordedClip, load_clips
 from highfive.hil.runtime.console import Bar
@@ -55,10 +56,12 @@ class WebcamBenchOptions:
     Attributes:
         every: of the pictures at 15 Hz one in so many is looked at.
         latency_ms: from a picture until its landmarks arrive.
+        hold_s: for so long the hand is held where it is to be met.
     """
 
     every: int = 1
     latency_ms: float = 80.0
+    hold_s: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -83,8 +86,8 @@ def bench_webcam(options: WebcamBenchOptions, bar: Bar) -> dict[str, Any]:
     Raises:
         HighFiveError: options that make no sense.
     """
-    if not 1 <= options.every <= 4 or not 0.0 <= options.latency_ms <= 500.0:
-        raise HighFiveError(f"{options}: expected every 1 to 4, and 0 to 500 ms")
+    if not 1 <= options.every <= 4 or not 0.0 <= options.latency_ms <= 500.0 or not 0.0 <= options.hold_s <= 2.0:
+        raise HighFiveError(f"{options}: expected every 1 to 4, 0 to 500 ms, and a hand that is held for 0 to 2 s")
     clips = load_clips()
     practice = next(clip for clip in clips if (clip.emotion, clip.cell) == PRACTICE)
     placement, marker_set = _placed(practice, options)
@@ -100,7 +103,9 @@ def frames_of(clip: RecordedClip, options: WebcamBenchOptions, begins_ns: int) -
     """What the source gives, from a time on, and where the camera is in the frames' room (3,), m."""
     person, frames = CameraPerson(), list[MarkerFrame]()
     period_ns = round(1e9 * options.every * STEP / RATE_HZ)
-    shown = clip.landmarks[:: options.every]
+    shown = list(clip.landmarks[:: options.every])
+    met = int(np.argmin(np.abs(clip.frames[:: options.every] - clip.contact_frame)))
+    shown[met:met] = [shown[met]] * round(1e9 * options.hold_s / period_ns)
     still = round(1e9 * BEFORE_S) // period_ns
     for number in range(-still, len(shown)):
         captured_ns = begins_ns + round(1e9 * BEFORE_S) + number * period_ns
@@ -112,10 +117,11 @@ def frames_of(clip: RecordedClip, options: WebcamBenchOptions, begins_ns: int) -
 
 
 def _placed(clip: RecordedClip, options: WebcamBenchOptions) -> tuple[Placement, MarkerSet]:
-    frames, _ = frames_of(clip, options, 0)
+    frames, camera = frames_of(clip, options, 0)
     points, valid = np.array([frame.positions for frame in frames]), np.array([frame.valid for frame in frames])
     marker_set = find_marker_set(MARKERS)
-    return place_person(make_recording(RATE_HZ / STEP / options.every, MARKERS, points, valid), marker_set), marker_set
+    watched = make_recording(RATE_HZ / STEP / options.every, MARKERS, points, valid)
+    return place_before_camera(watched, marker_set, camera), marker_set
 
 
 def play(clip: RecordedClip, options: WebcamBenchOptions, placement: Placement, marker_set: MarkerSet) -> ScreenFelt:
@@ -146,9 +152,17 @@ def play(clip: RecordedClip, options: WebcamBenchOptions, placement: Placement, 
     at = int(np.argmin(np.abs(1e9 * result.times - met)))
     truth = CubicSpline(np.arange(len(clip.palm)) / RATE_HZ, placement.apply(clip.palm @ TO_ROOM.T + camera))
     shown = 1e-9 * (inputs[at].at_ns - zero)
-    true = truth(float(np.clip(shown, 0.0, (len(clip.palm) - 1) / RATE_HZ)))
+    true = truth(float(np.clip(_in_clip(shown, clip, options), 0.0, (len(clip.palm) - 1) / RATE_HZ)))
     across = float(across_view(result.palm[at], true, placement.apply(camera)))
     return ScreenFelt(clip.emotion, clip.cell, True, across, shown - clip.contact_frame / RATE_HZ)
+
+
+def _in_clip(seconds: float, clip: RecordedClip, options: WebcamBenchOptions) -> float:
+    """The time in the clip, s, of a time since it began, in which the hand was held for a while."""
+    frames = clip.frames[:: options.every]
+    held = float(frames[np.argmin(np.abs(frames - clip.contact_frame))]) / RATE_HZ
+    period = options.every * STEP / RATE_HZ
+    return min(seconds, held) + max(seconds - held - round(options.hold_s / period) * period, 0.0)
 
 
 def wrist_errors(clips: Sequence[RecordedClip], options: WebcamBenchOptions) -> dict[str, Any]:

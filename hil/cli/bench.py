@@ -199,10 +199,11 @@ def bench_view(
 def bench_webcam(
     every: Annotated[int, typer.Option(min=1, max=4, help="Look at one picture in so many, of 15 a second.")] = 1,
     latency: Annotated[float, typer.Option(help="From a picture until its landmarks arrive, ms.")] = 80.0,
+    hold: Annotated[float, typer.Option(help="For so long the hand is held where it is to be met, s.")] = 0.5,
     json: Json = False,
 ) -> None:
     """Play high fives with a rendered person whom the webcam's nets saw: touched on the screen, and the wrist's error."""
-    _run(json, lambda bar: bench.webcam(every, latency, bar))
+    _run(json, lambda bar: bench.webcam(every, latency, hold, bar))
 
 
 @app.command("locked")

@@ -145,11 +145,11 @@ def latency(latencies_ms: list[float] | None, cells: list[str] | None, seed: int
     return Measured(bench_latency(options, bar), print_latency)
 
 
-def webcam(every: int, latency_ms: float, bar: Bar) -> Measured:
+def webcam(every: int, latency_ms: float, hold_s: float, bar: Bar) -> Measured:
     """A webcam; see :mod:`highfive.hil.bench.webcam`."""
     from highfive.hil.bench.webcam import WebcamBenchOptions, bench_webcam, print_webcam
 
-    return Measured(bench_webcam(WebcamBenchOptions(every, latency_ms), bar), print_webcam)
+    return Measured(bench_webcam(WebcamBenchOptions(every, latency_ms, hold_s), bar), print_webcam)
 
 
 def view(seconds: float, seed: int, bar: Bar) -> Measured:

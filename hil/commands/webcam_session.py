@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack, closing
 
+from highfive.calibration.placement import Placement, place_before_camera
 from highfive.hil.bench.browser import Browser
 from highfive.hil.commands.live_options import camera_settings
 from highfive.hil.commands.simulate_options import SimulateOptions
@@ -12,6 +13,8 @@ from highfive.hil.runtime.console import say_aside
 from highfive.hil.trials.live_partner import LivePerson
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.webcam_source import WebcamSource
+from highfive.mocap_bridge.files.recording import Recording
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.sources.address import WEBCAM
 from highfive.mocap_bridge.sources.camera_person import CameraPerson
 from highfive.mocap_bridge.tracking.filter_settings import WEBCAM as TRACKING
@@ -46,7 +49,11 @@ def webcam_person(options: SimulateOptions, page: LivePage, stack: ExitStack) ->
 
     page.tell("say", message="Stand two metres before the camera, from head to hips in its picture.")
     _wait(source)
-    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING)
+
+    def place(watched: Recording, marker_set: MarkerSet) -> Placement:
+        return place_before_camera(watched, marker_set, source.person.camera_in_room)
+
+    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING, place=place)
     person.camera = person.placement.apply(source.person.camera_in_room)
     return person
 

@@ -98,6 +98,7 @@ class LivePerson:
         confirm: Callable[[str], bool | None] = lambda question: None,
         say: Callable[[str], None] = say_aside,
         tracking: FilterSettings | None = None,
+        place: Callable[[Recording, MarkerSet], Placement] = place_person,
     ):
         """Waits for the first frame, finds the marker set, and watches the person for :data:`PRACTICE_S`.
 
@@ -113,12 +114,13 @@ class LivePerson:
             confirm: asks whether a guess is right; None where nobody is there to be asked.
             say: tells the person what to do.
             tracking: of the session's tracker, where the source is no motion capture system.
+            place: finds where the person stands from what was watched.
 
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
         self._source, self._address, self._clock, self._latency_ns = source, address, clock, latency_ns
-        self.say, self.tracking = say, tracking
+        self.say, self.tracking, self._place = say, tracking, place
         first = source.first()
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
@@ -137,7 +139,7 @@ class LivePerson:
             f"for {PRACTICE_S:g} s now: raise the right hand once, as for a high five; there the avatar will meet it"
         )
         watched = self._watched(first)
-        placement = place_person(watched, self._set)
+        placement = self._place(watched, self._set)
         say_aside(f"hand seen{self._height(watched.names, placement.apply(watched.points), watched.valid)}")
         for note in placement.notes:
             say_aside(note)

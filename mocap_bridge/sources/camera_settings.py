@@ -37,17 +37,17 @@ class CameraSettings(Settings):
     """That of the hand's distance by its size, over itself."""
     size_depth: float = setting(0.05, above=0.0)
     """That of the person's distance by the trunk's size, over itself."""
-    steady_s: float = setting(0.3, "s", least=0.0)
+    steady_s: float = setting(0.4, "s", least=0.0)
     """Time over which errors of depth hang together: they are no noise, and so many pictures count as one."""
-    size_steady_s: float = setting(2.0, "s", least=0.0)
+    size_steady_s: float = setting(0.6, "s", least=0.0)
     """The same of the distance by size."""
     bone: float = setting(0.03, "m", above=0.0)
     """Standard deviation of a bone's length about that of people of this height."""
     girdle: float = setting(0.025, "m", above=0.0)
     """The same of the shoulders' distance, and of the head's from them: girdle and neck move."""
-    bone_steady_s: float = setting(0.4, "s", least=0.0)
+    bone_steady_s: float = setting(0.6, "s", least=0.0)
     """Time over which a bone is the longer or shorter: shoulders move, and the nets' joints do on the bones."""
-    girdle_steady_s: float = setting(2.5, "s", least=0.0)
+    girdle_steady_s: float = setting(0.6, "s", least=0.0)
     """The same of shoulders and head."""
     front: float = setting(0.07, "m", above=0.0)
     """Elbow and hand are not further behind the shoulder than this; and how surely."""

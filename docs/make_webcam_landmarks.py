@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from highfive.hil.bench.browser import Browser
 from highfive.hil.bench.webcam_film import Film, FilmCamera, filmed_pair, truth
 from highfive.hil.bench.webcam_recorded import RECORDED, STEP, RecordedClip, save_clips
 from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.view.browser import Browser
 from highfive.hil.view.live_page import LivePage
 from highfive.mocap_bridge.wire.landmarks import HandLandmarks, Landmarks
 

@@ -1,9 +1,9 @@
 """The webcam: high fives with a person of known truth, from what the nets saw of her, through filter and session.
 
-In virtual time, as a live session goes. She is rendered, of the avatar's size, 2 m before a 70° camera; the nets' answers
-were recorded once (:mod:`highfive.hil.bench.webcam_recorded`), and some of them can be left out. The world is placed as a
-session does it, by a high five before the first one. She holds her hand up for a while, as people do before a screen: it
-rests where she met her own partner, and so do the landmarks of that picture.
+In virtual time, as a live session goes. She is rendered, of the avatar's size, 2 m before a 70° camera; the nets'
+answers were recorded once (:mod:`highfive.hil.bench.webcam_recorded`), and some of them can be left out. The world is
+placed as a session does it, by a high five before the first one. She holds her hand up for a while, as people do before
+a screen: it rests where she met her own partner, and so do the landmarks of that picture.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.recognise import find_marker_set
 from highfive.mocap_bridge.sources.camera_person import TO_ROOM, CameraPerson
-from highfive.mocap_bridge.sources.camera_settings import KNUCKLES, MARKERS, SHOULDER, WRIST, CameraSettings
+from highfive.mocap_bridge.sources.camera_settings import KNUCKLES, MARKERS, SHOULDER, WRIST
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.tracking.filter_settings import WEBCAM
 from highfive.model.errors import HighFiveError
@@ -203,8 +203,8 @@ def _figures(felt: Sequence[ScreenFelt]) -> dict[str, Any]:
         "trials": len(felt),
         "touched": sum(one.touched for one in felt),
         "met": len(met),
-        "across_mm": _half_and_90(across) if len(met) else None,
-        "time_error_ms": round(float(np.median(late)), 1) if len(met) else None,
+        "across_mm": _half_and_90(across) if met else None,
+        "time_error_ms": round(float(np.median(late)), 1) if met else None,
         "missed": [f"{one.emotion}, {one.cell}" for one in felt if not one.touched],
         "rows": [
             {
@@ -224,7 +224,9 @@ def print_webcam(result: dict[str, Any]) -> None:
         print(f"palm from true palm, across    {pair['median']:.0f} / {pair['p90']:.0f} mm (median / 90 %)")
     for name in ("wrist", "knuckles"):
         row = result[f"{name}_mm"]
-        shown = ", ".join(f"{key.replace('_', ' ')} {row[key]['median']:.0f} / {row[key]['p90']:.0f}" for key in list(row)[:3])
+        shown = ", ".join(
+            f"{key.replace('_', ' ')} {row[key]['median']:.0f} / {row[key]['p90']:.0f}" for key in list(row)[:3]
+        )
         print(f"{name:<9} by the filter, mm      {shown}")
     if result["missed"]:
         print(f"missed: {'; '.join(result['missed'])}")

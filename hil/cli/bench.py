@@ -202,7 +202,7 @@ def bench_webcam(
     hold: Annotated[float, typer.Option(help="For so long the hand is held where it is to be met, s.")] = 0.5,
     json: Json = False,
 ) -> None:
-    """Play high fives with a rendered person whom the webcam's nets saw: touched on the screen, and the wrist's error."""
+    """Play high fives with a rendered person as the webcam's nets saw her: touched on the screen, the wrist."""
     _run(json, lambda bar: bench.webcam(every, latency, hold, bar))
 
 

@@ -46,7 +46,7 @@ def check_webcam_options(options: SimulateOptions) -> None:
         return
     if options.arm is not None:
         raise HighFiveError(
-            "no arm answers a webcam: it sees depth to 10 cm only; use a motion capture system with --rig, or the avatar"
+            "no arm answers a webcam, which sees depth to 10 cm only: leave out --rig, or use a motion capture system"
         )
     if options.marker_set is not None or options.human is not None:
         raise HighFiveError("a webcam sees one person, without markers: leave out --marker-set and --human")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from contextlib import ExitStack, closing
 
 from highfive.calibration.placement import Placement, place_before_camera
-from highfive.hil.bench.browser import Browser
 from highfive.hil.commands.live_options import camera_settings
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.trials.live_partner import LivePerson
+from highfive.hil.view.browser import Browser
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.webcam_source import WebcamSource
 from highfive.mocap_bridge.files.recording import Recording

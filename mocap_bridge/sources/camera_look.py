@@ -28,6 +28,7 @@ _RIGHT = (12, 14, 16)
 _EARS, _SHOULDERS, _ELBOWS, _WRISTS, _HIPS = (7, 8), (11, 12), (13, 14), (15, 16), (23, 24)
 _PALM = (0, 5, 9, 13, 17)
 _MIRROR = np.array([0, 4, 5, 6, 1, 2, 3, 8, 7, 10, 9, *(i + 1 if i % 2 else i - 1 for i in range(11, POSE))])
+_GUESSED = 4.0
 _LEAST_PX = 8.0  # a trunk or hand that spans fewer pixels says nothing of its distance
 
 
@@ -86,7 +87,7 @@ def look(found: Landmarks, camera: Camera, settings: CameraSettings, expected: A
         visibility = float(sure[rows].min())
         seen[joint] = visibility >= settings.visible and inside[rows].all()
         across[joint] /= max(visibility, 0.1)
-    across[KNUCKLES] = 2.0 * across[WRIST]  # of the body's net: finger bases of index and little finger, roughly
+    across[KNUCKLES] = _GUESSED * across[WRIST]  # of the body's net, which guesses index and little finger
 
     hand, strangers = _hand_of(found, picture, size, settings)
     hand_distance = np.nan

@@ -66,7 +66,7 @@ class CameraSettings(Settings):
     exchanged: float = setting(0.5, above=0.0, most=1.0)
     """Left and right count as exchanged where that explains the picture with this share of the misfit."""
     out_along: tuple[float, ...] = setting((0.10, 0.15), "m", above=0.0)
-    """Least and largest standard deviation along the view that a frame states: what is wrong there is wrong for long."""
+    """Least and largest standard deviation along the view that a frame states: what is wrong there stays so."""
     out_across: float = setting(0.01, "m", above=0.0)
     """Least standard deviation across the view that a frame states."""
     lost_s: float = setting(0.5, "s", above=0.0)

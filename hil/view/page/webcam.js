@@ -2,7 +2,7 @@
 
 const KIND = 3, VERSION = 1, HEAD = 28, POSE = 25, HAND = 21, MOST_HANDS = 4;
 export const NET = { modelComplexity: 1, minDetectionConfidence: 0.5, minTrackingConfidence: 0.5 };
-const SURE = 0.5, WIDTH = 232;
+const SURE = 0.5, WIDTH = 232, SLOW_MS = 200;
 const SCAN_MS = 3000, NEARER = 1.15, MARGIN = 0.25;
 const BONES = [[11, 12], [12, 14], [14, 16], [11, 13], [13, 15], [11, 23], [12, 24], [23, 24]];
 const FINGERS = [[0, 5], [5, 9], [9, 13], [13, 17], [17, 0], [5, 8], [9, 12], [13, 16], [17, 20], [0, 4]];
@@ -83,7 +83,7 @@ export class Webcam {
    * @param {{processor: boolean}} machine whether pictures are drawn by the processor: then nets run there, too
    */
   constructor(connection, panel, machine) {
-    Object.assign(this, { connection, panel, machine, number: 0, persons: 0, counts: { sent: 0, found: 0, restarts: 0 } });
+    Object.assign(this, { connection, panel, machine, number: 0, period: 100, counts: { sent: 0, found: 0, restarts: 0 } });
     this.canvas = Object.assign(document.createElement("canvas"), { width: WIDTH, height: Math.round((WIDTH * 9) / 16) });
     this.canvas.setAttribute("aria-label", "What the camera sees, mirrored");
     this.line = Object.assign(document.createElement("p"), { textContent: "The camera starts …" });
@@ -152,8 +152,14 @@ export class Webcam {
       this.counts.sent += 1;
       this.counts.found += Number(Boolean(body));
     }
+    this.period += 0.2 * (now - (this.before ?? now) - this.period);
+    this.before = now;
+    const slow = this.number > 10 && this.period > SLOW_MS;
     this.advice = guidance(body, width, height);
-    this.say([this.advice, persons > 1 ? "Two people are in view: the nearer one counts." : ""].filter(Boolean).join(" "));
+    this.say([
+      this.advice, persons > 1 ? "Two people are in view: the nearer one counts." : "",
+      slow ? `Only ${(1000 / this.period).toFixed(1)} pictures a second are looked at here: raise the hand slowly, and hold it.` : "",
+    ].filter(Boolean).join(" "));
     this.draw(body, hands || [], width, height);
   }
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from highfive.hil.bench.browser import Browser, browser_here
+from highfive.hil.view.browser import Browser, browser_here
 
 IWER = "iwer@2.5.0"
 DEVICE = """

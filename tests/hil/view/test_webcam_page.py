@@ -17,9 +17,9 @@ import pytest
 from paths import ROOT
 from websockets.sync.client import ClientConnection, connect
 
-from highfive.hil.bench.browser import Browser, browser_here
 from highfive.hil.bench.webcam_film import Film, FilmCamera, filmed_pair, truth
 from highfive.hil.bench.webcam_recorded import load_clips
+from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.pages import POLICY
 from highfive.hil.view.webcam_files import net_files, net_folder
@@ -175,9 +175,12 @@ def test_the_nets_find_a_rendered_person_where_she_is(
             source.close()
         said = browser.evaluate("highfive.webcam.line.textContent")
         broken = [line for line in browser.console if "Content Security Policy" in line or "exceptionThrown" in line]
-    assert said == "" and not broken
+    assert not broken
+    assert "A step" not in said and "Nobody" not in said and "Two people" not in said
     assert frame.valid.all()
-    gaps = (frame.positions[[SHOULDER, WRIST, LEFT_SHOULDER]] - camera) @ TO_ROOM - joints[0, [SHOULDER, WRIST, LEFT_SHOULDER]]
+    gaps = (frame.positions[[SHOULDER, WRIST, LEFT_SHOULDER]] - camera) @ TO_ROOM - joints[
+        0, [SHOULDER, WRIST, LEFT_SHOULDER]
+    ]
     assert np.linalg.norm(gaps[:, :2], axis=1).max() < 0.06
     assert np.abs(gaps[:, 2]).max() < 0.3
 

@@ -74,7 +74,7 @@ def test_derivatives_are_those_of_what_is_measured() -> None:
     points = standing()
     points[ELBOW, 2] += 0.5  # so far behind that the front rule speaks, too
     looked = replace(seen(standing()), depths=np.linspace(-0.2, 0.1, 6))
-    base, jacobian, variance = _measured(points, looked, 1 / 30, CAMERA, SETTINGS)
+    _, jacobian, variance = _measured(points, looked, 1 / 30, CAMERA, SETTINGS)
     assert (variance > 0.0).all()
     for i in range(18):
         step = np.zeros(18)
@@ -143,7 +143,7 @@ def test_a_frame_states_what_it_does_not_know(clips: list[RecordedClip], emotion
         assert frame.names == MARKERS and frame.covariance is not None and frame.valid.all()
         for joint in range(len(JOINTS)):
             spread = np.sqrt(np.linalg.eigvalsh(frame.covariance[joint]))
-            assert 0.009 < spread[0] and 0.099 < spread[2] < 0.151
+            assert spread[0] > 0.009 and 0.099 < spread[2] < 0.151
             gap = (frame.positions[joint] - person.camera_in_room) - TO_ROOM @ truth[joint]
             within.append(gap @ np.linalg.solve(frame.covariance[joint], gap) < 11.3)  # 99 % of three dimensions
     assert np.mean(within) > 0.85

@@ -32,7 +32,13 @@ def some(rng: np.random.Generator, hands: int = 2, person: bool = True) -> Landm
 def test_there_and_back(hands: int, person: bool) -> None:
     found = some(np.random.default_rng(hands), hands, person)
     back = decode_landmarks(encode_landmarks(found))
-    assert (back.number, back.captured_ms, back.took_ms, back.size, back.persons) == (7, 1234.5678, 81.25, (1280, 720), person)
+    assert (back.number, back.captured_ms, back.took_ms, back.size, back.persons) == (
+        7,
+        1234.5678,
+        81.25,
+        (1280, 720),
+        person,
+    )
     for name in ("picture", "visibility", "world"):
         np.testing.assert_array_equal(getattr(back, name), getattr(found, name))
     assert len(back.hands) == hands

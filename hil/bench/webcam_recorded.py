@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ def load_clips(path: Path = RECORDED) -> list[RecordedClip]:
 _KEYS = ("there", "body", "sure", "world", "hands", "hand_worlds", "scores", "frames", "joints", "palm")
 
 
-def _clip(name: str, kept: dict[str, NDArray[np.generic]], size: tuple[int, int]) -> RecordedClip:
+def _clip(name: str, kept: dict[str, NDArray[Any]], size: tuple[int, int]) -> RecordedClip:
     emotion, _, cell = name.rpartition("_")
     *frames, contact = (int(frame) for frame in kept["frames"])
     found = []

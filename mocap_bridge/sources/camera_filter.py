@@ -107,7 +107,7 @@ def _measured(
 ) -> tuple[Array, Array, Array]:
     """Misfits (N,), their derivatives (N, 18) by the points, and variances (N,), at points (6, 3)."""
     rows: list[tuple[float, Array, float]] = []
-    for joint in np.flatnonzero(seen.seen):
+    for joint in np.flatnonzero(seen.seen).tolist():
         rows += _ray(joint, points, seen, camera)
     wander = 1.0 + 2.0 * settings.steady_s / seconds
     for joint in (ELBOW, WRIST, KNUCKLES, SHOULDER, HEAD):
@@ -200,7 +200,9 @@ def stated(state: CameraState, across: Array, settings: CameraSettings) -> Array
     result = np.empty((COUNT, 3, 3))
     for joint, ray in enumerate(rays):
         block = state.covariance[3 * joint : 3 * joint + 3, 3 * joint : 3 * joint + 3]
-        along = np.clip(np.sqrt(max(float(ray @ block @ ray), 0.0)), *settings.out_along)
+        along = float(
+            np.clip(np.sqrt(max(float(ray @ block @ ray), 0.0)), settings.out_along[0], settings.out_along[1])
+        )
         wide = np.sqrt(max(0.5 * float(np.trace(block) - ray @ block @ ray), 0.0))
         side = max(settings.out_across, float(across[joint]), wide)
         result[joint] = side**2 * np.eye(3) + (max(along, side) ** 2 - side**2) * np.outer(ray, ray)

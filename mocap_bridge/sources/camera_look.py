@@ -72,7 +72,7 @@ def look(found: Landmarks, camera: Camera, settings: CameraSettings, expected: A
     exchanged = _exchanged(found.picture * size, found.visibility, expected, settings)
     order = _MIRROR if exchanged else np.arange(POSE)
     picture, sure, world = found.picture[order] * size, found.visibility[order], found.world[order]
-    inside = (np.abs(picture / size - 0.5) < 0.5 + settings.margin).all(axis=1)
+    inside = np.asarray((np.abs(picture / size - 0.5) < 0.5 + settings.margin).all(axis=1))
 
     scale = (
         settings.height * TRUNK / max(float(np.linalg.norm(_middle(world, _SHOULDERS) - _middle(world, _HIPS))), 0.1)

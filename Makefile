@@ -13,7 +13,7 @@ SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
 unexport PYTHONDONTWRITEBYTECODE
 
 .NOTPARALLEL:
-.PHONY: demo test fast clock slow style check model recording three format
+.PHONY: demo test fast clock slow style check model recording three webcam format
 
 demo: $(READY)  ## one simulated session: report, film and recording in out/
 	$(BIN)/highfive simulate
@@ -48,6 +48,10 @@ recording: $(READY)  ## the short recording of `highfive view` again
 
 three:  ## three.js of the page again; needs Node
 	cd docs/three && npm install --no-audit --no-fund --no-package-lock && npm run build
+
+webcam: $(READY)  ## the nets of `highfive simulate --source webcam`; needs npm
+	$(BIN)/python packaging/webcam/fetch.py
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps ./packaging/webcam
 
 format: $(READY)
 	$(BIN)/ruff format .

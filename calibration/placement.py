@@ -32,6 +32,9 @@ class PlacementSettings(Settings):
     head_height: float = setting(1.60, "m", above=0.0)
     """Of the head's markers of a standing adult where nothing shows the floor."""
 
+    raised_over: float = setting(0.10, "m", above=0.0)
+    """Below its highest within which a hand counts as held up."""
+
 
 PLACEMENT = PlacementSettings()
 
@@ -126,6 +129,39 @@ def place_person(
     yaw = rotations.from_axis_angle("z", -np.arctan2(facing[1], facing[0]))
     translation = -rotations.rotate(yaw, np.array([here[0], here[1], floor]))
     return Placement(rotations.multiply(yaw, level), translation, (*notes, floor_note, note), guesses)
+
+
+def place_before_camera(
+    person: Recording, marker_set: MarkerSet, camera: Array, settings: PlacementSettings = PLACEMENT
+) -> Placement:
+    """Where a person stands who is seen by one camera, in a frame that has z up and the floor at zero.
+
+    The avatar is on the screen that the camera stands on, and she faces it. How far a hand reaches towards the camera
+    is what the camera sees worst: the pictures in which the hand is highest say it together.
+
+    Args:
+        person: her markers.
+        marker_set: of them.
+        camera: (3,) m, in the recording's frame.
+        settings: of the search.
+
+    Raises:
+        HighFiveError: markers of the head or the arm are missing, or hand and shoulder are never seen.
+    """
+    seen = _person(person, marker_set)
+    known = np.isfinite(seen.hand + seen.shoulder + seen.head).all(axis=-1)
+    if not known.any():
+        raise HighFiveError("head, shoulder and hand are never seen together; stand back, from head to hips")
+    hand, head = seen.hand[known], np.median(seen.head[known], axis=0)
+    facing = (camera - head)[:2] / max(float(np.linalg.norm((camera - head)[:2])), 1e-9)
+    raised = hand[:, 2] > hand[:, 2].max() - settings.raised_over
+    ahead = float(np.median((hand[raised] - head)[:, :2] @ facing))
+    away = float(np.clip(ahead + settings.avatar_reach, settings.nearest, settings.furthest))
+    yaw = rotations.from_axis_angle("z", -np.arctan2(-facing[1], -facing[0]))
+    avatar = np.array([*(head[:2] + away * facing), 0.0])
+    note = f"the avatar stands {away:.2f} m before the person, towards the camera"
+    guesses = () if _raised(seen, settings) else (f"{note}; no hand was raised as for a high five",)
+    return Placement(yaw, -rotations.rotate(yaw, avatar), (note,), guesses)
 
 
 def _person(recording: Recording, marker_set: MarkerSet) -> _Person:

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from PIL import Image
 
-from highfive.hil.bench.browser import Browser
+from highfive.hil.view.browser import Browser
 
 SIZE, TRIAL, BEFORE_S = (1200, 680), 1, 0.1
 CARD = (  # the page asks the browser who draws

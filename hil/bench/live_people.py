@@ -86,13 +86,15 @@ class LiveFelt:
     palm_speed: float
 
 
-class _Link:
+class FrameLink:
     """One connection to the system: hands over each frame when it arrives."""
 
     def __init__(self, clock: VirtualClock, rate_hz: float, frames: Sequence[MarkerFrame]) -> None:
+        """Of all ``frames``, in the order of their arrivals."""
         self._clock, self.rate_hz, self._frames, self._next = clock, rate_hz, frames, 0
 
     def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
+        """Those that have arrived."""
         until = self._clock.now() + round(1e9 * timeout_s)
         due = self._frames[self._next].arrival_time_ns if self._next < len(self._frames) else until
         self._clock.wait_until(min(due, until))
@@ -163,7 +165,7 @@ def play(job: LiveJob) -> LiveFelt:
     with VirtualClock(job.seed) as clock:
         begins = clock.now() + 100_000_000
         frames = frames_of(person, system, begins, np.random.default_rng(job.seed))
-        link = _Link(clock, system.rate_hz, frames)
+        link = FrameLink(clock, system.rate_hz, frames)
         with closing(LiveSource("simulated", lambda: link, None, system.rate_hz, VirtualScheduler(clock))) as source:
             zero = begins + round(1e9 * BEFORE_S)
             clock.wait_until(zero + round(1e6 * system.latency_ms))

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import connect
 
-from highfive.hil.bench.browser import Browser, browser_here
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar
 from highfive.hil.session.session import RATE_HZ, Session, Tick
@@ -22,6 +21,7 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.hil.trials.trial import as_captured, run_trial
 from highfive.hil.view import SHIPPED_RECORDING
+from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.player import play
 from highfive.hil.view.recorded import recorded_trials

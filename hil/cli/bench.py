@@ -208,6 +208,17 @@ def bench_view(
     _run(json, lambda bar: bench.view(seconds, seed, bar))
 
 
+@app.command("webcam")
+def bench_webcam(
+    every: Annotated[int, typer.Option(min=1, max=4, help="Look at one picture in so many, of 15 a second.")] = 1,
+    latency: Annotated[float, typer.Option(help="From a picture until its landmarks arrive, ms.")] = 80.0,
+    hold: Annotated[float, typer.Option(help="For so long the hand is held where it is to be met, s.")] = 0.5,
+    json: Json = False,
+) -> None:
+    """Play high fives with a rendered person as the webcam's nets saw her: touched on the screen, the wrist."""
+    _run(json, lambda bar: bench.webcam(every, latency, hold, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

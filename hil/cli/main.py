@@ -61,9 +61,7 @@ def simulate(
     style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
     source: Annotated[
         str | None,
-        typer.Option(
-            help="A real person instead: a C3D file, an address such as vicon://host, or headset (by the page)."
-        ),
+        typer.Option(help="A real person instead: a C3D file, an address such as vicon://host, headset, or webcam."),
     ] = None,
     human: Annotated[
         str | None, typer.Option("--human", "--person", help="Prefix of that person's markers, such as A or human.")
@@ -120,6 +118,18 @@ def simulate(
     port: Port = None,
     no_open: NoOpen = False,
     https: Https = False,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="VIDEO", help="With --source webcam: an .mjpeg or .y4m instead of a camera, nobody asked."
+        ),
+    ] = None,
+    height: Annotated[
+        float | None, typer.Option(help="With --source webcam: of the person, m (default: 1.75).")
+    ] = None,
+    fov: Annotated[
+        float | None, typer.Option(help="With --source webcam: degrees across the camera's picture (default: 70).")
+    ] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -128,7 +138,7 @@ def simulate(
     from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
     from highfive.hil.commands.session_lines import print_session  # noqa: PLC0415
     from highfive.hil.commands.simulate import SimulateOptions, simulate, which_model  # noqa: PLC0415
-    from highfive.hil.commands.simulate_options import PageOptions  # noqa: PLC0415
+    from highfive.hil.commands.simulate_options import PageOptions, WebcamOptions  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     options = SimulateOptions(
@@ -148,7 +158,8 @@ def simulate(
         place=place,
         latency_ms=latency,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
-        view=PageOptions(port, not no_open, https) if view else None,
+        view=PageOptions(port, not no_open, https) if view or source == "webcam" else None,
+        webcam=WebcamOptions(height, fov, camera),
         overwrite=overwrite,
     )
     folder = out or next_folder("session")

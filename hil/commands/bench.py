@@ -154,6 +154,13 @@ def headset(cells: list[str] | None, devices: list[str] | None, seed: int, bar: 
     return Measured(bench_headset(options, bar), print_headset)
 
 
+def webcam(every: int, latency_ms: float, hold_s: float, bar: Bar) -> Measured:
+    """A webcam; see :mod:`highfive.hil.bench.webcam`."""
+    from highfive.hil.bench.webcam import WebcamBenchOptions, bench_webcam, print_webcam
+
+    return Measured(bench_webcam(WebcamBenchOptions(every, latency_ms, hold_s), bar), print_webcam)
+
+
 def view(seconds: float, seed: int, bar: Bar) -> Measured:
     """The live page; see :mod:`highfive.hil.bench.view`."""
     from highfive.hil.bench.view import ViewBenchOptions, bench_view, print_view

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from highfive.hil.commands.simulate_options import SimulateOptions
+from highfive.mocap_bridge.sources.address import WEBCAM
+from highfive.mocap_bridge.sources.camera_settings import CameraSettings
 from highfive.model.errors import HighFiveError
+
+VIDEOS = (".mjpeg", ".y4m")
+"""What Chromium takes for a camera."""
 
 LONGEST_LATENCY_MS = 200.0
 """Over more than this nobody can predict a hand."""
@@ -15,6 +22,7 @@ def check_live_options(options: SimulateOptions, live: bool) -> None:
     Raises:
         HighFiveError: something does not.
     """
+    check_webcam_options(options)
     if options.place is not None and not live:
         raise HighFiveError("--place keeps where a live person stands; add --source ADDRESS")
     if options.latency_ms and not live:
@@ -23,3 +31,36 @@ def check_live_options(options: SimulateOptions, live: bool) -> None:
         raise HighFiveError(f"--latency {options.latency_ms:g} ms; expected 0 to {LONGEST_LATENCY_MS:g}")
     if options.place is not None and options.arm is not None and options.arm.registration is not None:
         raise HighFiveError("--place and --registration both say where the person stands; give one")
+
+
+def check_webcam_options(options: SimulateOptions) -> None:
+    """What a webcam is good for, and what goes with one only.
+
+    Raises:
+        HighFiveError: something is not, or does not.
+    """
+    webcam = options.webcam
+    if options.source != WEBCAM:
+        given = (("--camera", webcam.video), ("--height", webcam.height), ("--fov", webcam.field_of_view))
+        for name, value in given:
+            if value is not None:
+                raise HighFiveError(f"{name} is of the person before a webcam; add --source webcam")
+        return
+    if options.arm is not None:
+        raise HighFiveError(
+            "no arm answers a webcam, which sees depth to 10 cm only: leave out --rig, or use a motion capture system"
+        )
+    if options.marker_set is not None or options.human is not None:
+        raise HighFiveError("a webcam sees one person, without markers: leave out --marker-set and --human")
+    if options.place is not None or options.latency_ms:
+        raise HighFiveError("a webcam says itself when and where: leave out --place and --latency")
+    camera_settings(options)
+    if webcam.video is not None and (webcam.video.suffix.lower() not in VIDEOS or not webcam.video.is_file()):
+        raise HighFiveError(f"--camera {webcam.video}: expected a video that is there, one of {', '.join(VIDEOS)}")
+
+
+def camera_settings(options: SimulateOptions) -> CameraSettings:
+    """Of the filter, with what was said of the person and the camera."""
+    said = {"height": options.webcam.height, "field_of_view": options.webcam.field_of_view}
+    given: dict[str, Any] = {name: float(value) for name, value in said.items() if value is not None}
+    return CameraSettings(**given)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,12 @@ PATIENCE_S = 120.0
 
 @contextmanager
 def open_page(
-    options: PageOptions, about: dict[str, Any], estop: Latch | None = None, *, tracks: bool = False
+    options: PageOptions,
+    about: dict[str, Any],
+    estop: Latch | None = None,
+    opened: Callable[[LivePage], None] | None = None,
+    *,
+    tracks: bool = False,
 ) -> Iterator[LivePage]:
     """A page that somebody has opened, or could have.
 
@@ -27,6 +32,7 @@ def open_page(
         options: where it is.
         about: what it is told first.
         estop: is pulled by its button.
+        opened: opens it, instead of somebody.
         tracks: a headset is tracked through it.
 
     Raises:
@@ -34,7 +40,9 @@ def open_page(
     """
     with LivePage(about, port=options.port, estop=estop, tracks=tracks, **_network(options)) as page:
         say_aside(f"open {page.address} in a browser")
-        if options.open_browser:
+        if opened is not None:
+            opened(page)
+        elif options.open_browser:
             webbrowser.open(page.address)
         if not page.wait_for_page(PATIENCE_S):
             say_aside("nobody looks on; it begins")

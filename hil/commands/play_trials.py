@@ -170,7 +170,8 @@ def _trial(
 
     if live is None:
         return run_trial(number, partner, session, playout, inputs, seen), ""
-    say_aside(f"high five {number + 1}, {style}: raise the right hand")
+    assert person is not None
+    person.say(f"high five {number + 1}, {style}: raise the right hand")
     result = run_trial(number, partner, session, playout, inputs, seen) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble
@@ -179,7 +180,12 @@ def _trial(
         f"{live.count} ticks, {live.late} late, {live.predicted} between frames, {live.stale} of them stale; "
         f"poses {ahead:.1f} ms ahead of the newest frame"
     )
-    return replace(result, notes=(*result.notes, note)), ""
+    result = replace(result, notes=(*result.notes, note))
+    if person.camera is not None:
+        from highfive.hil.trials.screen_contact import seen_on_screen  # noqa: PLC0415
+
+        result = seen_on_screen(result, person.camera)
+    return result, ""
 
 
 def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None) -> Iterable[TickInput]:

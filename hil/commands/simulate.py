@@ -28,7 +28,7 @@ from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
-from highfive.mocap_bridge.sources.address import is_live
+from highfive.mocap_bridge.sources.address import WEBCAM, is_live
 from highfive.mocap_bridge.tracking.filter_settings import HEADSET
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmWatch
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
+    from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.trials.live_wiring import LiveWiring
     from highfive.hil.view.live_page import LivePage
 
@@ -84,13 +85,22 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+        if options.source == WEBCAM:
+            from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
+
+            net_files()  # are they there?
         model, scene, watch, page, person = _model(options, bar), build_scene(), None, None, None
         with ExitStack() as parts:
             if worn:  # the page is what tracks her
                 watch = _arm_watch(options, bar, load_marker_set(SCHEME), parts)
                 page = _page(options, model, watch, parts)
                 wiring = headset_wiring(options, page, wiring)
-            if live:
+            if options.source == WEBCAM:  # who is seen by the page is there after the page
+                from highfive.hil.commands.webcam_session import webcam_person  # noqa: PLC0415
+
+                page = _page(options, model, None, parts)
+                person = webcam_person(options, page, parts)
+            elif live:
                 from highfive.hil.commands.live_session import live_person  # noqa: PLC0415
 
                 person = live_person(options, parts, wiring, worn_set(options), page)
@@ -99,7 +109,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
-            session = _session(options, model, scene, partners[0])
+            session = _session(options, model, scene, partners[0], person)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)
             recorder = SessionRecorder(folder / "session.mcap", settings)
@@ -131,14 +141,20 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
     from highfive.hil.commands.page import open_page  # noqa: PLC0415
 
     assert options.view is not None
+    webcam = options.source == WEBCAM
     cells = list(options.cells or CELLS) if options.source is None else []
     about = {"mode": "session", "title": _shown(options.source), "emotions": list(model.emotions), "cells": cells}
     worn = wears_headset(options)
     if worn:
         about |= {"tracks": True, "hand": hand_of(options)}
     estop = None if watch is None else watch.loop.estop
-    about |= {"arm": estop is not None, "rig": estop is not None}
-    return stack.enter_context(open_page(options.view, about, estop, tracks=worn))
+    about |= {"arm": estop is not None, "rig": estop is not None, "webcam": webcam}
+    opened = None
+    if webcam and options.webcam.video is not None:
+        from highfive.hil.commands.webcam_session import watch_video  # noqa: PLC0415
+
+        opened = partial(watch_video, options, stack=stack)
+    return stack.enter_context(open_page(options.view, about, estop, opened, tracks=worn))
 
 
 def _arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch | None:
@@ -212,10 +228,12 @@ def _shown(source: str | None) -> str:
     return "" if source is None else source if is_live(source) else Path(source).name
 
 
-def _session(options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner) -> Session:
+def _session(
+    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None
+) -> Session:
     style = options.style or {partner.emotion: 1.0}
     worn = wears_headset(options)
-    settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None)
+    settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None if person is None else person.tracking)
     return Session(
         model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking
     )

@@ -29,6 +29,21 @@ class PageOptions:
 
 
 @dataclass(frozen=True)
+class WebcamOptions:
+    """The person before a webcam (``source`` is then ``webcam``).
+
+    Attributes:
+        height: hers, m; None for a usual one.
+        field_of_view: across the camera's picture, °; None for a usual one.
+        video: a file that a browser without a window takes for its camera (.mjpeg or .y4m); None for a real camera.
+    """
+
+    height: float | None = None
+    field_of_view: float | None = None
+    video: Path | None = None
+
+
+@dataclass(frozen=True)
 class SimulateOptions:
     """What to simulate.
 
@@ -49,6 +64,7 @@ class SimulateOptions:
         place: keeps where a live person stands, for the next session; None for not.
         latency_ms: what cameras, network and screen take beyond what a live source says of itself.
         view: the live page that shows it; None for none.
+        webcam: where the source is the webcam of the live page.
         arm: a servo arm that takes part, at the pace of the clock; None for none.
         overwrite: write into a folder that holds something.
     """
@@ -69,5 +85,6 @@ class SimulateOptions:
     place: Path | None = None
     latency_ms: float = 0.0
     view: PageOptions | None = None
+    webcam: WebcamOptions = WebcamOptions()
     arm: ArmOptions | None = None
     overwrite: bool = False

@@ -25,6 +25,7 @@ from highfive.mocap_bridge.markers.recognise import find_marker_set
 from highfive.mocap_bridge.sources.address import open_source
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.source import Connection
+from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -44,7 +45,12 @@ class LivePerson:
 
     Attributes:
         placement: where the person stands.
+        say: tells the person what to do.
+        tracking: of the session's tracker; None for a motion capture system's.
+        camera: (3,) m, of the one camera that sees her, in the world; None of a motion capture system.
     """
+
+    camera: Array | None = None
 
     def __init__(
         self,
@@ -55,6 +61,9 @@ class LivePerson:
         clock: Clock = MACHINE,
         latency_ns: int = 0,
         confirm: Callable[[str], bool | None] = lambda question: None,
+        say: Callable[[str], None] = say_aside,
+        tracking: FilterSettings | None = None,
+        place: Callable[[Recording, MarkerSet], Placement] = place_person,
         settings: LiveSettings = LIVE,
     ):
         """Waits for the first frame, finds the marker set, and watches the person for ``settings.practice`` s.
@@ -69,12 +78,16 @@ class LivePerson:
             clock: this process's.
             latency_ns: what cameras, network and screen take beyond what the source says of itself.
             confirm: asks whether a guess is right; None where nobody is there to be asked.
+            say: tells the person what to do.
+            tracking: of the session's tracker, where the source is no motion capture system.
+            place: finds where the person stands from what was watched.
             settings: how long is waited.
 
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
         self._source, self._address, self._clock, self._latency_ns = source, address, clock, latency_ns
+        self.say, self.tracking, self._place = say, tracking, place
         self._settings = settings
         first = source.first()
         self._set = marker_set or find_marker_set(first.names)
@@ -90,12 +103,12 @@ class LivePerson:
 
     def _placed(self, first: MarkerFrame) -> Placement:
         """Where the person stands, once watched."""
-        say_aside(
+        self.say(
             f"for {self._settings.practice:g} s now: raise the right hand once, as for a high five; "
             "there the avatar will meet it"
         )
         watched = self._watched(first)
-        placement = place_person(watched, self._set)
+        placement = self._place(watched, self._set)
         say_aside(f"hand seen{self._height(watched.names, placement.apply(watched.points), watched.valid)}")
         for note in placement.notes:
             say_aside(note)
@@ -176,7 +189,7 @@ class LiveTrial:
     Attributes:
         late: ticks that began more than a millisecond after they could.
         predicted: ticks without a new frame.
-        stale: those of them in which the newest frame was older than ``settings.stale`` s.
+        stale: those of them in which the newest frame was stale by the settings.
         count: ticks so far.
         ahead_ms: by how much each was ahead of its frame, ms.
         trouble: why the trial ended early, '' if it did not: nothing has come for ``settings.gone`` s.
@@ -232,7 +245,8 @@ class LiveTrial:
                 frame, captured = new, seen_ns
             elif frame is None:
                 return
-            stale = now - frame.arrival_time_ns > self._settings.stale * 1e9
+            patience_ns = max(self._settings.stale * 1e9, self._settings.stale_frames * self._source.period_ns)
+            stale = now - frame.arrival_time_ns > patience_ns
             self.predicted, self.stale, self.count = self.predicted + (new is None), self.stale + stale, self.count + 1
             # Time does not go back where a frame shows that the one before was late.
             at_ns = now + self._latency_ns

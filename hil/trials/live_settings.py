@@ -16,6 +16,8 @@ class LiveSettings(Settings):
     met."""
     stale: float = setting(0.1, "s", above=0.0)
     """An older frame says nothing any more of where a marker is."""
+    stale_frames: float = setting(2.5, "frames", above=0.0)
+    """Nor is a frame stale that is younger than so many of its source's are apart: a webcam's come at 5 to 30 Hz."""
     resting: float = setting(0.3, "s", least=0.0)
     resting_speed: float = setting(0.3, "m/s", above=0.0)
     """A hand that was slower than this for so long rests: only then does a trial begin."""

@@ -20,11 +20,15 @@ TYPES = {
     ".glb": "model/gltf-binary",
     ".json": "application/json",
     ".txt": "text/plain; charset=utf-8",
+    ".wasm": "application/wasm",
 }
+BYTES = "application/octet-stream"
 POLICY = (
     "default-src 'self'; connect-src 'self' ws: wss:; img-src 'self' data: blob:; object-src 'none'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+WEBCAM_POLICY = f"{POLICY}; script-src 'self' 'wasm-unsafe-eval'"
+"""Where the page runs nets: compiled code of its own files, and no other, may run."""
 _WORTH_ZIPPING = 1024
 
 
@@ -42,11 +46,11 @@ class File:
         zipped = gzip.compress(plain, 6, mtime=0) if len(plain) > _WORTH_ZIPPING else None
         return cls(kind, plain, zipped if zipped and len(zipped) < len(plain) else None)
 
-    def response(self, accepts: str) -> Response:
+    def response(self, accepts: str, policy: str = POLICY) -> Response:
         """The answer to a request that ``accepts`` these encodings."""
         zip_it = self.zipped is not None and "gzip" in accepts
         body = self.zipped if zip_it and self.zipped is not None else self.plain
-        headers = _headers(self.kind, len(body))
+        headers = _headers(self.kind, len(body), policy)
         if zip_it:
             headers["Content-Encoding"] = "gzip"
         return Response(HTTPStatus.OK, "OK", headers, body)
@@ -70,12 +74,12 @@ def page_files() -> dict[str, File]:
     return files
 
 
-def _headers(kind: str, length: int) -> Headers:
+def _headers(kind: str, length: int, policy: str = POLICY) -> Headers:
     return Headers(
         {
             "Content-Type": kind,
             "Content-Length": str(length),
-            "Content-Security-Policy": POLICY,
+            "Content-Security-Policy": policy,
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
             "Cross-Origin-Opener-Policy": "same-origin",

@@ -32,10 +32,12 @@ from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import parse_command
 from highfive.hil.view.mailbox import Mailbox
-from highfive.hil.view.pages import TYPES, File, page_files, refusal
+from highfive.hil.view.pages import POLICY, TYPES, WEBCAM_POLICY, File, page_files, refusal
 from highfive.hil.view.skin_file import skin_file
+from highfive.hil.view.webcam_files import net_files
 from highfive.hil.view.wire import LONGEST, POSES, VERSION, encode_text, number_of, stamped
 from highfive.mocap_bridge.wire import headset
+from highfive.mocap_bridge.wire.landmarks import KIND as LANDMARKS
 
 CREDIT = 8
 """Poses that a page may owe: 120 Hz over a round trip of 66 ms."""
@@ -125,6 +127,12 @@ class _Server:
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
         self._done = asyncio.Event()
         self._made: asyncio.Task[dict[str, File]] | None = None
+        self._files = dict(page_files())
+        self._policy = POLICY
+        self._camera: _Page | None = None
+        if options.about.get("webcam"):
+            self._files |= net_files()
+            self._policy = WEBCAM_POLICY
         self._secure = options.tls is not None
         self._access = Access.to(options.port, options.key, options.names, secure=self._secure)
 
@@ -167,7 +175,7 @@ class _Server:
             if kind == "close":
                 self._done.set()
                 return
-            if kind in ("state", "contacts"):
+            if kind in ("state", "contacts", "say"):
                 self._kept[kind] = text
             for page in self._pages:
                 page.tell(text)
@@ -191,12 +199,12 @@ class _Server:
         if path == LIVE:
             full = len(self._pages) >= MOST_PAGES
             return refusal(HTTPStatus.SERVICE_UNAVAILABLE, FULL) if full else None
-        file = page_files().get(path)
+        file = self._files.get(path)
         if file is None and path in ("/skin.glb", "/scene.json"):
             file = await self._make(path)
         if file is None:
             return refusal(HTTPStatus.NOT_FOUND, "there is no such file here")
-        return file.response(request.headers.get("Accept-Encoding", ""))
+        return file.response(request.headers.get("Accept-Encoding", ""), self._policy)
 
     async def _make(self, path: str) -> File | None:
         """Skin and scene, made once and off the loop: it takes seconds."""
@@ -223,6 +231,7 @@ class _Server:
             self._pages.discard(page)
             if self._worn is page:
                 self._worn = None
+            self._camera = None if self._camera is page else self._camera
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionClosed):
                 await sender
@@ -248,7 +257,7 @@ class _Server:
             return
 
     def _hear(self, page: _Page, message: str | bytes) -> None:
-        """An acknowledgement (4 bytes), what a headset tracks, a question for the time, or a command.
+        """An acknowledgement (4 bytes), what a headset or a camera tracks, a question, or a command.
 
         All else is dropped.
         """
@@ -262,6 +271,12 @@ class _Server:
                     while page.owed.popleft() != number:
                         pass
                     page.news.set()
+            elif page is self._camera and message[:1] == bytes([LANDMARKS]):
+                self._mailbox.put_newest(message)
+            return
+        if self._options.about.get("webcam") and _asks_for_camera(message):
+            self._camera = self._camera or page  # one at a time: two people's hands are never mixed
+            page.tell(encode_text("camera", granted=self._camera is page))
             return
         command = parse_command(message)
         if command is not None:
@@ -286,6 +301,13 @@ class _Server:
         elif not page.refused:
             page.refused = True
             page.tell(encode_text("headset", message=TAKEN))
+
+
+def _asks_for_camera(message: str) -> bool:
+    """The page wants to be the one whose camera counts."""
+    with suppress(ValueError, RecursionError, AttributeError):
+        return json.loads(message).get("kind") == "camera"
+    return False
 
 
 def _asked(message: str) -> float | None:

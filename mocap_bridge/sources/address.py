@@ -14,6 +14,9 @@ from highfive.mocap_bridge.sources.source import C3DSource, Source
 from highfive.mocap_bridge.sources.tap import Tap, tapped
 from highfive.model.errors import HighFiveError
 
+WEBCAM = "webcam"
+"""Not an address: the camera of whoever has the live page of ``highfive simulate`` open."""
+
 
 def is_live(text: str) -> bool:
     """Whether it is the address of a live system, and not a file.
@@ -33,6 +36,8 @@ def parse_address(text: str) -> Address:
     name, _, options = text.strip().partition("?")
     if name.lower() == "headset":  # there is one page: its headset needs no further name
         text = f"headset://page{options and '?' + options}"
+    if text.strip().lower() == WEBCAM:
+        return Address(WEBCAM, "page")
     scheme, separator, rest = text.strip().partition("://")
     if not separator:
         if not text.strip():
@@ -89,6 +94,8 @@ def connector(address: Address) -> Callable[[], Link]:
     """What connects to a live system; each protocol's library is imported only where it is needed."""
     if address.scheme == FILE:
         raise HighFiveError(f"{address} is no live system")
+    if address.scheme == WEBCAM:
+        raise HighFiveError("a webcam is seen by the live page alone: highfive simulate --source webcam")
     return scheme_named(address.scheme).connector(address)
 
 

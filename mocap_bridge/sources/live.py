@@ -23,8 +23,8 @@ from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, sp
 from highfive.model.errors import HighFiveError
 from highfive.model.plugins import fault
 
-STALLED_S = 0.25
-"""Without a frame for so long a source counts as stalled, s."""
+STALLED_S, STALLED_FRAMES = 0.25, 4.0
+"""Without a frame for so long, s, and for so many of its frames, a source counts as stalled."""
 
 SILENT_S = 1.0
 """Without a frame for so long a connection is taken for dead, and made anew, s."""
@@ -166,7 +166,8 @@ class LiveSource:
         elif newest is None or not self._linked:
             state = Connection.CONNECTING
         else:
-            state = Connection.LIVE if age_ns <= STALLED_S * 1e9 else Connection.STALLED
+            patience_ns = max(STALLED_S * 1e9, STALLED_FRAMES * self._period_ns)
+            state = Connection.LIVE if age_ns <= patience_ns else Connection.STALLED
         received, arrived_ns = self._came
         asked_ns = self._asked_ns
         hangs = asked_ns is not None and now_ns - asked_ns > HANGS_S * 1e9
@@ -258,7 +259,7 @@ class LiveSource:
     def _pace(self, frame: MarkerFrame, step: int) -> None:
         """Averages the period of the frames; a gap in their numbers does not count."""
         elapsed = frame.source_time_ns - (self._stamped or 0)
-        if step == 1 and 0 < elapsed < STALLED_S * 1e9:
+        if step == 1 and 0 < elapsed < max(STALLED_S * 1e9, STALLED_FRAMES * self._period_ns):
             self._period_ns += PACE_SHARE * (elapsed - self._period_ns)
 
     def _of_person(self, frame: MarkerFrame) -> MarkerFrame:

@@ -78,5 +78,7 @@ class FilterSettings(Settings):
 
 HEADSET = FilterSettings(usable_sigma=0.3, coasting=0.8)
 """For the joints that a headset tells of. Chosen on simulated high fives of seed 7 (``highfive bench headset``)."""
+WEBCAM = FilterSettings(usable_sigma=0.25, largest_misfit=0.05)
+"""For joint centres by a webcam, good across its view and bad along it (``highfive bench webcam``)."""
 
 FilterSettingsValues = named_tuple(FilterSettings)

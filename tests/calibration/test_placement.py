@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highfive.calibration.placement import PLACEMENT, Placement, place_person
+from highfive.calibration.placement import PLACEMENT, Placement, place_before_camera, place_person
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.files.recording import make_recording
@@ -112,3 +112,18 @@ def test_covariances_turn_with_the_points():
     turned = placement.turned(np.stack([np.cov(cloud.T), np.eye(3)]))
     np.testing.assert_allclose(turned[0], np.cov(placement.apply(cloud).T), atol=1e-12)
     np.testing.assert_allclose(turned[1], np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.3, -0.5])
+def test_before_one_camera_the_avatar_stands_towards_it_whatever_one_picture_says_of_depth(heading):
+    person, turn = high_five(FULL), rotations.from_axis_angle("z", heading)
+    camera = rotations.rotate(turn, [-1.0, 0.0, 1.25])
+    seen = moved(person, turn, np.zeros(3))
+    wrong = seen.points.copy()
+    wrong[len(wrong) // 3] += 0.4 * (camera - wrong[len(wrong) // 3])  # a picture in which all came nearer
+    placement = place_before_camera(replace(seen, points=wrong), FULL, camera)
+    again = placement.apply(seen.points)
+    head = again[:, FULL.indices(FULL.arm.head)].mean(axis=(0, 1))
+    assert abs(head[1]) < 0.02 and 0.85 < head[0] < 1.25
+    np.testing.assert_allclose(again[..., 2], person.points[..., 2], atol=1e-9)
+    assert placement.apply(camera)[0] < 0.0 and not placement.guesses

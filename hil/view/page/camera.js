@@ -8,6 +8,7 @@ const VIEWS = {  // eye and what is looked at, in the world: z up, m; and width 
   side: [[0.5, -3.6, 1.15], [0.5, 0, 0.88], [1.95, 2.15]],
   palms: [[0.72, -1.5, 1.62], [0.5, 0, 1.38], [1.25, 0.8]],
 };
+const GAZE = 0.02, CHEST = 1.32;  // share of the way in a picture; m
 const OPEN = 34, HERS = 62, WIDEST = 86, ACROSS = 24;  // degrees from top to bottom, and to either side
 
 export class Eye {
@@ -20,7 +21,7 @@ export class Eye {
     this.name = "orbit";
   }
 
-  get fixed() { return this.name !== "person"; }
+  get fixed() { return this.name in VIEWS; }
 
   /** Pixels of the window, and how many at each side lie under panels. */
   fit(width, height, free) {
@@ -34,6 +35,7 @@ export class Eye {
 
   look(name) {
     this.name = name;
+    this.gaze = null;
     this.orbit.enabled = this.fixed;
     this.camera.fov = this.fixed ? OPEN : this.hers;
     this.camera.up.set(0, 1, 0);
@@ -71,6 +73,14 @@ export class Eye {
     world.localToWorld(goal);
     this.camera.position.copy(eye);
     this.camera.lookAt(goal);
+  }
+
+  /** From where her head is, in the long run, to the avatar: what a webcam says of depth would shake the picture. */
+  asInAMirror(values, head, world) {
+    const at = world.localToWorld(new Vector3().fromArray(values, 7 * head));
+    this.gaze = this.gaze ? this.gaze.lerp(at, GAZE) : at;
+    this.camera.position.copy(this.gaze);
+    this.camera.lookAt(world.localToWorld(new Vector3(0, 0, CHEST)));
   }
 
   /** Where it is and what it sees, to be compared with later. */

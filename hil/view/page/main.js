@@ -71,6 +71,7 @@ const heard = {
     notice(text.tracks && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
     behind = text.hand === "left";
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
+    if (text.webcam) openWebcam();
     motion.before = motion.newest = null;
     bars = [];
   },
@@ -98,6 +99,8 @@ const heard = {
     bars.push({ distance: text.distance_m, met: text.met, colour: colourOf(text.style.split(" ")[0]) });
     contacts.set(bars);
   },
+  camera({ granted }) { webcam?.granted(granted); },
+  say(text) { spoken(text.message); },
   over(text) { notice(text.message); linkShown("", "over"); linked = "over"; connection.close(); },
   headset(text) { notice(text.message); },
   touch(text) {
@@ -105,6 +108,25 @@ const heard = {
     headset?.touch();
   },
 };
+
+/** What is said to who stands before the camera, large. */
+function spoken(message) { const place = byId("spoken"); place.textContent = message; place.hidden = !message; }
+
+let webcam = null;
+/** The camera's panel, and her view of the avatar. */
+async function openWebcam() {
+  if (webcam) { webcam.claim(); return; }
+  const { Webcam } = await import("./webcam.js");
+  const panel = document.createElement("section");
+  byId("panels").append(panel);
+  webcam = new Webcam(connection, panel, { processor: !stage || stage.quality.now.coarse });
+  window.highfive.webcam = webcam;
+  const button = Object.assign(document.createElement("button"), { textContent: "Mirror", onclick: () => choose(button) });
+  button.dataset.view = "mirror";
+  byId("views").prepend(button);
+  choose(button);
+  webcam.claim();
+}
 
 /** Panels of other rooms: a text of a kind that none of ours has goes to who asked for it. */
 const listeners = new Map();
@@ -114,13 +136,12 @@ export function addPanel(element, kind, hear) {
   listeners.set(kind, [...(listeners.get(kind) || []), hear]);
 }
 
-for (const button of byId("views").children) {
-  button.onclick = () => {
-    if (stage) stage.view(button.dataset.view);
-    document.body.dataset.view = button.dataset.view;
-    for (const other of byId("views").children) other.setAttribute("aria-pressed", String(other === button));
-  };
+function choose(button) {
+  if (stage) stage.view(button.dataset.view);
+  document.body.dataset.view = button.dataset.view;
+  for (const other of byId("views").children) other.setAttribute("aria-pressed", String(other === button));
 }
+for (const button of byId("views").children) button.onclick = () => choose(button);
 
 for (const button of byId("partners").children) {
   button.onclick = () => {

@@ -133,12 +133,24 @@ export class Stage {
     this.hide();
   }
 
-  /** Hers that is not seen: all of it in a headset, the face from behind which one looks. */
+  /** Hers that is not seen: all of it in a headset, the face from behind which one looks, all but the hand in a mirror. */
   hide() {
     for (const mesh of this.hers) {
-      const gone = this.immersed || (this.eye.name === "person" && FACE.test(mesh.name));
+      const behind = { person: FACE.test(mesh.name), mirror: !mesh.name.includes("right_hand") }[this.eye.name];
+      const gone = this.immersed || behind;
       mesh.layers.set(gone ? HIDDEN : 0);
     }
+  }
+
+  /** From where her head is, in the long run, to the avatar: what a webcam says of depth would shake the picture. */
+  lookAsInAMirror() {
+    const head = this.names.indexOf("person_head");
+    if (head < 0 || !this.values) return;
+    const eye = this.world.localToWorld(new Vector3().fromArray(this.values, 7 * head));
+    this.gaze = this.gaze ? this.gaze.lerp(eye, GAZE) : eye;
+    this.camera.position.copy(this.gaze);
+    this.camera.up.set(0, 1, 0);
+    this.camera.lookAt(this.world.localToWorld(new Vector3(0, 0, CHEST)));
   }
 
   /** Coarse meshes where the figures are far, or the machine is slow. */
@@ -197,7 +209,8 @@ export class Stage {
     else if (eye.fixed) eye.orbit.update();
     else if (this.values) {
       const [head, face] = ["person_head", "head"].map((name) => this.names.indexOf(name));
-      eye.throughHers(this.values, head, face, this.world);
+      if (eye.name === "mirror") eye.asInAMirror(this.values, head, this.world);
+      else eye.throughHers(this.values, head, face, this.world);
     }
     this.signs.move(now, camera);
     this.world.worldToLocal(this.stands.copy(camera.position));

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from highfive.hil.bench.browser import Browser, browser_here
+from highfive.hil.view.browser import Browser, browser_here
 from highfive.mocap_bridge.wire.headset import HeadsetPose, decode_headset
 from highfive.model.geometry import rotations
 

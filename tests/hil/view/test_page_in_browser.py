@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from highfive.hil.bench.browser import Browser, browser_here
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
+from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.recorded import RecordedTrial, recorded_trials
 from highfive.hil.view.wire import PoseMessage

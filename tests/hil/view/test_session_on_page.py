@@ -11,7 +11,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from highfive.hil.bench.browser import Browser, browser_here
+from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.wire import PoseMessage, decode_poses
 
 COMMAND = [sys.executable, "-m", "highfive.hil.cli.main"]

@@ -31,8 +31,15 @@ def browser_here() -> str | None:
 class Browser:
     """One tab of a Chromium of its own; use it in ``with``."""
 
-    def __init__(self, size: tuple[int, int] = (1280, 720), more: Sequence[str] = ()) -> None:
-        """Starts it, with ``more`` options of its command line.
+    def __init__(
+        self, size: tuple[int, int] = (1280, 720), more: Sequence[str] = (), *, camera: Path | None = None
+    ) -> None:
+        """Starts it.
+
+        Args:
+            size: of the window, pixels.
+            more: options of its command line.
+            camera: a video, .mjpeg or .y4m, that it takes for its camera, over and over; None for no camera.
 
         Raises:
             HighFiveError: there is none here, or it does not start.
@@ -46,6 +53,11 @@ class Browser:
             f"--window-size={size[0]},{size[1]}", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--hide-scrollbars",
             "--no-first-run", "--disable-background-networking", *more, "about:blank",
         ]  # fmt: skip
+        if camera is not None:
+            options[:0] = [
+                "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream",
+                f"--use-file-for-fake-video-capture={camera.resolve()}",
+            ]  # fmt: skip
         self._process = subprocess.Popen([path, *options], stderr=subprocess.PIPE, text=True)
         self._number, self._stack = 0, ExitStack()
         self.console: list[str] = []

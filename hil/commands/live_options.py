@@ -59,5 +59,8 @@ def check_webcam_options(options: SimulateOptions) -> None:
 
 def camera_settings(options: SimulateOptions) -> CameraSettings:
     """Of the filter, with what was said of the person and the camera."""
-    said = {"height": options.webcam.height, "field_of_view": options.webcam.field_of_view}
-    return CameraSettings(**{name: float(value) for name, value in said.items() if value is not None})
+    webcam, usual = options.webcam, CameraSettings()
+    return CameraSettings(
+        height=usual.height if webcam.height is None else webcam.height,
+        field_of_view=usual.field_of_view if webcam.field_of_view is None else webcam.field_of_view,
+    )

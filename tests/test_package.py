@@ -15,7 +15,7 @@ from paths import ROOT
 import highfive
 from highfive.mocap_bridge.files.c3d import write_c3d
 
-MOCAP = ROOT / "packaging" / "mocap"
+MOCAP, WEBCAM = ROOT / "packaging" / "mocap", ROOT / "packaging" / "webcam"
 FOLDERS = {"calibration", "hil", "mocap_bridge", "model", "scenes"}
 
 
@@ -25,11 +25,11 @@ def test_package_links_to_the_folders_of_the_checkout() -> None:
     assert highfive.__version__
 
 
-def test_both_distributions_have_one_version() -> None:
+def test_all_distributions_have_one_version() -> None:
     versions = [
-        tomllib.loads((folder / "pyproject.toml").read_text())["project"]["version"] for folder in (ROOT, MOCAP)
+        tomllib.loads((folder / "pyproject.toml").read_text())["project"]["version"] for folder in (ROOT, MOCAP, WEBCAM)
     ]
-    assert versions[0] == versions[1]
+    assert len(set(versions)) == 1
     assert f"version: {versions[0]}" in (ROOT / "CITATION.cff").read_text()
 
 

@@ -200,9 +200,8 @@ def stated(state: CameraState, across: Array, settings: CameraSettings) -> Array
     result = np.empty((COUNT, 3, 3))
     for joint, ray in enumerate(rays):
         block = state.covariance[3 * joint : 3 * joint + 3, 3 * joint : 3 * joint + 3]
-        along = float(
-            np.clip(np.sqrt(max(float(ray @ block @ ray), 0.0)), settings.out_along[0], settings.out_along[1])
-        )
+        least, most = settings.out_along
+        along = min(max(float(ray @ block @ ray), least**2), most**2) ** 0.5
         wide = np.sqrt(max(0.5 * float(np.trace(block) - ray @ block @ ray), 0.0))
         side = max(settings.out_across, float(across[joint]), wide)
         result[joint] = side**2 * np.eye(3) + (max(along, side) ** 2 - side**2) * np.outer(ray, ray)

@@ -61,7 +61,7 @@ export function guidance(body, width, height) {
   const inside = ([x, y, sure]) => sure >= SURE && x > 0 && x < 1 && y > 0 && y < 1;
   const trunk = Math.hypot((at(11)[0] + at(12)[0] - at(23)[0] - at(24)[0]) * width, (at(11)[1] + at(12)[1] - at(23)[1] - at(24)[1]) * height) / 2;
   if (![23, 24].every((i) => inside(at(i)))) return "A step back: your hips should be seen.";
-  if (at(0)[1] * height < 0.75 * trunk) return "A step back, or tilt the camera up: there is no room over your head for the hand.";
+  if (at(0)[1] * height < 0.6 * trunk) return "A step back, or tilt the camera up: there is no room over your head for the hand.";
   if (![11, 12].every((i) => inside(at(i)))) return "To the middle: both shoulders should be seen.";
   if (trunk < 0.12 * height) return "A step nearer.";
   if (at(12)[0] > at(11)[0]) return "Face the camera.";

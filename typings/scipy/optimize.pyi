@@ -22,3 +22,10 @@ def minimize(
     callback: Callable[..., Any] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> OptimizeResult: ...
+
+class _LeastSquaresResult(OptimizeResult):
+    jac: NDArray[np.float64]
+
+def least_squares(
+    fun: Callable[..., Any], x0: ArrayLike, *, args: tuple[Any, ...] = (), loss: str = "linear"
+) -> _LeastSquaresResult: ...

@@ -111,9 +111,7 @@ def register_headset(eyes: Track, body: Track) -> HeadsetRegistration:
     information = fit.jac.T @ fit.jac
     if np.linalg.cond(information) > 1e14:
         raise HighFiveError("the head hardly moved: nod and turn for 20 s")
-    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64) * max(
-        float(np.square(residuals).mean()), 1e-6
-    )
+    covariance = np.linalg.inv(information).astype(np.float64) * max(float(np.square(residuals).mean()), 1e-6)
     hand_sigma = _hand_sigma(fit.x, covariance, eyes)
     if hand_sigma > WORST_M:
         raise HighFiveError(

@@ -16,7 +16,7 @@ from highfive.hil.drivers.latch import Cause, Latch
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.pages import page_files
 from highfive.hil.view.server import CREDIT, MOST_A_SECOND
-from highfive.hil.view.wire import PoseMessage, decode_poses
+from highfive.hil.view.wire import VERSION, PoseMessage, decode_poses
 from highfive.model.errors import HighFiveError
 
 ABOUT = {"mode": "session", "title": "tested"}
@@ -100,7 +100,7 @@ def test_a_live_connection_needs_the_key_and_a_page_of_ours(page: LivePage) -> N
 def test_texts_come_in_order_and_the_newest_state_to_who_comes_late(page: LivePage) -> None:
     with live(page) as link:
         hello = texts_until(link, "hello")
-        assert hello["title"] == "tested" and hello["version"] == 1
+        assert hello["title"] == "tested" and hello["version"] == VERSION
         for count in range(50):
             page.tell("note", count=count)
         assert [texts_until(link, "note")["count"] for _ in range(50)] == list(range(50))

@@ -10,8 +10,9 @@ import numpy as np
 
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.drivers.bus.rig import Rig
-from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus, build_servos
+from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
 from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
+from highfive.hil.drivers.emulator.servos_of_rig import build_servos
 from highfive.hil.drivers.servo_errors import Error
 from highfive.hil.drivers.values import Array
 from highfive.hil.safety.limits import JOINTS

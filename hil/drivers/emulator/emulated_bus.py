@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from highfive.hil.drivers.bus.control_table import load_table
 from highfive.hil.drivers.bus.instruction_packets import read_targets, write_targets
 from highfive.hil.drivers.bus.packet import BROADCAST, Instruction, Packet, PacketError
 from highfive.hil.drivers.bus.packet_decoder import Damaged, Decoder
-from highfive.hil.drivers.bus.rig import REVERSE, Rig, required_registers
 from highfive.hil.drivers.bus.status_packets import FastStatus, status
 from highfive.hil.drivers.emulator.bus_faults import BusFault
 from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
@@ -42,8 +39,6 @@ _READS = {Instruction.SYNC_READ, Instruction.BULK_READ}
 _FAST = {Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ}
 _WRITES = {Instruction.SYNC_WRITE, Instruction.BULK_WRITE}
 _NAMES = {int(one): one.name.lower() for one in Instruction}
-
-Servo = TypeVar("Servo", bound=EmulatedServo)
 
 
 @dataclass(frozen=True)
@@ -375,30 +370,3 @@ def addressed(packet: Packet) -> set[int] | None:
 def garbled(data: bytes) -> bytes:
     """What two servos make of the same words, half a bit apart: the line is low where one of them pulls it low."""
     return bytes(byte & (byte << 1 | 1) & 0xFF for byte in data)
-
-
-def build_servos(
-    rig: Rig, *, configured: bool = True, baud_rate: int | None = None, kind: type[Servo] = EmulatedServo
-) -> tuple[list[Servo], list[int]]:
-    """The servos of an arm, and for each the joint that it drives.
-
-    Args:
-        rig: the arm.
-        configured: they hold what the rig wants of them, EEPROM and RAM; otherwise what they left the factory with, but
-            for ID, baud rate, drive mode and whom they shadow, without which the arm could not have been put together.
-        baud_rate: what they listen at; None for the rig's.
-        kind: class of the servos.
-    """
-    servos, joints = [], []
-    rig = rig if baud_rate is None else replace(rig, baud_rate=baud_rate)
-    for servo, required in required_registers(rig).items():
-        joint = rig.servos[servo]
-        kept = (
-            required
-            if configured
-            else {name: required[name] for name in ("id", "baud_rate", "drive_mode", "shadow_id")}
-        )
-        sign = -1 if required["drive_mode"] & REVERSE else 1
-        servos.append(kind(load_table(joint.model), kept, sign=sign, zero=joint.zero))
-        joints.append(rig.joints.index(joint))
-    return servos, joints

@@ -25,9 +25,10 @@ from highfive.hil.drivers.bus.control_table import baud_index, load_table
 from highfive.hil.drivers.bus.packet import LAST_ID
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
-from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus, build_servos
+from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
 from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
 from highfive.hil.drivers.emulator.emulator import Emulator
+from highfive.hil.drivers.emulator.servos_of_rig import build_servos
 from highfive.hil.drivers.priority import go_first
 from highfive.model.errors import HighFiveError
 

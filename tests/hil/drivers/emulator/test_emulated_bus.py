@@ -16,8 +16,9 @@ from highfive.hil.drivers.bus.packet_decoder import Decoder
 from highfive.hil.drivers.bus.rig import load_rig, required_registers
 from highfive.hil.drivers.bus.status_packets import Status, decode_fast_status, decode_status
 from highfive.hil.drivers.emulator.bus_faults import KINDS, parse_fault, parse_faults
-from highfive.hil.drivers.emulator.emulated_bus import TURNAROUND_NS, EmulatedBus, build_servos
+from highfive.hil.drivers.emulator.emulated_bus import TURNAROUND_NS, EmulatedBus
 from highfive.hil.drivers.emulator.emulated_servo import BOOT_NS, EmulatedServo
+from highfive.hil.drivers.emulator.servos_of_rig import build_servos
 from highfive.hil.drivers.servo_errors import Error
 from highfive.model.errors import HighFiveError
 

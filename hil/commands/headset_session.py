@@ -55,10 +55,10 @@ def with_page(options: SimulateOptions) -> SimulateOptions:
 
 def headset_wiring(options: SimulateOptions, page: LivePage, wiring: LiveWiring | None) -> LiveWiring:
     """What a headset's source hangs on: the messages that come through the page."""
-    wiring, joints = wiring or MACHINE_WIRING, page.joints
-    assert joints is not None
+    wiring, tracked = wiring or MACHINE_WIRING, page.tracked
+    assert tracked is not None
     return replace(
-        wiring, connects=lambda address: lambda: HeadsetLink(joints.wait, hand_of(options), wiring.clock.now)
+        wiring, connects=lambda address: lambda: HeadsetLink(tracked.wait, hand_of(options), wiring.clock.now)
     )
 
 

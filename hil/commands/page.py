@@ -33,7 +33,7 @@ def open_page(
         about: what it is told first.
         estop: is pulled by its button.
         opened: opens it, instead of somebody.
-        tracks: a headset is tracked through it.
+        tracks: a person is tracked through it, in a headset or before its camera.
 
     Raises:
         HighFiveError: the port is in use, or this machine is in no network that the page could be served to.

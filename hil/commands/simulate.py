@@ -154,7 +154,7 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
         from highfive.hil.commands.webcam_session import watch_video  # noqa: PLC0415
 
         opened = partial(watch_video, options, stack=stack)
-    return stack.enter_context(open_page(options.view, about, estop, opened, tracks=worn))
+    return stack.enter_context(open_page(options.view, about, estop, opened, tracks=worn or webcam))
 
 
 def _arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch | None:

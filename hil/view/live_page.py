@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import select
-import threading
 import time
-from collections import deque
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,13 +16,11 @@ from highfive.hil.view.commands import Command
 from highfive.hil.view.mailbox import mailboxes
 from highfive.hil.view.server import ServerOptions, run_server
 from highfive.hil.view.wire import PoseMessage, encode_poses, encode_text
-from highfive.mocap_bridge.wire.landmarks import KIND as LANDMARKS
 from highfive.model.errors import HighFiveError
 
 PORT = 8150
 """Where the page is, unless something else is there."""
 _START_S, _CLOSE_S = 30.0, 3.0
-_MOST_LANDMARKS = 64
 
 
 class LivePage:
@@ -52,20 +48,18 @@ class LivePage:
             tls: files with certificate and key; None serves without TLS.
             estop: is pulled by the page's button at once.
             key: of the address; None makes a new one.
-            tracks: what a headset tracks comes through :attr:`joints`.
+            tracks: what the page tracks, in a headset or before its camera, comes through :attr:`tracked`.
 
         Raises:
             HighFiveError: the port is in use, or the server does not start.
         """
         self._key = key or new_key()
         self._box, others = mailboxes()
-        self.joints, tracker = mailboxes() if tracks else (None, None)
-        """What a headset tracks, a message after the other; None where it does not."""
+        self.tracked, tracker = mailboxes() if tracks else (None, None)
+        """What the page tracks, a message after the other; None where it does not."""
         self.pages = 0
         """How many look on."""
         self._commands: list[Command] = []
-        self._landmarks: deque[bytes] = deque(maxlen=_MOST_LANDMARKS)
-        self._taking = threading.Lock()  # a source reads in a thread of its own
         self._count = 0
         run = f"{time.time_ns():x}"
         for chosen in (PORT, 0) if port is None else (port,):
@@ -110,16 +104,6 @@ class LivePage:
         asked, self._commands = self._commands, []
         return asked
 
-    def landmarks(self, timeout_s: float) -> list[bytes]:
-        """What the page's nets found in its camera's pictures since the last call; waits for the first so long."""
-        if not self._landmarks:
-            select.select([self._box], [], [], timeout_s)
-        self._note_all()
-        with self._taking:
-            found = list(self._landmarks)
-            self._landmarks.clear()
-        return found
-
     def wait_for_page(self, seconds: float) -> bool:
         """Waits until somebody looks on; False if nobody does within ``seconds``."""
         end = time.monotonic() + seconds
@@ -154,8 +138,8 @@ class LivePage:
 
     def _close_boxes(self) -> None:
         self._box.close()
-        if self.joints is not None:
-            self.joints.close()
+        if self.tracked is not None:
+            self.tracked.close()
 
     def _note(self, message: dict[str, Any]) -> None:
         if message["kind"] == "pages":
@@ -164,19 +148,11 @@ class LivePage:
             self._commands.append(Command(message["name"], message["value"]))
 
     def _note_all(self) -> None:
-        with self._taking:
-            for message in self._take():
-                self._note(message)
+        for message in self._take():
+            self._note(message)
 
     def _take(self) -> list[dict[str, Any]]:
-        """Texts that have come; landmarks are kept."""
-        texts = list[dict[str, Any]]()
-        for data in self._box.take():
-            if data[0] == LANDMARKS:
-                self._landmarks.append(data)
-            else:
-                texts.append(json.loads(data))
-        return texts
+        return [json.loads(data) for data in self._box.take()]
 
     def _wait_for(self, kinds: tuple[str, ...]) -> dict[str, Any]:
         end = time.monotonic() + _START_S

@@ -76,14 +76,14 @@ class ServerOptions:
     tls: tuple[Path, Path] | None = None
 
 
-def run_server(options: ServerOptions, mailbox: Mailbox, estop: Latch | None, joints: Mailbox | None = None) -> None:
+def run_server(options: ServerOptions, mailbox: Mailbox, estop: Latch | None, tracked: Mailbox | None = None) -> None:
     """What the process does until it is told to close, or its parent is gone.
 
-    ``joints`` takes what a headset tracks; None where nobody asks for that.
+    ``tracked`` takes what the page tracks, in a headset or before its camera; None where nobody asks for that.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host decides when the page closes
     os.nice(NICE)
-    asyncio.run(_Server(options, mailbox, estop, joints).run())
+    asyncio.run(_Server(options, mailbox, estop, tracked).run())
 
 
 @dataclass(eq=False)
@@ -118,8 +118,8 @@ class _Page:
 class _Server:
     """The pages, and what they are shown."""
 
-    def __init__(self, options: ServerOptions, mailbox: Mailbox, estop: Latch | None, joints: Mailbox | None) -> None:
-        self._options, self._mailbox, self._estop, self._joints = options, mailbox, estop, joints
+    def __init__(self, options: ServerOptions, mailbox: Mailbox, estop: Latch | None, tracked: Mailbox | None) -> None:
+        self._options, self._mailbox, self._estop, self._tracked = options, mailbox, estop, tracked
         self._worn: _Page | None = None  # the headset that is tracked, and when it last sent something
         self._worn_at = 0.0
         self._pages: set[_Page] = set()
@@ -261,9 +261,6 @@ class _Server:
 
         All else is dropped.
         """
-        if isinstance(message, bytes) and len(message) == headset.LENGTH:
-            self._track(page, message)
-            return
         if isinstance(message, bytes):
             if len(message) == 4:
                 number = int.from_bytes(message, "little")
@@ -271,8 +268,8 @@ class _Server:
                     while page.owed.popleft() != number:
                         pass
                     page.news.set()
-            elif page is self._camera and message[:1] == bytes([LANDMARKS]):
-                self._mailbox.put_newest(message)
+            elif message and self._tracked is not None:
+                self._track(page, message, self._tracked)
             return
         if self._options.about.get("webcam") and _asks_for_camera(message):
             self._camera = self._camera or page  # one at a time: two people's hands are never mixed
@@ -288,16 +285,18 @@ class _Server:
         if asked is not None:
             page.tell(encode_text("time", asked=asked, now_ms=1e-6 * time.monotonic_ns()))
 
-    def _track(self, page: _Page, message: bytes) -> None:
-        """Hands on what one headset tracks; another one is told that it is not tracked."""
-        now = time.monotonic()
-        if self._joints is None or message[0] != headset.KIND:
+    def _track(self, page: _Page, message: bytes, tracked: Mailbox) -> None:
+        """Hands on what one camera or headset tracks; another headset is told that it is not tracked."""
+        if page is self._camera and message[0] == LANDMARKS:
+            tracked.put_newest(message)
+        if message[0] != headset.KIND or len(message) != headset.LENGTH:
             return
+        now = time.monotonic()
         if self._worn is None or now - self._worn_at > RELEASED_S:
             self._worn, page.refused = page, False
         if self._worn is page:
             self._worn_at = now
-            self._joints.put_newest(message)
+            tracked.put_newest(message)
         elif not page.refused:
             page.refused = True
             page.tell(encode_text("headset", message=TAKEN))

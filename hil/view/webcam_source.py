@@ -31,7 +31,8 @@ class WebcamLink:
         Raises:
             LinkError: the page's server is gone, or nothing of what came are landmarks.
         """
-        found = self._page.landmarks(timeout_s)
+        assert self._page.tracked is not None
+        found = self._page.tracked.wait(timeout_s)
         if not found and not self._page.alive:
             raise LinkError("the page's server has ended")
         frames, wrong = list[MarkerFrame](), None
@@ -59,7 +60,3 @@ class WebcamSource(LiveSource):
         """Begins to listen."""
         self.person = person
         super().__init__("webcam", lambda: WebcamLink(page, person), None, USUAL_HZ, scheduler)
-
-    def captured(self, frame: MarkerFrame) -> int:
-        """When the picture was taken: the page stamps it by the host's clock, which it knows."""
-        return frame.source_time_ns

@@ -113,8 +113,8 @@ class CameraPerson:
             captured_ns,
             captured_ns + round(1e6 * found.took_ms),
             np.zeros((0, 3)),
-            latency_ns=round(1e6 * found.took_ms),
             covariance=TO_ROOM @ covariance @ TO_ROOM.T,
+            own_clock=True,  # the page knows the host's
         )
 
     def _neck(self, points: Array, covariance: Array) -> tuple[Array, Array]:

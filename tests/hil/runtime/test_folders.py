@@ -49,7 +49,7 @@ ENDINGS = {"train --out": ".safetensors", "calibrate subject --out": ".toml", "s
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
 READ = {
     *("simulate --data", "simulate --rig-file", "simulate --limits", "simulate --estop"),
-    *("simulate --registration", "bench locked --model"),
+    *("simulate --registration", "simulate --camera", "bench locked --model"),
     *("train data", "evaluate paths", "evaluate --windows", "classify-style paths", "observe paths"),
     *("serve file", "view recording", "track file", "track --subject", "calibrate subject file"),
     *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),

@@ -35,9 +35,9 @@ def look_on(page: LivePage) -> ClientConnection:
 
 def come(page: LivePage, seconds: float = 1.0) -> list[int]:
     """Numbers of the messages that the host gets, until there is nothing for that long."""
-    assert page.joints is not None
+    assert page.tracked is not None
     found: list[int] = []
-    while data := page.joints.wait(seconds):
+    while data := page.tracked.wait(seconds):
         found += [decode_headset(one).number for one in data]
     return found
 
@@ -83,4 +83,4 @@ def test_what_is_no_message_of_a_headset_does_not_reach_the_host(page: LivePage)
 def test_nobody_asks_for_it_where_the_session_does_not() -> None:
     with LivePage({}, port=0) as page, look_on(page) as link:
         link.send(message(1))
-        assert page.joints is None and told(link, "headset") == []
+        assert page.tracked is None and told(link, "headset") == []

@@ -55,7 +55,7 @@ def forget_package() -> Iterator[None]:
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget_package: None) -> Iterator[LivePage]:
     packed(tmp_path, b"let net;")
     monkeypatch.syspath_prepend(tmp_path)
-    with LivePage(ABOUT, port=0) as opened:
+    with LivePage(ABOUT, port=0, tracks=True) as opened:
         yield opened
 
 
@@ -163,7 +163,7 @@ def test_the_nets_find_a_rendered_person_where_she_is(
 ) -> None:
     monkeypatch.syspath_prepend(nets)
     joints, _ = truth(filmed_pair("neutral", "B2"), FilmCamera())
-    with LivePage(ABOUT, port=0) as page, Browser((800, 450), camera=video) as browser:
+    with LivePage(ABOUT, port=0, tracks=True) as page, Browser((800, 450), camera=video) as browser:
         source = WebcamSource(page, CameraPerson())
         try:
             browser.go(page.address)
@@ -188,7 +188,7 @@ def test_the_nets_find_a_rendered_person_where_she_is(
 @pytest.mark.slow
 def test_a_browser_without_a_camera_says_so(nets: Path, monkeypatch: pytest.MonkeyPatch, forget_package: None) -> None:
     monkeypatch.syspath_prepend(nets)
-    with LivePage(ABOUT, port=0) as page, Browser((800, 450)) as browser:
+    with LivePage(ABOUT, port=0, tracks=True) as page, Browser((800, 450)) as browser:
         browser.go(page.address)
         said = browser.evaluate(
             "new Promise((done) => setInterval(() => { const line = window.highfive?.webcam?.line.textContent;"

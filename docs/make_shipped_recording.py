@@ -11,7 +11,8 @@ from mcap.writer import CompressionType, Writer
 from highfive.hil.view import SHIPPED_RECORDING
 
 THINNED = {"/person", "/avatar", "/tick", "/markers"}
-KEPT = THINNED | {"/session", "/trial", "/contact"}
+"""Every other message of these; and of the forecasts those whose tick is kept."""
+KEPT = THINNED | {"/forecast", "/session", "/trial", "/contact"}
 
 
 def main() -> None:
@@ -40,7 +41,8 @@ def main() -> None:
             for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
                 topic = channel.topic
                 counts[topic] = counts.get(topic, -1) + 1
-                if topic not in KEPT or schema is None or (topic in THINNED and counts[topic] % 2):
+                every_other = counts["/avatar" if topic == "/forecast" else topic]
+                if topic not in KEPT or schema is None or (topic in THINNED | {"/forecast"} and every_other % 2):
                     continue
                 if topic not in channels:
                     number = writer.register_schema(schema.name, schema.encoding, schema.data)

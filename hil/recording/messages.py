@@ -14,6 +14,7 @@ from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm
 from highfive.model.geometry.rotations import Array
+from highfive.model.online.contact_forecast import ContactForecast
 
 if TYPE_CHECKING:
     from highfive.hil.arm.loop import ArmTick
@@ -47,6 +48,10 @@ CHANNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "/tick": (
         "high_five.Tick",
         {"trial": _NUMBER, "phase": _TEXT, "weight": _NUMBER, "time_to_contact": _UNKNOWN, "latency_ms": _UNKNOWN},
+    ),
+    "/forecast": (
+        "high_five.Forecast",
+        {"time": _NUMBER, "time_deviation": _NUMBER, "point": _LIST, "covariance": _ROWS},
     ),
     "/contact": (
         "high_five.Contact",
@@ -84,6 +89,16 @@ def known(value: float) -> float | None:
 def pose(pose: Pose) -> dict[str, Any]:
     """For ``/avatar`` and ``/generated``."""
     return {"root": rounded(pose.root_in_world), "quaternions": rounded(pose.quaternions)}
+
+
+def forecast(contact: ContactForecast) -> dict[str, Any]:
+    """For ``/forecast``: s from the message's time on; the covariance of the point is in m²."""
+    return {
+        "time": round(contact.time, 5),
+        "time_deviation": round(contact.deviation, 5),
+        "point": rounded(contact.point),
+        "covariance": rounded(contact.covariance[:3, :3], 9),
+    }
 
 
 def person(arm: HumanArm) -> dict[str, Any]:

@@ -36,6 +36,8 @@ from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 from highfive.model.errors import HighFiveError
 from highfive.model.files import unfinished
 from highfive.model.geometry.rotations import Array
+from highfive.model.online.contact_forecast import ContactForecast
+from highfive.model.online.reaction import current_forecast
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports]
@@ -136,6 +138,7 @@ class SessionRecorder:
         if self._count % _SKELETON_EVERY == 0:
             self._add("/skeleton", now, messages.skeleton_update(now, tick.person, messages.joints_of([played])[0]))
         self._record_markers(now, tick.markers)
+        self._record_forecast(now, current_forecast(tick.response))
         facts = tick.target.phase.value, tick.target.weight, tick.response.time_to_contact
         self._record_tick_facts(now, trial, *facts, latency_ms)
 
@@ -148,6 +151,7 @@ class SessionRecorder:
             now = start + round(1e9 * float(time))
             self._record_poses(now, result.people[i], result.poses[i], result.generated[i])
             self._record_markers(now, result.markers[i])
+            self._record_forecast(now, result.forecasts[i])
             if i % _SKELETON_EVERY == 0:
                 self._add(
                     "/skeleton", now, messages.skeleton_update(now, result.people[i], drawn[i // _SKELETON_EVERY])
@@ -217,6 +221,10 @@ class SessionRecorder:
     def _record_markers(self, now: int, markers: TrackedMarkers) -> None:
         positions, seen = messages.rounded(markers.positions), markers.seen.tolist()
         self._add("/markers", now, {"names": list(markers.names), "positions": positions, "seen": seen})
+
+    def _record_forecast(self, now: int, forecast: ContactForecast | None) -> None:
+        if forecast is not None:
+            self._add("/forecast", now, messages.forecast(forecast))
 
     def _record_tick_facts(
         self, now: int, trial: int, phase: str, weight: float, expected: float, latency_ms: float

@@ -26,9 +26,8 @@ from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.hinges import hinges_towards
 from highfive.model.geometry.rotations import Array
-from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trained import HGPDM
-from highfive.model.online.reaction import Reaction, ReactionModel
+from highfive.model.online.reaction import Reaction, ReactionModel, current_forecast
 from highfive.model.settings import Settings, setting
 
 RATE_HZ = 120.0
@@ -290,8 +289,7 @@ def tick_times(ticks: Sequence[Tick]) -> Array:
 
 
 def _expectation(response: Reaction, familiar: bool) -> Expectation:
-    """The forecast while a hand approaches by the avatar layer's clock; the contact layer knows nothing else."""
-    contact = response.contact if END < response.time_to_contact < BEGIN else None
+    contact = current_forecast(response)
     if contact is None:
         return Expectation(response.time_to_contact, response.time_to_contact_std, familiar)
     return Expectation(contact.time, contact.deviation, familiar, contact.point, contact.covariance[:3, :3])

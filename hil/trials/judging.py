@@ -16,6 +16,7 @@ from highfive.hil.sim.playout import PlayState
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.geometry.rotations import Array
+from highfive.model.online.reaction import current_forecast
 
 
 def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlayState], tick_ms: Array) -> TrialResult:
@@ -68,6 +69,7 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         weight=np.array([tick.target.weight for tick in ticks]),
         expected=np.array([tick.response.time_to_contact for tick in ticks]),
         markers=tuple(tick.markers for tick in ticks),
+        forecasts=tuple(current_forecast(tick.response) for tick in ticks),
         tick_ms=tick_ms,
     )
 

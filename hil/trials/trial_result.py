@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from highfive.hil.sim.avatar import Pose
 from highfive.hil.sim.contact_check import ContactReport
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
+from highfive.model.online.contact_forecast import ContactForecast
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class TrialResult:
         weight: (T,) share of the correction.
         expected: (T,) s, time to contact as the model says.
         markers: as tracked, a tick each.
+        forecasts: of where and when the palms meet, a tick each; None where no hand approaches.
         tick_ms: (T,) ms, markers in to corrected pose out.
     """
 
@@ -77,6 +79,7 @@ class TrialResult:
     weight: Float[np.ndarray, " T"]
     expected: Float[np.ndarray, " T"]
     markers: tuple[TrackedMarkers, ...]
+    forecasts: tuple[ContactForecast | None, ...]
     tick_ms: Float[np.ndarray, " T"]
 
     @property

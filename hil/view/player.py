@@ -99,6 +99,7 @@ class Player:
             "time_to_contact_s": float(trial.expected[at]),
             "correction": float(trial.weight[at]),
             "palms_m": float(trial.palms[at]),
+            "forecast": trial.forecasts[at],
             "tracked": int(trial.seen[at].sum()),
             "markers": int(trial.seen.shape[1]),
         }

@@ -17,6 +17,7 @@ from highfive.hil.sim.person import PersonBodies
 from highfive.hil.sim.scene import Scene
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import PERSON, Cast
+from highfive.hil.view.ellipsoid import ellipsoid
 from highfive.mocap_bridge.frames import HumanArm, PalmPose
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
@@ -38,6 +39,7 @@ class RecordedTrial:
         weight: (T,) share of the correction.
         expected: (T,) s, time to contact as the model said; NaN where unknown.
         palms: (T,) m, from palm to palm.
+        forecasts: of the contact, a tick each, as they are drawn; None where there was none.
         contact: what was judged, as recorded; empty where nothing was.
     """
 
@@ -51,6 +53,7 @@ class RecordedTrial:
     weight: Float[np.ndarray, " T"]
     expected: Float[np.ndarray, " T"]
     palms: Float[np.ndarray, " T"]
+    forecasts: tuple[dict[str, Any] | None, ...]
     contact: dict[str, Any]
 
     @property
@@ -105,7 +108,9 @@ def _trial(
     def between(topic: str) -> dict[int, dict[str, Any]]:
         return {m.time_ns: m.data for m in recording.channels[topic] if first <= m.time_ns < last}
 
-    people, poses, ticks, markers = (between(topic) for topic in ("/person", "/avatar", "/tick", "/markers"))
+    people, poses, ticks, markers, forecasts = (
+        between(topic) for topic in ("/person", "/avatar", "/tick", "/markers", "/forecast")
+    )
     times = [time for time in poses if time in people and time in ticks]
     if len(times) < _SHORTEST:
         return None
@@ -134,6 +139,7 @@ def _trial(
         weight=_numbers([ticks[time]["weight"] for time in times]),
         expected=_numbers([ticks[time]["time_to_contact"] for time in times]),
         palms=palms,
+        forecasts=tuple(_forecast(forecasts.get(time)) for time in times),
         contact=_last(contact),
     )
 
@@ -162,6 +168,13 @@ def _last(messages: Sequence[RecordedMessage]) -> dict[str, Any]:
 
 def _numbers(values: Sequence[float | None]) -> Array:
     return np.array([np.nan if value is None else float(value) for value in values])
+
+
+def _forecast(message: dict[str, Any] | None) -> dict[str, Any] | None:
+    """As it is drawn; after its time it says nothing any more."""
+    if message is None or float(message["time"]) < 0.0:
+        return None
+    return ellipsoid(np.array(message["point"], dtype=float), np.array(message["covariance"], dtype=float))
 
 
 def _markers(rows: Sequence[dict[str, Any] | None]) -> tuple[Array, np.ndarray]:

@@ -16,13 +16,14 @@ from highfive.hil.sim.scene import Scene
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import Command
+from highfive.hil.view.ellipsoid import ellipsoid
 from highfive.hil.view.interruption import Interruption
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.wire import PoseMessage
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
-from highfive.model.hgpdm.contact_layer import BEGIN, END
+from highfive.model.online.reaction import current_forecast
 
 if TYPE_CHECKING:
     from highfive.hil.trials.trial_result import TrialResult
@@ -186,7 +187,7 @@ class SessionView:
 
     def _state(self, tick: Tick, distance: float) -> dict[str, Any]:
         response = tick.response
-        forecast = response.contact if END < response.time_to_contact < BEGIN else None
+        forecast = current_forecast(response)
         left = response.time_to_contact if forecast is None else forecast.time
         return {
             **self._trial,
@@ -200,11 +201,5 @@ class SessionView:
             "markers": len(tick.markers.seen),
             "forecast": None
             if forecast is None or forecast.time < 0.0
-            else _ellipsoid(forecast.point, forecast.covariance),
+            else ellipsoid(forecast.point, forecast.covariance),
         }
-
-
-def _ellipsoid(point: np.ndarray, covariance: np.ndarray) -> dict[str, Any]:
-    """Its centre, and its half axes of one standard deviation, a row each, m."""
-    spread, axes = np.linalg.eigh(covariance[:3, :3])
-    return {"point": point, "axes": (axes * np.sqrt(np.maximum(spread, 1e-8))).T}

@@ -14,6 +14,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from highfive.model.geometry.rotations import Array
+from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.contact_forecast import ContactForecast
 
@@ -74,6 +75,11 @@ class SimpleReaction:
     time_to_contact_std: float = 0.05
     contact: ContactForecast | None = None
     in_distribution: bool = True
+
+
+def current_forecast(reaction: Reaction) -> ContactForecast | None:
+    """The forecast while a hand approaches by the avatar layer's clock; the contact layer knows nothing else."""
+    return reaction.contact if END < reaction.time_to_contact < BEGIN else None
 
 
 class OnlineResponder(Protocol):

@@ -16,6 +16,7 @@ from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
+from highfive.model.online.contact_forecast import ContactForecast
 
 
 def simulated_result(
@@ -72,6 +73,12 @@ def simulated_result(
         weight=np.clip(1.0 - np.abs(np.arange(count) - trial.contact_frame) / 60.0, 0.0, 1.0),
         expected=(trial.contact_frame - np.arange(count)) / RATE_HZ,
         markers=markers,
+        forecasts=tuple(
+            ContactForecast(palm[trial.contact_frame], (trial.contact_frame - i) / RATE_HZ, 1e-4 * np.eye(4))
+            if 0 < trial.contact_frame - i < 60
+            else None
+            for i in range(count)
+        ),
         tick_ms=rng.gamma(8.0, 0.08, count),
     )
 

@@ -58,6 +58,12 @@ def test_reads_what_was_written(recorded, result):
     markers = recording.channels["/markers"]
     assert len(markers) == 300 and tuple(markers[0].data["names"]) == result.markers[0].names
     np.testing.assert_allclose(markers[7].data["positions"], result.markers[7].positions, atol=1e-5)
+    forecasts = [one for one in result.forecasts if one is not None]
+    for said, forecast in zip(recording.channels["/forecast"], forecasts, strict=False):
+        np.testing.assert_allclose(said.data["point"], forecast.point, atol=1e-5)
+        np.testing.assert_allclose(said.data["covariance"], forecast.covariance[:3, :3], atol=1e-9)
+        assert said.data["time"] == pytest.approx(forecast.time, abs=1e-5)
+    assert len(recording.channels["/forecast"]) >= len(forecasts) > 0
     (contact, _) = recording.channels["/contact"]
     assert contact.data["met"] and contact.data["distance"] == pytest.approx(result.error, abs=1e-5)
 

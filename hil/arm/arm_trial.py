@@ -168,7 +168,7 @@ def arm_trial(
     frames = np.array([tick.frame_ns for tick in ticks], float)
     poses = _plates(retarget, cycles, frames)
     places = np.array([pose.position for pose in poses])
-    velocities = np.array(np.gradient(places, 1.0 / RATE_HZ, axis=0))
+    velocities = np.array(np.gradient(places, 1e-9 * frames, axis=0))
     plates = tuple(PalmPose(p.position, p.normal, p.fingers, v) for p, v in zip(poses, velocities, strict=True))
     rows = frames if moments is None else moments
     met_by = poses if moments is None else _plates(retarget, cycles, rows)

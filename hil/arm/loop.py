@@ -33,6 +33,9 @@ from highfive.model.geometry.rotations import Array
 OFF_COURSE = 0.03
 """rad: where the envelope holds a joint back by more than this, the plan goes on from its commanded position."""
 
+SAME_PACE, SHORT_TICK = 0.02, 0.5
+"""A tick that is off the plan's own by a smaller fraction is taken for it; none is taken for shorter than the other."""
+
 REST_S = 15.0
 """At most so long the arm takes to come to rest, s."""
 
@@ -135,7 +138,7 @@ class ArmLoop:
         self._arm, self.retarget, self._limits = arm, retarget, limits
         self._checked, self.estop, self.clock = checked, estop, clock
         self._human: Human | None = None
-        self._estimated_ns = self._frame_ns = self._at_ns = clock.now()
+        self._estimated_ns = self._frame_ns = self._at_ns = self._before_ns = clock.now()
         self._ahead_ns = 0
         self._head = self._palm = _Seen(self._frame_ns)
         self._check: Check | None = None
@@ -218,7 +221,8 @@ class ArmLoop:
             self._state = self.retarget.start(arm.positions)
         state = self._state or self.retarget.start()
         planning = time.perf_counter_ns()
-        state, step = self.retarget.step(state, goal)
+        seconds = self._elapsed()
+        state, step = self.retarget.step(state, goal, seconds)
         retarget_ms = 1e-6 * (time.perf_counter_ns() - planning)
         inputs = Inputs(
             step.joints, arm, health, self._person(goal, begun), run, self._check, self.estop.pulled_ns,
@@ -229,7 +233,7 @@ class ArmLoop:
         )
         if command is not None:
             self._arm.drive(command)
-        self._state = self._followed(state, step.joints, report)
+        self._state = self._followed(state, step.joints, report, seconds)
         step_ms = 1e-6 * (time.perf_counter_ns() - started)
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
@@ -294,7 +298,18 @@ class ArmLoop:
         torques = step.torques if self._on_course or reference is None else self.retarget.arm.gravity(reference)
         return sag * torques
 
-    def _followed(self, state: RetargetState, planned: Array, report: Report) -> RetargetState:
+    def _elapsed(self) -> float:
+        """From the last tick to this one, s, as far as the envelope follows: ticks come at the pace of the frames.
+
+        What is nearly the plan's own tick is taken for it, and so is a tick of which no time is noted.
+        """
+        tick, elapsed = self.retarget.settings.tick, 1e-9 * (self._at_ns - self._before_ns)
+        self._before_ns = self._at_ns
+        if elapsed <= 0.0 or abs(elapsed - tick) < SAME_PACE * tick:
+            return tick
+        return min(max(elapsed, SHORT_TICK * tick), envelope.LATE_TICK * tick)
+
+    def _followed(self, state: RetargetState, planned: Array, report: Report, seconds: float) -> RetargetState:
         """The plan's state, from what was really commanded."""
         reference = report.reference
         before, self._reference = self._reference, reference
@@ -302,7 +317,7 @@ class ArmLoop:
         self._on_course = near and report.state is State.TRACKING
         if reference is None or near:
             return state
-        speeds = np.zeros_like(reference) if before is None else (reference - before) / self.retarget.settings.tick
+        speeds = np.zeros_like(reference) if before is None else (reference - before) / seconds
         most = self.retarget.arm.packed.speeds
         return self.retarget.moved(state, reference, np.clip(speeds, -most, most))
 

@@ -73,38 +73,45 @@ class Retarget:
         packed = self.arm.packed
         return replace(state, joints=np.clip(joints, packed.low, packed.high), speeds=speeds)
 
-    def step(self, state: RetargetState, goal: PalmGoal) -> tuple[RetargetState, ArmStep]:
-        """One tick. Whatever the goal says, the command is finite and inside every limit."""
+    def step(self, state: RetargetState, goal: PalmGoal, seconds: float | None = None) -> tuple[RetargetState, ArmStep]:
+        """One tick. Whatever the goal says, the command is finite and inside every limit.
+
+        Args:
+            state: after the last tick.
+            goal: of this one.
+            seconds: since the last tick, s: the joints go on by so much; by default ``settings.tick``.
+        """
         s = self.settings
+        dt = s.tick if seconds is None else seconds
         goal = goal if _sane(goal) else PalmGoal(self._nobody)
-        unsaid = 0.0 if goal.contact is not None else state.unsaid + s.tick
-        goal = self._carried_on(state, goal)
+        unsaid = 0.0 if goal.contact is not None else state.unsaid + dt
+        goal = self._carried_on(state, goal, dt)
         state = self._entered(state, goal)
         task = self._task(state, goal)
-        accelerations = _shifted(state, s.tick, task.seconds)
+        accelerations = _shifted(state, dt, task.seconds)
         plan = optimal_control.planned(
-            self.arm.packed, task, state.joints, state.speeds, accelerations, state.guess, s.tick, s.rounds
+            self.arm.packed, task, state.joints, state.speeds, accelerations, state.guess, dt, s.rounds
         )
         accelerations = plan.accelerations if math.isfinite(plan.cost) else np.zeros_like(accelerations)
         command = (
             plan.joints if self._sag is None else np.clip(plan.joints + plan.torques * self._sag, self._low, self._high)
         )
         step = ArmStep(command, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
-        late, together, relaxation = self._accounted(state, goal, task, plan)
+        late, together, relaxation = self._accounted(state, goal, task, plan, dt)
         state = RetargetState(
             plan.joints, plan.speeds, accelerations, plan.guess, task.seconds, state.scale, state.given, late, together,
             relaxation, goal.contact, unsaid,
         )  # fmt: skip
         return state, step
 
-    def _carried_on(self, state: RetargetState, goal: PalmGoal) -> PalmGoal:
+    def _carried_on(self, state: RetargetState, goal: PalmGoal, dt: float) -> PalmGoal:
         """The goal; a contact no longer spoken of is believed in for a while, a late one until it was met."""
         person, s, said = goal.person, self.settings, state.said
         if goal.contact is not None:
             return goal
-        if said is not None and state.late == 0.0 and state.unsaid < s.memory and said.time > s.tick:
-            covariance = said.covariance + (s.forgetting * s.tick) ** 2 * np.eye(3)
-            return replace(goal, contact=replace(said, time=said.time - s.tick, covariance=covariance))
+        if said is not None and state.late == 0.0 and state.unsaid < s.memory and said.time > dt:
+            covariance = said.covariance + (s.forgetting * dt) ** 2 * np.eye(3)
+            return replace(goal, contact=replace(said, time=said.time - dt, covariance=covariance))
         over = state.late == 0.0 or state.late > s.longest_delay or state.together > s.touch
         if person is None or over or not self._waits(state, person):
             return goal
@@ -186,16 +193,16 @@ class Retarget:
         return min(max(own - float(hand @ normal), min(self.settings.slowest, most)), most), hand
 
     def _accounted(
-        self, state: RetargetState, goal: PalmGoal, task: Task, plan: Planned
+        self, state: RetargetState, goal: PalmGoal, task: Task, plan: Planned, dt: float
     ) -> tuple[float, float, ConstraintRelaxation]:
         """Notes what had to be given up: s since contact was due, s since the plate is there, and what was relaxed."""
         s, known, contact = self.settings, state.relaxation, goal.contact
         if contact is None:
             return state.late, state.together, known
-        late = state.late + s.tick if contact.time == 0.0 else 0.0
+        late = state.late + dt if contact.time == 0.0 else 0.0
         off = plan.plate - contact.point - max(0.0, s.lag - contact.time) * task.hand_velocity
         away = math.sqrt(off @ off)
-        together = state.together + s.tick if late > 0.0 and (away < s.met or state.together > 0.0) else 0.0
+        together = state.together + dt if late > 0.0 and (away < s.met or state.together > 0.0) else 0.0
         if late > 0.0 and state.together == 0.0:  # it was due and is not there, or is there just now
             delay = state.late if together > 0.0 else late
             miss = away if state.late == 0.0 else known.miss

@@ -68,17 +68,17 @@ def new_twin() -> SimulatedDriver:
     return SimulatedDriver(mounted_arm(), full_errors(load_rig()))
 
 
-def still_hand(cell: str, seconds: float = 1.2) -> ReferenceTrajectory:
+def still_hand(cell: str, seconds: float = 1.2, rate_hz: float = RATE_HZ) -> ReferenceTrajectory:
     """A hand that waits at a cell, and an avatar that comes to it from 0.4 m away."""
     normal, place, goals = facing(), cell_point(cell), []
-    count = round(seconds * RATE_HZ) + 20
+    count = round(seconds * rate_hz) + 20
     for tick in range(count):
-        left = max(seconds - tick / RATE_HZ, 0.0)
+        left = max(seconds - tick / rate_hz, 0.0)
         ours = PalmPose(place - 0.33 * left * normal, normal, UP, 0.33 * normal * (left > 0.0))
         theirs = PalmPose(place, -normal, UP, np.zeros(3))
         contact = ExpectedContact(place, 1e-6 * np.eye(3), normal, left) if left < 1.0 else None
         goals.append(PalmGoal(ours, theirs, HEAD, contact))
-    palms, due = np.array([goal.palm.position for goal in goals]), round(seconds * RATE_HZ)
+    palms, due = np.array([goal.palm.position for goal in goals]), round(seconds * rate_hz)
     return ReferenceTrajectory(
         "neutral", cell, tuple(goals), np.tile(place, (count, 1)), palms, np.tile(normal, (count, 1)), due, due
     )
@@ -91,6 +91,26 @@ def test_a_hand_that_waits_is_met(loop: ArmLoop, cell: str) -> None:
     assert trial.met.error < 0.010
     assert abs(trial.met.late) < 0.1
     assert loop.state is State.READY  # and the arm is at rest again
+
+
+def paced(rate_hz: float, seconds: float = 0.9) -> np.ndarray:
+    """(T, J) references of a hand that waits, in ticks of a pace, from the tick on in which it is known, each 0.1 s."""
+    loop = twin_loop()
+    loop.begin()
+    due, found = loop.clock.now(), []
+    for goal in still_hand("B2", seconds, rate_hz).goals[: round(seconds * rate_hz) + 1]:
+        loop.clock.wait_until(due)
+        loop.note_frame()
+        found.append(loop.tick(goal).report.reference)
+        due += round(1e9 / rate_hz)
+    return np.array([found[round(0.1 * tenth * rate_hz)] for tenth in range(1, round(10 * seconds) + 1)], dtype=float)
+
+
+@pytest.mark.parametrize("rate_hz", [90.0, 100.0])
+def test_the_arm_is_as_quick_at_another_pace_of_the_frames(rate_hz: float) -> None:
+    usual, other = paced(RATE_HZ), paced(rate_hz)
+    assert np.abs(usual[-1] - usual[0]).max() > 0.4
+    np.testing.assert_allclose(other, usual, atol=0.015)
 
 
 def test_what_is_sent_keeps_the_limits(loop: ArmLoop) -> None:

@@ -40,22 +40,26 @@ def palm(position: Array, normal: Array, velocity: Array | None = None) -> PalmP
     return PalmPose(position, normal, UP, np.zeros(3) if velocity is None else velocity)
 
 
-def approach(point: Array, seconds: float, speed: float = 0.5, hand: Array | None = None) -> list[PalmGoal]:
+def approach(
+    point: Array, seconds: float, speed: float = 0.5, hand: Array | None = None, pace: float = TICK
+) -> list[PalmGoal]:
     """A high five at ``point``: an avatar's palm that comes straight, a hand that moves with velocity ``hand``."""
     normal, hand = facing(), np.zeros(3) if hand is None else hand
     goals = []
-    for tick in range(round(seconds / TICK) + 8):
-        left = max(seconds - tick * TICK, 0.0)
+    for tick in range(round(seconds / pace) + 8):
+        left = max(seconds - tick * pace, 0.0)
         ours = palm(point - speed * left * normal, normal, speed * normal * (left > 0.0))
         theirs = palm(point - left * hand, -normal, hand)
         goals.append(PalmGoal(ours, theirs, None, ExpectedContact(point, EXACT, normal, left)))
     return goals
 
 
-def played(retarget: Retarget, goals: list[PalmGoal], state: RetargetState | None = None) -> list[RetargetState]:
+def played(
+    retarget: Retarget, goals: list[PalmGoal], state: RetargetState | None = None, pace: float | None = None
+) -> list[RetargetState]:
     states, state = [], state or retarget.start()
     for goal in goals:
-        state, _ = retarget.step(state, goal)
+        state, _ = retarget.step(state, goal, pace)
         states.append(state)
     return states
 
@@ -74,6 +78,25 @@ def test_every_cell_is_met_in_time_and_place(cell: str, arm: ServoArm, retarget:
     assert np.linalg.norm(plate.position - point) < 0.012
     assert plate.normal @ facing() > math.cos(math.radians(20.0))
     assert states[-1].relaxation.delay < 0.06
+
+
+@pytest.mark.parametrize("rate_hz", [90.0, 100.0, 140.0])
+def test_ticks_of_another_pace_meet_in_time_and_place(rate_hz: float, arm: ServoArm, retarget: Retarget) -> None:
+    """Live frames are not at 120 Hz: a plan that took each tick for its own would run slow, or ahead."""
+    point, seconds, pace = cell_point("C2"), 0.8, 1.0 / rate_hz
+    usual = plates(arm, played(retarget, approach(point, seconds)))
+    places = plates(arm, played(retarget, approach(point, seconds, pace=pace), pace=pace))
+    for share in (0.4, 0.7, 0.9, 1.0):
+        at, there = round(share * seconds / pace) - 1, round(share * seconds / TICK) - 1
+        assert np.linalg.norm(places[at] - usual[there]) < 0.02, share
+    assert np.linalg.norm(places[round(seconds / pace) - 1] - point) < 0.012
+
+
+def test_a_tick_is_of_the_plans_own_pace_by_default(retarget: Retarget) -> None:
+    goals = approach(cell_point("B2"), 0.5)
+    by_default, by_name = played(retarget, goals), played(retarget, goals, pace=TICK)
+    for one, other in zip(by_default, by_name, strict=True):
+        np.testing.assert_array_equal(one.joints, other.joints)
 
 
 def test_the_plate_comes_along_the_avatars_way(arm: ServoArm, retarget: Retarget) -> None:

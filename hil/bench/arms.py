@@ -147,8 +147,8 @@ def bench_arms(options: ArmsOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
     return {
         "arms": len(jobs),
         "high_fives": len(errors),
-        "error_mm": _rounded({"median": np.median(errors), "p90": np.quantile(errors, 0.9), "max": errors.max()}),
-        "by_arm_mm": _rounded({"median": np.median(medians), "max": medians.max()}),
+        "error_mm": _rounded(errors, median=0.5, p90=0.9, max=1.0),
+        "by_arm_mm": _rounded(medians, median=0.5, max=1.0),
         "missed": sum(not it.touched for one in able for it in one),
         "body_closing_speed": round(max(one.speeds[0] for one in played), 3),
         "body_face_speed": round(max(one.speeds[1] for one in played), 3),
@@ -162,8 +162,9 @@ def bench_arms(options: ArmsOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
     }
 
 
-def _rounded(values: dict[str, Any]) -> dict[str, float]:
-    return {name: round(float(value), 2) for name, value in values.items()}
+def _rounded(values: np.ndarray, **quantiles: float) -> dict[str, float | None]:
+    """Quantiles by name; None where no high five was possible."""
+    return {name: round(float(np.quantile(values, at)), 2) if len(values) else None for name, at in quantiles.items()}
 
 
 def print_arms(result: dict[str, Any]) -> None:

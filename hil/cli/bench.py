@@ -23,6 +23,8 @@ def _run(json: bool, measure: Callable[[Bar], bench.Measured]) -> None:
     with progress_bars() as bar:
         found = measure(bar)
     print_result(found.figures, json, found.show)
+    if found.figures.get("broken"):  # a law, by a schedule of faults, an arm or a session
+        raise typer.Exit(1)
 
 
 @app.command("model")

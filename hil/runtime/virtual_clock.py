@@ -64,7 +64,7 @@ class VirtualTask:
 
     def hold(self, until_ns: int) -> None:
         """Keeps it from going on before then, as a machine that stands still does."""
-        self._held_until = until_ns
+        self._held_until = max(self._held_until, until_ns)
 
     def wake_ns(self) -> int:
         """When it goes on, as far as is known now."""

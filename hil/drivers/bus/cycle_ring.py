@@ -6,6 +6,7 @@ processors that reorder it (ARM). Nobody waits long for it: whoever was killed m
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -108,6 +109,7 @@ class CycleRing:
         self.head = np.frombuffer(raw, dtype=head, count=1)
         self._rows = np.frombuffer(raw, dtype=_row_type(joints), count=ROWS, offset=head.itemsize)
         self._lock = lock
+        self._kept: deque[tuple[Mode, tuple[Any, ...]]] = deque(maxlen=ROWS)  # cycles for which the lock was not had
 
     def say(self, text: str) -> None:
         """What is wrong, for the host to read; what does not fit is cut off."""
@@ -120,8 +122,8 @@ class CycleRing:
         with self._locked():
             return bytes(self.head["trouble"][0]).decode("utf-8", "replace")
 
-    def give(self, command: JointCommand, given_ns: int) -> None:
-        """Puts a command, given at ``given_ns``, in place of the last one."""
+    def give(self, command: JointCommand, given_ns: int) -> bool:
+        """Puts a command, given at ``given_ns``, in place of the last one; False where the driver stood in the way."""
         head = self.head
         with self._locked() as locked:
             if locked:
@@ -129,6 +131,7 @@ class CycleRing:
                 head["positions"][0], head["currents"][0] = command.positions, command.currents
                 head["drive"][0] = 1
                 head["given_ns"][0] = given_ns
+            return locked
 
     def command(self) -> tuple[JointCommand | None, int] | None:
         """The newest command and when it was given; None in its place before the first. None: there is no whole one."""
@@ -145,16 +148,18 @@ class CycleRing:
         return int(self.head["rows"][0])
 
     def note(self, mode: Mode, *values: Any) -> None:
-        """Adds a cycle: ``values`` as in the fields of a row from ``due_ns`` on."""
+        """Adds a cycle: ``values`` as in the fields of a row from ``due_ns`` on; those that the reader stood in the way
+        of go with the next one."""
+        self._kept.append((mode, values))
         with self._locked() as locked:
-            if not locked:
-                return
-            number = self.count
-            row = self._rows[number % ROWS : number % ROWS + 1]
-            for name, value in zip(row.dtype.names or (), (number, mode, *values), strict=True):
-                row[name][0] = value
-            self.head["mode"][0] = mode
-            self.head["rows"][0] = number + 1
+            while locked and self._kept:
+                (mode, values), number = self._kept[0], self.count
+                row = self._rows[number % ROWS : number % ROWS + 1]
+                for name, value in zip(row.dtype.names or (), (number, mode, *values), strict=True):
+                    row[name][0] = value
+                self.head["mode"][0] = mode
+                self.head["rows"][0] = number + 1
+                self._kept.popleft()
 
     def cycles(self, start: int) -> list[Cycle]:
         """Those from number ``start`` on, oldest first; those that the ring no longer holds are left out."""

@@ -25,7 +25,6 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.summary import SessionSettings
 from highfive.model.errors import HighFiveError
 
-clockwork = pytest.mark.realtime
 EXAMPLE = (ROOT / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]
 """A registration, as the documentation shows it."""
 

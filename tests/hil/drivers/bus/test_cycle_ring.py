@@ -32,8 +32,21 @@ def drive(raw: Any, lock: Any, found: Any) -> None:
             taken += given > newest
             newest = given
         ring.note(Mode.DRIVING, *row(number))
-        number = ring.count
+        number += 1
     found.send((strange, taken, newest))
+
+
+def test_cycles_that_the_reader_stood_in_the_way_of_are_not_lost() -> None:
+    context = multiprocessing.get_context("spawn")
+    raw, lock = context.RawArray("b", ring_size(JOINTS)), context.Lock()
+    driver, host = CycleRing(raw, JOINTS, lock), CycleRing(raw, JOINTS, lock)
+    driver.note(Mode.DRIVING, *row(0))
+    with lock:
+        for number in (1, 2, 3):
+            driver.note(Mode.DRIVING, *row(number))
+        assert driver.count == 1 and not host.give(JointCommand(np.zeros(JOINTS), np.zeros(JOINTS)), 5)
+    driver.note(Mode.DRIVING, *row(4))
+    assert [(cycle.number, cycle.begun_ns) for cycle in host.cycles(0)] == [(n, n) for n in range(5)]
 
 
 @pytest.mark.slow
@@ -49,7 +62,7 @@ def test_a_million_exchanges_tear_lose_and_reorder_nothing() -> None:
         while number + 2 * ring.count < EXCHANGES:  # commands given; commands taken and cycles noted
             number += 1
             value = np.full(JOINTS, float(number))
-            ring.give(JointCommand(value, -value), number)
+            given = ring.give(JointCommand(value, -value), number)
             if number % READ_EVERY == 0:
                 cycles = ring.cycles(start)
                 for cycle in cycles:
@@ -60,6 +73,8 @@ def test_a_million_exchanges_tear_lose_and_reorder_nothing() -> None:
                     assert cycle.number >= start
                     start = cycle.number + 1
                 seen += len(cycles)
+        while not given:
+            given = ring.give(JointCommand(value, -value), number)
         while (last := ring.command()) is None:  # the lock was not had in time
             pass
         assert last[1] == number
@@ -68,4 +83,4 @@ def test_a_million_exchanges_tear_lose_and_reorder_nothing() -> None:
         driver.join(30.0)
     strange, taken, newest = ours.recv()
     assert strange == 0
-    assert newest <= number and taken > 1000 and seen > 1000
+    assert newest <= number and taken > 100 and seen > 1000  # of commands only the newest is taken

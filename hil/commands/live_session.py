@@ -11,6 +11,7 @@ from highfive.hil.commands.headset_session import HERE, wait_until_worn
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.console import confirm, say_aside
 from highfive.hil.trials.live_partner import LivePerson, live_source
+from highfive.hil.trials.live_settings import LIVE, WORN
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.hil.view.live_page import LivePage
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
@@ -37,7 +38,10 @@ def live_person(
         wait_until_worn(source, page.address)
         registered = HERE
     latency_ns = round(1e6 * options.latency_ms)
-    person = LivePerson(source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm)
+    person = LivePerson(
+        source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm,
+        settings=LIVE if page is None else WORN,
+    )  # fmt: skip
     if options.place is not None and registered is None:
         save_placement(options.place, person.placement, system, datetime.now(UTC))
         say_aside(f"kept in {options.place}")

@@ -43,5 +43,5 @@ class LiveSettings(Settings):
 
 LIVE = LiveSettings()
 
-WORN = LiveSettings(gone=30.0)
+WORN = LiveSettings(gone=12.0)
 """Of a person in a headset: who takes it off for a moment, or loads the page again, comes back."""

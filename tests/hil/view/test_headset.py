@@ -194,7 +194,7 @@ def newest(browser: Browser) -> HeadsetPose:
 @pytest.mark.slow
 def test_what_the_page_sends_is_where_head_and_hands_are_before_the_avatar(emulator: str, tmp_path: Path) -> None:
     """Into the world, by the place that the page gave her: lost, seen again, re-centred, reloaded, and left."""
-    session = Session(emulator, "headset", "--trials", 1, "--out", tmp_path / "s")
+    session = Session(emulator, "headset", "--trials", 40, "--out", tmp_path / "s")
     try:
         with Browser((640, 360)) as browser:
             session.put_on(browser)
@@ -281,7 +281,7 @@ def test_high_fives_in_four_emotions_and_a_second_headset_that_only_shows(emulat
 
 @pytest.mark.slow
 def test_a_headset_that_sleeps_ends_the_session_with_a_line(emulator: str, tmp_path: Path) -> None:
-    session = Session(emulator, "headset", "--trials", 3, "--out", tmp_path / "s")
+    session = Session(emulator, "headset", "--trials", 40, "--out", tmp_path / "s")
     try:
         with Browser((640, 360)) as browser:
             session.put_on(browser)

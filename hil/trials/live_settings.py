@@ -31,8 +31,9 @@ class LiveSettings(Settings):
     """A source from which nothing has come for so long is given up."""
     early_ns: int = setting(1_000_000, "ns", least=0)
     """A tick may begin so much sooner than a period after the last: a system of 500 Hz gives its newest frame."""
-    soon: float = setting(1.6, "ticks", least=1.0)
-    """A frame that is expected within so many is waited for; until a later one comes, the person is predicted."""
+    soon: float = setting(1.4, "ticks", least=1.0, most=1.5)
+    """A frame that is expected within so many is waited for; until a later one comes, the person is predicted. From 1.5
+    periods on the arm's safety envelope calls a tick late."""
     overdue_ns: int = setting(4_000_000, "ns", least=0)
     """A frame that is so much later than expected is waited for no longer."""
     least_step_ns: int = setting(1_000_000, "ns", least=1)

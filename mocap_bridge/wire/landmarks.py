@@ -106,9 +106,10 @@ def decode_landmarks(data: bytes) -> Landmarks:
         raise LinkError(f"landmarks in a picture of {width} × {height} pixels")
     if not (0.0 <= captured_ms < 1e15 and 0.0 <= took_ms < 1e5):
         raise LinkError(f"landmarks captured at {captured_ms} ms, sent {took_ms} ms later")
-    values = np.frombuffer(data, "<f4", offset=HEAD.size).astype(float)
-    if not np.isfinite(values).all():
+    raw = np.frombuffer(data, "<f4", offset=HEAD.size)
+    if not np.isfinite(raw).all():  # before they are made longer: a signalling NaN would warn
         raise LinkError("landmarks that are no numbers")
+    values = raw.astype(float)
     picture = visibility = world = None
     if persons:
         rows = values[: 6 * POSE].reshape(POSE, 6)

@@ -48,6 +48,15 @@ def test_there_and_back(hands: int, person: bool) -> None:
         np.testing.assert_array_equal(one.world, other.world)
 
 
+def test_numbers_that_are_none_are_refused_without_a_warning() -> None:
+    """Also one that signals, which NumPy warns of where it is converted."""
+    good = bytearray(encode_landmarks(some(np.random.default_rng(0))))
+    for bits in (b"\x01\x00\x80\x7f", b"\x00\x00\xc0\x7f", b"\x00\x00\x80\xff"):
+        good[-4:] = bits
+        with pytest.raises(LinkError, match="no numbers"):
+            decode_landmarks(bytes(good))
+
+
 @given(st.data())
 def test_no_other_bytes_are_taken_or_do_harm(data: st.DataObject) -> None:
     good = bytearray(encode_landmarks(some(np.random.default_rng(0))))

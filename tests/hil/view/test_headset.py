@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from page_address import page_address
 
 from highfive.hil.view.browser import Browser, browser_here
 from highfive.mocap_bridge.wire.headset import HeadsetPose, decode_headset
@@ -80,15 +81,7 @@ class Session:
             stdout=subprocess.PIPE,
             text=True,
         )
-        assert self.process.stderr is not None
-        self.said: list[str] = []
-        for line in self.process.stderr:
-            self.said.append(line)
-            if found := re.search(r"http://\S+", line):
-                self.address = found[0]
-                break
-        else:
-            raise AssertionError("".join(self.said))
+        self.address, self.said = page_address(self.process)
         self.emulator = emulator
 
     def put_on(self, browser: Browser) -> None:

@@ -1,13 +1,13 @@
 """A session that somebody looks on: by the real command and a page's own messages."""
 
 import json
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from page_address import page_address
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -24,15 +24,7 @@ class Watched:
         self.process = subprocess.Popen(
             [*COMMAND, *map(str, arguments), "--no-open"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
-        assert self.process.stderr is not None
-        self.said: list[str] = []
-        for line in self.process.stderr:
-            self.said.append(line)
-            if found := re.search(r"http://\S+", line):
-                self.address = found[0]
-                break
-        else:
-            raise AssertionError("".join(self.said))
+        self.address, self.said = page_address(self.process)
 
     def connect(self):
         return connect(self.address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None)

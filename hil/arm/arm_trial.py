@@ -212,10 +212,12 @@ class ArmWatch:
         self._session: list[Tick] = []
         self._cycles: list[Cycle] = []
         self._given_up = ConstraintRelaxation()
+        self._taken = 0, 0
 
     def begin(self) -> None:
         """A new trial: the arm is checked again."""
         self._ticks, self._session, self._cycles = [], [], []
+        self._taken = 0, 0
         self.loop.begin()
 
     def inputs(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
@@ -230,6 +232,12 @@ class ArmWatch:
         self._session.append(tick)
         self._ticks.append(self.loop.tick(palm_goal(tick)))
         self._cycles += self.loop.cycles()
+
+    def fresh(self) -> tuple[Sequence[ArmTick], Sequence[Cycle]]:
+        """Ticks and cycles of this trial since the last call."""
+        ticks, cycles = self._taken
+        self._taken = len(self._ticks), len(self._cycles)
+        return self._ticks[ticks:], self._cycles[cycles:]
 
     def joints(self) -> tuple[Array, Array] | None:
         """(J,) rad as measured last, and as requested last; None before that."""

@@ -23,7 +23,8 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.drivers.latch import Cause, Latch
-from highfive.hil.recording.recording import SessionRecorder, read_recording
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.session.session import RATE_HZ, Session

@@ -169,7 +169,8 @@ def simulate(
         print_json(summary)
     else:
         print_session(summary, folder)
-    if summary["interrupted"] or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
+    early = summary["interrupted"] or summary["unrecorded"]
+    if early or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
         raise typer.Exit(1)
 
 

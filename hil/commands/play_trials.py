@@ -12,12 +12,15 @@ import numpy as np
 
 from highfive.hil.commands.programme import Programme
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.hil.recording.recording import SessionRecorder
+from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.recorded_tick import recorded_tick
+from highfive.hil.recording.recorder import TrialHead
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
-from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut
+from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut, PlayState
 from highfive.hil.sim.scene import Scene
+from highfive.hil.trials.events import TrialEvents
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.trial import as_captured, run_trial, style_name
 from highfive.hil.trials.trial_result import TrialResult
@@ -50,7 +53,7 @@ def play(
     scene: Scene,
     partners: list[Partner],
     person: LivePerson | None,
-    recorder: SessionRecorder,
+    recorder: BackgroundRecorder,
     bar: Bar,
     watch: ArmWatch | None,
     page: LivePage | None,
@@ -77,8 +80,11 @@ def play(
                 called, number = style_name(style), programme.number
                 try:
                     programme.begin(partner, style)
-                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view)
+                    paced = person is not None or watch is not None or view is not None
+                    kept = _Kept(recorder, TrialHead(number, partner, called, paced), watch)
+                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view, kept)
                 except Interruption as asked:
+                    recorder.record_event("trial_broken_off", trial=number, detail=f"{asked.wish} was asked for")
                     programme.follow(asked.wish, partner)
                     continue
                 except PluginError as error:  # a model of the user's own
@@ -88,12 +94,13 @@ def play(
                     return replace(played, interrupted=True)
                 result = replace(result, style=programme.style_name(style))
                 arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
-                recorder.record_trial(result, arm)
+                kept.end(result)
                 results.append(result)
                 if arm is not None:
                     played.arm[number] = arm
                 advance()
                 if watch is not None and watch.loop.trouble:
+                    recorder.record_event("fault", trial=number, detail=watch.loop.trouble)
                     say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
                     _advise(_remedy(watch, arm))
                     if view is not None:
@@ -107,6 +114,37 @@ def play(
     return replace(played, interrupted=programme.ended)
 
 
+class _Kept:
+    """A high five on its way into the recording, tick by tick."""
+
+    def __init__(self, recorder: BackgroundRecorder, head: TrialHead, watch: ArmWatch | None) -> None:
+        """Begins with the first tick."""
+        self._recorder, self._head, self._watch = recorder, head, watch
+        self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
+        self._begun = False
+
+    def __call__(self, begins: TickInput, tick: Tick, state: PlayState, tick_ms: float) -> None:
+        """A tick."""
+        if not self._begun:
+            self._recorder.begin_trial(self._head)
+        self._recorder.record_tick(recorded_tick(begins, tick, state.pose, tick_ms))
+        self._record_arm()
+        happened = self._events(tick, state)
+        for event in happened if self._begun else ["trial_start", *happened]:
+            self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
+        self._begun = True
+
+    def end(self, result: TrialResult) -> None:
+        """It is over, and judged."""
+        self._record_arm()
+        self._recorder.end_trial(result)
+        self._recorder.record_event("trial_end", style=result.style, **self._about)
+
+    def _record_arm(self) -> None:
+        if self._watch is not None:
+            self._recorder.record_arm(*self._watch.fresh())
+
+
 def _view(page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None) -> SessionView:
     from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
 
@@ -114,7 +152,7 @@ def _view(page: LivePage, session: Session, playout: PlayOut, scene: Scene, watc
 
 
 def _tell_broken_off(
-    number: int, trouble: str, recorder: SessionRecorder, watch: ArmWatch | None, *, first: bool
+    number: int, trouble: str, recorder: BackgroundRecorder, watch: ArmWatch | None, *, first: bool
 ) -> None:
     """A high five that was broken off.
 
@@ -125,6 +163,7 @@ def _tell_broken_off(
     if first:
         recorder.discard()  # an empty recording would only be in the way of the next attempt
         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
+    recorder.record_event("trial_broken_off", trial=number, detail=trouble)
     say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
     _advise(remedy)
 
@@ -149,10 +188,11 @@ def _trial(
     person: LivePerson | None,
     watch: ArmWatch | None,
     view: SessionView | None,
+    kept: _Kept,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
     if person is None and watch is None and view is None:
-        return run_trial(number, partner, session, playout), ""
+        return run_trial(number, partner, session, playout, keep=kept), ""
     try:
         if watch is not None:
             watch.begin()
@@ -169,10 +209,10 @@ def _trial(
             each.watch(tick)
 
     if live is None:
-        return run_trial(number, partner, session, playout, inputs, seen), ""
+        return run_trial(number, partner, session, playout, inputs, seen, kept), ""
     assert person is not None
     person.say(f"high five {number + 1}, {style}: raise the right hand")
-    result = run_trial(number, partner, session, playout, inputs, seen) if live.begins() else None
+    result = run_trial(number, partner, session, playout, inputs, seen, kept) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble
     ahead = float(np.median(live.ahead_ms))

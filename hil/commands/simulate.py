@@ -18,7 +18,8 @@ from highfive.hil.commands.play_trials import Played, play
 from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
-from highfive.hil.recording.recording import SessionRecorder
+from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
@@ -112,12 +113,13 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             session = _session(options, model, scene, partners[0], person)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)
-            recorder = SessionRecorder(folder / "session.mcap", settings)
+            paced = person is not None or watch is not None or page is not None
+            recorder = BackgroundRecorder(SessionRecorder(folder / "session.mcap", settings), paced=paced)
             played = play(options, session, scene, partners, person, recorder, bar, watch, page)
             if page is not None:
                 page.tell("over", message=f"The session is over: {folder / 'report.html'}")
         lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
-        return _report(options, played, settings, folder, bar, lag)
+        return _report(options, played, recorder.trouble, settings, folder, bar, lag)
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
@@ -167,7 +169,13 @@ def _arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitS
 
 
 def _report(
-    options: SimulateOptions, played: Played, settings: SessionSettings, folder: Path, bar: Bar, lag: float
+    options: SimulateOptions,
+    played: Played,
+    unrecorded: str,
+    settings: SessionSettings,
+    folder: Path,
+    bar: Bar,
+    lag: float,
 ) -> dict[str, Any]:
     """Writes report, figures and film; the summary."""
     from highfive.hil.report.report import write_report  # noqa: PLC0415
@@ -179,7 +187,7 @@ def _report(
 
         trials = list(played.arm.values())
         arm, drawings = arm_summary(trials, lag), draw_arm(trials, lag)
-    summary = summarise(played.results, settings, interrupted=played.interrupted, arm=arm)
+    summary = summarise(played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, arm=arm)
     strips, film = _pictures(options, played, folder, bar)
     write_report(folder, summary, played.results, settings, strips, film, drawings)
     return summary

@@ -83,6 +83,7 @@ def summarise(
     settings: SessionSettings,
     *,
     interrupted: bool = False,
+    unrecorded: str = "",
     arm: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The JSON object of a session: numbers, strings, lists and objects of them; what is not known is None.
@@ -96,6 +97,7 @@ def summarise(
     real person is answered; ``style`` is what the avatar answered in; ``person_emotion`` is the simulated person's,
     None of a real one. ``arm`` is :func:`highfive.hil.arm.arm_trial.arm_summary`, None where no servo arm took part.
     Trials out of reach and without contact count in all of them. ``warnings`` are sentences for people.
+    ``unrecorded`` says why the recording ends before the session; '' where it does not.
     """
     unwanted = [entry for result in results for entry in _unwanted(result)]
     out_of_reach = [
@@ -116,7 +118,8 @@ def summarise(
         "corrected": settings.corrected,
         "physics": settings.physics,
         "rig": settings.arm or None,
-        "warnings": _warnings(results, settings.corrected),
+        "unrecorded": unrecorded,
+        "warnings": [*([unrecorded] if unrecorded else []), *_warnings(results, settings.corrected)],
         **spreads,
         "by_cell": _by_cell(results),
         "missed": len(missed),

@@ -24,6 +24,7 @@ def run_trial(
     playout: PlayOut,
     inputs: Iterable[TickInput] | None = None,
     watch: Callable[[Tick], None] = lambda tick: None,
+    keep: Callable[[TickInput, Tick, PlayState, float], None] = lambda begins, tick, state, tick_ms: None,
 ) -> TrialResult:
     """One trial. The partner's recording goes as fast as it can; its figures are the same every time, timings apart.
 
@@ -36,6 +37,7 @@ def run_trial(
         playout: plays the poses.
         inputs: of a live partner, at their time; by default the frames of the partner's recording.
         watch: is shown each tick.
+        keep: is given with what each began, what was played, and what it took, ms; after ``watch``.
     """
     session.reset()
     synchroniser = Synchroniser()
@@ -53,6 +55,7 @@ def run_trial(
         states.append(play(moment.pose, moment.person, moment.time_ns))
         ticks.append(tick)
         watch(tick)
+        keep(begins, tick, states[-1], tick_ms[-1])
     return judged(number, partner, ticks, states, np.array(tick_ms))
 
 

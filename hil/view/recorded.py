@@ -96,7 +96,7 @@ def recorded_trials(path: Path, scene: Scene) -> tuple[RecordedTrial, ...]:
         raise HighFiveError(
             f"{path} is a recording of another version: {type(error).__name__} in its messages"
         ) from None
-    found = tuple(trial for trial in trials if trial is not None)
+    found = tuple(trial for trial in trials if trial is not None)  # what was broken off is none
     if not found:
         raise HighFiveError(f"{path} holds no high five: no ticks of avatar and person in it")
     return found
@@ -112,7 +112,8 @@ def _trial(
         between(topic) for topic in ("/person", "/avatar", "/tick", "/markers", "/forecast")
     )
     times = [time for time in poses if time in people and time in ticks]
-    if len(times) < _SHORTEST:
+    events = [m.data.get("event") for m in recording.channels["/event"] if first <= m.time_ns < last]
+    if len(times) < _SHORTEST or "trial_broken_off" in events:
         return None
     cast, data, person = Cast.of(scene.model), scene.make_data(), PersonBodies(scene.model, scene.skeleton)
     bodies, palms = np.empty((len(times), len(cast.names), 7)), np.empty(len(times))
@@ -126,11 +127,11 @@ def _trial(
     arm = _arm(recording, times, first, last)
     if arm is not None:
         bodies = np.concatenate([bodies, arm], axis=1)
-    contact = [m for m in recording.channels["/contact"] if first <= m.time_ns < last]
+    judged = _last([m for m in recording.channels["/contact"] if first <= m.time_ns < last])
     points, seen = _markers([markers.get(time) for time in times])
     return RecordedTrial(
         title=str(head.get("title", "")),
-        style=str(head.get("style", "")),
+        style=str(judged.get("style") or head.get("style", "")),
         cell=str(head.get("cell", "")),
         times=1e-9 * (np.array(times) - times[0]),
         bodies=bodies,
@@ -140,7 +141,7 @@ def _trial(
         expected=_numbers([ticks[time]["time_to_contact"] for time in times]),
         palms=palms,
         forecasts=tuple(_forecast(forecasts.get(time)) for time in times),
-        contact=_last(contact),
+        contact=judged,
     )
 
 

@@ -13,6 +13,7 @@ from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import Session, Tick, TickInput
 from highfive.hil.sim.playout import PlayOut
 from highfive.hil.sim.scene import Scene
+from highfive.hil.trials.events import PalmsTogether
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import Command
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 STATES_EVERY = 6
 """Ticks between two texts that say how it stands."""
-TOUCHING, PARTED = 0.015, 0.05
-"""m between the palms: nearer they have met, and once further apart they may meet again."""
 _PAUSED_NS = 50_000_000
 
 
@@ -60,7 +59,7 @@ class SessionView:
         self.corrects = session.corrects
         self._paused, self._wish, self._stopped, self._alone = False, "", False, False
         self._trial: dict[str, Any] = {}
-        self._count, self._met, self._begins_ns, self._captured_ns = 0, False, 0, 0
+        self._count, self._palms, self._begins_ns, self._captured_ns = 0, PalmsTogether(), 0, 0
         self._latest: PoseMessage | None = None
 
     def begin(self, number: int, trials: int, cell: str, style: Mapping[str, float]) -> None:
@@ -70,7 +69,7 @@ class SessionView:
             Interruption: the session is to end.
         """
         self._trial = {"trial": number, "trials": trials, "cell": cell, "weights": dict(style)}
-        self._count, self._met, self._wish = 0, False, ""
+        self._count, self._palms, self._wish = 0, PalmsTogether(), ""
         self._stand_still()
 
     def in_time(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
@@ -106,9 +105,8 @@ class SessionView:
         self._page.show(self._latest)
         palms = data.site_xpos[[self._scene.palm_site, self._scene.person_palm_site]]
         distance = float(np.linalg.norm(palms[0] - palms[1]))
-        if distance < TOUCHING and not self._met:
+        if self._palms(distance):
             self._page.tell("touch", where=palms.mean(axis=0))
-        self._met = distance < (PARTED if self._met else TOUCHING)
         if self._count % STATES_EVERY == 0:
             self._page.tell("state", **self._state(tick, distance))
         self._count += 1

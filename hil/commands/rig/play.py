@@ -21,7 +21,8 @@ from highfive.hil.arm.emergency_stop import uninterrupted
 from highfive.hil.arm.lifecycle import ready_arm
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.drivers.priority import going_first
-from highfive.hil.recording.recording import SessionRecorder, SessionRecording, read_recording
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.recording import SessionRecording, read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
 from highfive.hil.report.arm_report import arm_section, draw_arm
 from highfive.hil.report.drawing import to_png

@@ -1,10 +1,12 @@
 """A recorded high five for the benchmarks of the arm."""
 
 import pytest
+from recorded_trials import record_trial
 from trial_results import simulated_result
 
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
-from highfive.hil.recording.recording import SessionRecorder, read_recording
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.summary import SessionSettings
@@ -14,5 +16,5 @@ from highfive.hil.trials.summary import SessionSettings
 def reference(tmp_path_factory: pytest.TempPathFactory) -> ReferenceTrajectory:
     path = tmp_path_factory.mktemp("recorded") / "session.mcap"
     with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=1)) as recorder:
-        recorder.record_trial(simulated_result(build_scene(), 0, "neutral", "B2"))
+        record_trial(recorder, simulated_result(build_scene(), 0, "neutral", "B2"))
     return recorded_high_fives(read_recording(path), path)[0]

@@ -9,9 +9,11 @@ import pytest
 from disk import files_no_larger_than
 from mcap.reader import make_reader
 from paths import HELPERS
+from recorded_trials import record_trial
 from trial_results import some_results
 
-from highfive.hil.recording.recording import CHUNK_NS, SessionRecorder, read_recording
+from highfive.hil.recording.recorder import CHUNK_NS, SessionRecorder
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.trials.summary import SessionSettings
 from highfive.model.errors import HighFiveError
 
@@ -33,8 +35,8 @@ def result():
 def recorded(result, tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "session.mcap"
     with SessionRecorder(path, SETTINGS) as recorder:
-        recorder.record_trial(result)
-        recorder.record_trial(replace(shortened(result, 60), number=1))
+        record_trial(recorder, result)
+        record_trial(recorder, replace(shortened(result, 60), number=1))
     return path
 
 
@@ -129,11 +131,11 @@ def test_missing_file_says_so(tmp_path):
 def test_a_full_disk_is_one_line_and_loses_nothing_before_it(result, tmp_path):
     path = tmp_path / "full.mcap"
     recorder = SessionRecorder(path, SETTINGS)
-    with files_no_larger_than(60_000), pytest.raises(HighFiveError, match=r"full\.mcap.*make room") as error:
-        recorder.record_trial(result)
+    with files_no_larger_than(250_000), pytest.raises(HighFiveError, match=r"full\.mcap.*make room") as error:
+        record_trial(recorder, result)
     assert one_line(error)
     with pytest.raises(HighFiveError):
-        recorder.record_trial(result)
+        record_trial(recorder, result)
     recorder.close()
     recording = read_recording(path)
     assert 0 < len(recording.channels["/avatar"]) < len(result.times)
@@ -152,10 +154,10 @@ def test_an_interrupted_write_keeps_what_was_whole(result, tmp_path):
     before = signal.signal(signal.SIGVTALRM, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt), SessionRecorder(path, SETTINGS) as recorder:
-            recorder.record_trial(result)
+            record_trial(recorder, result)
             signal.setitimer(signal.ITIMER_VIRTUAL, 0.05)
             while True:
-                recorder.record_trial(result)
+                record_trial(recorder, result)
     finally:
         signal.signal(signal.SIGVTALRM, before)
     assert len(read_recording(path).channels["/contact"]) >= 1
@@ -173,13 +175,14 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from trial_results import simulated_result
-from highfive.hil.recording.recording import SessionRecorder
+from highfive.hil.recording.recorder import SessionRecorder
+from recorded_trials import record_trial
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.summary import SessionSettings
 result = simulated_result(build_scene(), 0, "angry", "B2")
 recorder = SessionRecorder(Path(sys.argv[2]), SessionSettings(seed=0, model="m", trials=1))
 while True:
-    recorder.record_trial(result)
+    record_trial(recorder, result)
     print("trial", flush=True)
 """
 

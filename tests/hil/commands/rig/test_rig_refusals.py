@@ -11,6 +11,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from paths import ROOT
+from recorded_trials import record_trial
 from trial_results import simulated_result
 
 from highfive.hil.arm.lifecycle import PATIENCE_MS
@@ -18,7 +19,8 @@ from highfive.hil.cli import main as cli
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess
-from highfive.hil.recording.recording import SessionRecorder, read_recording
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay_goals import LEAD_TIME, recorded_high_fives
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.scene import build_scene
@@ -35,8 +37,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recorded") / "session.mcap"
     scene = build_scene()
     with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
-        recorder.record_trial(simulated_result(scene, 0, "neutral", "B2"))
-        recorder.record_trial(simulated_result(scene, 1, "happy", "A2", away=0.3))
+        record_trial(recorder, simulated_result(scene, 0, "neutral", "B2"))
+        record_trial(recorder, simulated_result(scene, 1, "happy", "A2", away=0.3))
     return path
 
 
@@ -45,7 +47,7 @@ def met(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of one high five, in which the palms met: half as long to read and to write."""
     path = tmp_path_factory.mktemp("met") / "session.mcap"
     with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=1)) as recorder:
-        recorder.record_trial(simulated_result(build_scene(), 0, "neutral", "B2"))
+        record_trial(recorder, simulated_result(build_scene(), 0, "neutral", "B2"))
     return path
 
 
@@ -170,7 +172,7 @@ def rewritten(path: Path, out: Path, topic: str, change: Callable[[dict[str, Any
             assert schema is not None
             if channel.topic not in channels:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = writer.register_channel(channel.topic, "json", number)
+                channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
             data = message.data
             if channel.topic == topic:
                 if (changed := change(json.loads(data))) is None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 from live_commands import HIGHFIVE, ended, start, wait_for
+from recorded_trials import record_trial
 from trial_results import simulated_result
 
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
@@ -26,7 +27,8 @@ from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess, make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
-from highfive.hil.recording.recording import SessionRecorder, read_recording
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
 from highfive.hil.runtime.console import show_log
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -50,7 +52,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = build_scene()
     with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
         for number in range(2):
-            recorder.record_trial(simulated_result(scene, number, "neutral", "B2"))
+            record_trial(recorder, simulated_result(scene, number, "neutral", "B2"))
     return path
 
 

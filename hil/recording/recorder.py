@@ -1,0 +1,290 @@
+"""Writes the recording of a session: an MCAP file that stays readable whatever ends the session.
+
+Times are ns of one clock, which begins with the session's first tick. Data goes to the file in whole chunks of half a
+second: a crash loses no more than the last of them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+
+from highfive.hil.recording import messages, schemas, viewer_messages
+from highfive.hil.recording.recorded_tick import RecordedTick
+from highfive.hil.recording.sink import Sink
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.trials.partners import Partner
+from highfive.hil.trials.summary import SessionSettings, versions
+from highfive.hil.trials.trial_result import TrialResult
+from highfive.model.errors import HighFiveError
+from highfive.model.files import unfinished
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.arm_trial import ArmTrial
+    from highfive.hil.arm.loop import ArmTick
+    from highfive.hil.drivers.bus.cycle_ring import Cycle
+
+FORMAT = 2
+"""Of recordings; those before say none."""
+CHUNK_NS = 500_000_000
+PAUSE_NS = 1_000_000_000
+"""Between two high fives whose clocks both start at 0: those of simulated people, played as fast as it goes."""
+_DRAWN_EVERY = 4
+"""Ticks between two skeletons, and two sets of transforms: viewers need no more than 30 a second."""
+
+
+@dataclass(frozen=True)
+class TrialHead:
+    """What is known of a high five when it begins.
+
+    Attributes:
+        number: counted from 0.
+        partner: who raises the hand.
+        style: in which the avatar answers.
+        paced: it goes at the pace of the clock.
+    """
+
+    number: int
+    partner: Partner
+    style: str
+    paced: bool = False
+
+
+class SessionRecorder:
+    """Writes a session, tick by tick; close it, or use it in ``with``.
+
+    A recording that has that name already stays until this one is closed.
+
+    Encoding a tick takes some 0.7 ms and now and then waits for the disk: in a session it is called from a thread of
+    its own (:class:`highfive.hil.recording.background.BackgroundRecorder`).
+    """
+
+    def __init__(self, path: Path, settings: SessionSettings, utc_ns: Callable[[], int] = time.time_ns) -> None:
+        """Starts the file with the session's settings.
+
+        Args:
+            path: of the file.
+            settings: of the session.
+            utc_ns: what time it is, ns since 1970.
+
+        Raises:
+            HighFiveError: as from every method, the file cannot be written; what was written before stays readable.
+        """
+        self.path, self._utc_ns = path, utc_ns
+        self._file = unfinished(path) if path.is_file() else path
+        self._failure: HighFiveError | None = None
+        self._chunk_start: int | None = None
+        self._zero_ns: int | None = None  # of the session's clock, where the recording's has its 0
+        self._head: TrialHead | None = None  # of a high five that has not begun yet
+        self._start = self._end = self._count = 0
+        self._transforms = viewer_messages.Transforms()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._sink = Sink(self._file)
+        except OSError as error:
+            raise HighFiveError(f"cannot write the recording {path}: {error.strerror or error}") from None
+        # The chunks are cut by time below; this only bounds the memory of one.
+        self._writer = Writer(self._sink, chunk_size=8 * 1024 * 1024)  # pyright: ignore[reportArgumentType]
+        try:
+            self._writer.start(profile="", library="high-five")
+        except OSError as error:
+            raise self._fail(error) from None
+        self._channels = {topic: self._register(topic) for topic in schemas.TOPICS} | {
+            topic: self._writer.register_channel(topic, MessageEncoding.Protobuf, register_schema(self._writer, kind))
+            for topic, kind in viewer_messages.TOPICS.items()
+        }
+        about = {"settings": {**asdict(settings), "versions": versions()}, "joints": list(avatar_skeleton().names)}
+        units = "m, rad, s; quaternions w x y z, relative to the parent joint"
+        self._add("/session", 0, {"format": FORMAT, **about, "units": units})
+        self._flush()
+
+    def _register(self, topic: str) -> int:
+        schema = json.dumps(schemas.schema_of(topic)).encode()
+        number = self._writer.register_schema(schemas.TOPICS[topic][0], SchemaEncoding.JSONSchema, schema)
+        return self._writer.register_channel(topic, MessageEncoding.JSON, number)
+
+    def begin_trial(self, head: TrialHead) -> None:
+        """A high five begins with the next tick."""
+        self._head = head
+
+    def record_tick(self, tick: RecordedTick) -> None:
+        """One tick."""
+        if self._head is not None:
+            head, self._head = self._head, None
+            self._begin(head, tick)
+        now, number = self._at(tick.at_ns), self._count
+        if tick.frame is not None:
+            self._add("/frame", now, messages.frame(tick.frame))
+        self._add("/person", now, messages.person(tick.person))
+        self._add("/generated", now, messages.pose(tick.generated))
+        self._add("/avatar", now, messages.pose(tick.played))
+        self._add_drawn("/markers", now, viewer_messages.point_cloud(now, tick.markers))
+        if number % _DRAWN_EVERY == 0:
+            self._add_drawn("/tf", now, self._transforms.body(now, tick.played, tick.person))
+            self._add_drawn("/skeleton", now, viewer_messages.skeleton(now, tick.played, tick.person))
+        if tick.forecast is not None:
+            self._add("/forecast", now, messages.forecast(tick.forecast))
+        self._add(
+            "/tick", now,
+            {"trial": self._trial, "phase": tick.phase, "weight": round(tick.weight, 5),
+             "time_to_contact": messages.known(tick.expected), "latency_ms": messages.known(tick.tick_ms),
+             "time_ns": tick.time_ns, "at_ns": tick.at_ns, "framed": tick.frame is not None, "digest": tick.digest},
+        )  # fmt: skip
+        self._count += 1
+        self._ended(now)
+
+    def _begin(self, head: TrialHead, tick: RecordedTick) -> None:
+        """The recording's clock is the session's; where that starts anew, the high five comes a second later."""
+        if self._zero_ns is None:
+            self._zero_ns = tick.at_ns
+        elif tick.at_ns - self._zero_ns <= self._end:
+            self._zero_ns = tick.at_ns - self._end - PAUSE_NS
+        self._trial, partner = head.number, head.partner
+        self._start = now = tick.at_ns - self._zero_ns
+        utc = datetime.fromtimestamp(1e-9 * self._utc_ns(), UTC).isoformat(timespec="milliseconds")
+        self._add(
+            "/trial", now,
+            {"trial": head.number, "title": partner.title, "simulated": partner.simulated, "emotion": partner.emotion,
+             "style": head.style, "cell": partner.cell, "notes": list(partner.notes), "paced": head.paced,
+             "marker_set": partner.marker_set.name, "markers": list(tick.markers.names), "host_ns": tick.at_ns,
+             "utc": utc},
+        )  # fmt: skip
+
+    def record_arm(self, ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> None:
+        """What a servo arm did, by the session's clock; after the first tick of the high five."""
+        for tick in ticks:
+            self._add("/safety", self._at(tick.frame_ns), messages.safety(tick))
+        for cycle in cycles:
+            now = self._at(cycle.state.time_ns)
+            self._add("/arm", now, messages.arm_cycle(cycle))
+            if cycle.number % _DRAWN_EVERY == 0:
+                self._add_drawn("/tf", now, self._transforms.arm(now, cycle.state.positions))
+
+    def record_played(self, arm: ArmTrial) -> None:
+        """What the arm did in a high five that was recorded before, a second after what came before."""
+        first = arm.ticks[0].frame_ns
+        self._start = self._end + PAUSE_NS if self._count else 0
+        self._zero_ns = first - self._start
+        self._count += 1
+        self.record_arm(arm.ticks, arm.cycles)
+        self._end = self._at(arm.ticks[-1].frame_ns)
+        self._flush()
+
+    def end_trial(self, result: TrialResult) -> None:
+        """The judgement of a high five, and makes all of it safe."""
+        self._add("/contact", self._end, messages.contact(result))
+        self._flush()
+
+    def record_event(self, event: str, at_ns: int | None = None, **about: Any) -> None:
+        """Something happened, ``at_ns`` of the session's clock; by default with the last tick.
+
+        Args:
+            event: its name; see docs/recordings.md.
+            at_ns: when.
+            about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``.
+        """
+        self._add("/event", self._end if at_ns is None else self._at(at_ns), {"event": event, **about})
+
+    def record_log(self, level: str, text: str) -> None:
+        """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
+        self._add_drawn("/log", self._end, viewer_messages.log(self._end, level, text))
+
+    def close(self) -> None:
+        """Writes the index; without it the file is still readable, only slower to open."""
+        if self._failure:
+            return
+        try:
+            self._writer.finish()
+            self._sink.close()
+            self._take_name()
+        except OSError as error:
+            self._fail(error)
+        self._failure = HighFiveError(f"the recording {self.path} is closed")
+
+    def discard(self) -> None:
+        """Leaves nothing of this recording, and closes."""
+        self._sink.close()
+        self._file.unlink(missing_ok=True)
+        self._failure = HighFiveError(f"the recording {self.path} is closed")
+
+    def __enter__(self) -> SessionRecorder:
+        """Self."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Closes."""
+        self.close()
+
+    def _at(self, session_ns: int) -> int:
+        """The recording's time of a time of the session's clock; nothing comes before the high five that it is of."""
+        return max(self._start, session_ns - (self._zero_ns or 0))
+
+    def _ended(self, now: int) -> None:
+        self._end = max(now, self._end)
+        if self._chunk_start is None:
+            self._chunk_start = now
+        elif now - self._chunk_start >= CHUNK_NS or now < self._chunk_start:
+            self._flush()
+
+    def _add(self, topic: str, time_ns: int, message: Mapping[str, Any]) -> None:
+        data = json.dumps(schemas.flattened(topic, message), separators=(",", ":"), allow_nan=False).encode()
+        self._write(topic, time_ns, data)
+
+    def _add_drawn(self, topic: str, time_ns: int, message: Any) -> None:
+        self._write(topic, time_ns, message.SerializeToString())
+
+    def _write(self, topic: str, time_ns: int, data: bytes) -> None:
+        if self._failure:
+            raise self._failure
+        with self._writing():
+            self._writer.add_message(self._channels[topic], time_ns, data, time_ns, self._count)
+
+    def _flush(self) -> None:
+        self._chunk_start = None
+        with self._writing():
+            self._writer.flush()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """The file stays readable whatever happens meanwhile."""
+        try:
+            yield
+        except OSError as error:
+            raise self._fail(error) from None
+        except KeyboardInterrupt:
+            self._abandon()
+            raise
+
+    def _abandon(self) -> None:
+        # Inside the writer, half a record may be in the chunk: the file ends before it.
+        self._sink.cut()
+        self._failure = HighFiveError(f"the recording {self.path} was interrupted")
+        self._take_name()
+
+    def _take_name(self) -> None:
+        if self._file != self.path:
+            os.replace(self._file, self.path)
+
+    def _fail(self, error: OSError) -> HighFiveError:
+        self._sink.cut()
+        if self._file != self.path and not self._count:
+            self._file.unlink(missing_ok=True)
+        self._failure = HighFiveError(
+            f"cannot write the recording {self._file}: {error.strerror or error}; "
+            f"what it holds up to {1e-9 * self._end:.1f} s can be read, make room for the rest"
+        )
+        return self._failure

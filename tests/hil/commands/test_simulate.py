@@ -130,7 +130,7 @@ def test_a_disk_that_fills_up_ends_the_recording_and_not_the_session(
 ) -> None:
     words = ["--source", str(captured_file), "--human", "human", "--no-pictures", "--out", str(tmp_path / "full")]
     monkeypatch.setattr("sys.argv", ["highfive", "simulate", *words])
-    with files_no_larger_than(250_000), pytest.raises(SystemExit) as end:
+    with files_no_larger_than(600_000), pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 1
     out, err = capsys.readouterr()

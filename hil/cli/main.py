@@ -169,8 +169,14 @@ def simulate(
         print_json(summary)
     else:
         print_session(summary, folder)
-    early = summary["interrupted"] or summary["unrecorded"]
-    if early or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
+    replayed = summary["replayed"]
+    other = replayed is not None and replayed["same"] < replayed["ticks"]
+    if (
+        summary["interrupted"]
+        or summary["unrecorded"]
+        or other
+        or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"])
+    ):
         raise typer.Exit(1)
 
 

@@ -31,6 +31,7 @@ from highfive.model.plugins import PluginError
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
+    from highfive.hil.recording.replay import Replay
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.view.live_page import LivePage
     from highfive.hil.view.session_view import SessionView
@@ -57,8 +58,11 @@ def play(
     bar: Bar,
     watch: ArmWatch | None,
     page: LivePage | None,
+    replay: Replay | None = None,
 ) -> Played:
     """Plays the partners in order; Ctrl-C, a broken-off high five or a stopped arm ends the session early.
+
+    The high fives of a ``replay`` begin with what the recorded ones began with.
 
     Raises:
         HighFiveError: not even the first high five could be played.
@@ -70,7 +74,7 @@ def play(
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
             advance = bar("high fives", len(partners))
             view = None if page is None else _view(page, session, playout, scene, watch)
-            programme = Programme(options, partners, view)
+            programme = Programme(options, partners, view, () if replay is None else replay.styles)
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
             gc.freeze()
@@ -81,8 +85,11 @@ def play(
                 try:
                     programme.begin(partner, style)
                     paced = person is not None or watch is not None or view is not None
-                    kept = _Kept(recorder, TrialHead(number, partner, called, paced), watch)
-                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view, kept)
+                    head = TrialHead(number, partner, called, style, session.corrects, paced)
+                    kept = _Kept(recorder, head, watch, session, replay)
+                    result, trouble = _trial(
+                        number, partner, called, session, playout, person, watch, view, kept, replay
+                    )
                 except Interruption as asked:
                     recorder.record_event("trial_broken_off", trial=number, detail=f"{asked.wish} was asked for")
                     programme.follow(asked.wish, partner)
@@ -117,9 +124,18 @@ def play(
 class _Kept:
     """A high five on its way into the recording, tick by tick."""
 
-    def __init__(self, recorder: BackgroundRecorder, head: TrialHead, watch: ArmWatch | None) -> None:
+    def __init__(
+        self,
+        recorder: BackgroundRecorder,
+        head: TrialHead,
+        watch: ArmWatch | None,
+        session: Session,
+        replay: Replay | None,
+    ) -> None:
         """Begins with the first tick."""
         self._recorder, self._head, self._watch = recorder, head, watch
+        self._session, self._replay = session, replay
+        self._asked = session.weights, session.corrects
         self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
         self._begun = False
 
@@ -133,6 +149,12 @@ class _Kept:
         for event in happened if self._begun else ["trial_start", *happened]:
             self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
         self._begun = True
+        if (asked := (self._session.weights, self._session.corrects)) != self._asked:
+            self._asked = asked
+            about = {"weights": dict(asked[0]), "corrects": asked[1], **self._about}
+            self._recorder.record_event("answer_changed", begins.at_ns, style=style_name(asked[0]), **about)
+        if self._replay is not None:
+            self._replay.check(self._head.number, tick)
 
     def end(self, result: TrialResult) -> None:
         """It is over, and judged."""
@@ -189,10 +211,12 @@ def _trial(
     watch: ArmWatch | None,
     view: SessionView | None,
     kept: _Kept,
+    replay: Replay | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
     if person is None and watch is None and view is None:
-        return run_trial(number, partner, session, playout, keep=kept), ""
+        recorded = None if replay is None else replay.inputs(number, session)
+        return run_trial(number, partner, session, playout, recorded, keep=kept), ""
     try:
         if watch is not None:
             watch.begin()

@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Any
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options
 from highfive.hil.commands.play_trials import Played, play
+from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.replay import SUFFIX, Replay
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
@@ -45,6 +47,9 @@ if TYPE_CHECKING:
     from highfive.hil.trials.live_wiring import LiveWiring
     from highfive.hil.view.live_page import LivePage
 
+RECORDING = "session.mcap"
+"""In a session's folder."""
+
 # What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
 
@@ -69,10 +74,13 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             cannot be written.
     """
     live = options.source is not None and is_live(options.source)
+    again = options.source is not None and not live and options.source.endswith(SUFFIX)
     worn = live and wears_headset(options)
     options = with_page(options) if worn else options
     with ExitStack() as stack:
         check_live_options(options, live)
+        if again:
+            check_replay_options(options)
         if options.view is not None and options.arm is not None and options.arm.port == "virtual":
             raise HighFiveError(
                 "--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated"
@@ -105,21 +113,22 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
                 from highfive.hil.commands.live_session import live_person  # noqa: PLC0415
 
                 person = live_person(options, parts, wiring, worn_set(options), page)
-            partners = partners_of(options, model, bar, person)
+            replay = replay_of(options, _name(options)) if again else None
+            partners = partners_of(options, model, bar, person) if replay is None else replay.partners(options.trials)
             settings = _settings(options, len(partners))
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
-            session = _session(options, model, scene, partners[0], person)
+            session = _session(options, model, scene, partners[0], person, replay)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)
             paced = person is not None or watch is not None or page is not None
-            recorder = BackgroundRecorder(SessionRecorder(folder / "session.mcap", settings), paced=paced)
-            played = play(options, session, scene, partners, person, recorder, bar, watch, page)
+            recorder = BackgroundRecorder(SessionRecorder(folder / RECORDING, settings, session.chain), paced=paced)
+            played = play(options, session, scene, partners, person, recorder, bar, watch, page, replay)
             if page is not None:
                 page.tell("over", message=f"The session is over: {folder / 'report.html'}")
-        lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
-        return _report(options, played, recorder.trouble, settings, folder, bar, lag)
+        lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
+        return _report(options, played, recorder.trouble, replayed, settings, folder, bar, lag)
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
@@ -172,6 +181,7 @@ def _report(
     options: SimulateOptions,
     played: Played,
     unrecorded: str,
+    replayed: dict[str, Any] | None,
     settings: SessionSettings,
     folder: Path,
     bar: Bar,
@@ -187,16 +197,23 @@ def _report(
 
         trials = list(played.arm.values())
         arm, drawings = arm_summary(trials, lag), draw_arm(trials, lag)
-    summary = summarise(played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, arm=arm)
+    summary = summarise(
+        played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm
+    )
     strips, film = _pictures(options, played, folder, bar)
     write_report(folder, summary, played.results, settings, strips, film, drawings)
     return summary
 
 
+def _name(options: SimulateOptions) -> str:
+    """Of the model."""
+    return options.model if isinstance(options.model, str) else options.model.name
+
+
 def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
     return SessionSettings(
         seed=options.seed,
-        model=options.model if isinstance(options.model, str) else options.model.name,
+        model=_name(options),
         trials=trials,
         style=None if options.style is None else dict(options.style),
         corrected=options.correct,
@@ -237,11 +254,18 @@ def _shown(source: str | None) -> str:
 
 
 def _session(
-    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None
+    options: SimulateOptions,
+    model: HGPDM | ReactionModel,
+    scene: Scene,
+    partner: Partner,
+    person: LivePerson | None,
+    replay: Replay | None,
 ) -> Session:
     style = options.style or {partner.emotion: 1.0}
     worn = wears_headset(options)
     settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None if person is None else person.tracking)
+    if replay is not None:
+        settings, tracking = replay.pose, replay.tracking
     return Session(
         model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking
     )

@@ -45,11 +45,11 @@ class RecordedTick:
     expected: float
     tick_ms: float
 
-    @property
-    def digest(self) -> str:
-        """Of every bit of the requested pose: two ticks with the same one are the same."""
-        content = self.corrected.root_in_world.tobytes() + self.corrected.hinges.tobytes()
-        return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+def pose_digest(pose: Pose) -> str:
+    """Of every bit of a pose: two with the same one are the same."""
+    content = pose.root_in_world.tobytes() + pose.hinges.tobytes()
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 
 def recorded_tick(begins: TickInput, tick: Tick, played: Pose, tick_ms: float) -> RecordedTick:

@@ -51,12 +51,14 @@ class SessionRecording:
         joints: names of the skeleton's joints.
         channels: messages of each topic, in order.
         complete: the file was closed; otherwise its end is missing and this is all up to the last whole chunk.
+        chain: settings of pose and tracker, by field; None where they were not recorded.
     """
 
     settings: dict[str, Any]
     joints: tuple[str, ...]
     channels: Mapping[str, tuple[RecordedMessage, ...]]
     complete: bool
+    chain: Mapping[str, dict[str, Any]] | None = None
 
     def poses(self, topic: str = "/avatar") -> tuple[Array, tuple[Pose, ...]]:
         """Times (T,), s, and poses of ``/avatar`` or ``/generated``."""
@@ -115,7 +117,7 @@ def read_recording(path: Path | str) -> SessionRecording:
     ):
         raise HighFiveError(f"{path}: /session holds no settings and joints")
     kept = {topic: tuple(messages) for topic, messages in channels.items()}
-    return SessionRecording(about["settings"], tuple(about["joints"]), kept, complete)
+    return SessionRecording(about["settings"], tuple(about["joints"]), kept, complete, about.get("chain"))
 
 
 # What a file that ends anywhere, or is no MCAP at all, makes the library raise.

@@ -126,7 +126,12 @@ class TickInput:
 
 
 class Session:
-    """The chain from a marker frame to the pose that is played, at the times at which frames come."""
+    """The chain from a marker frame to the pose that is played, at the times at which frames come.
+
+    Attributes:
+        chain: values of the settings of pose and tracker, by name, each by field.
+        weights: of the style, by emotion.
+    """
 
     def __init__(
         self,
@@ -156,6 +161,8 @@ class Session:
         """
         use_one_blas_thread()
         self._settings = settings or PoseSettings()
+        self.chain = {"pose": self._settings.values(), "tracking": (tracking or FilterSettings()).values()}
+        self.weights: Mapping[str, float] = dict(style)
         self._tracker = Tracker(marker_set, RATE_HZ, tracking)
         self._arm = HumanArmEstimator(marker_set)
         self._return = ReacquisitionSmoother()
@@ -172,6 +179,7 @@ class Session:
     def set_style(self, style: Mapping[str, float]) -> None:
         """Changes the style weights, at any time."""
         self._responder.set_style(style)
+        self.weights = dict(style)
 
     @property
     def corrects(self) -> bool:

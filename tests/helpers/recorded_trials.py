@@ -21,7 +21,7 @@ def head_of(result: TrialResult) -> TrialHead:
         result.title, result.emotion, result.cell, result.simulated, nothing, load_marker_set(PERSON_SET), -1, None,
         None, result.notes,
     )  # fmt: skip
-    return TrialHead(result.number, partner, result.style)
+    return TrialHead(result.number, partner, result.style, {result.emotion: 1.0})
 
 
 def ticks_of(result: TrialResult, from_ns: int = 0) -> Iterator[RecordedTick]:

@@ -151,7 +151,9 @@ def test_the_times_of_all_topics_are_of_one_clock(tmp_path: Path) -> None:
     """A session that keeps time begins at 0 of its recording, and says of each high five when that was."""
     result = some_results()[0]
     path = tmp_path / "paced.mcap"
-    with SessionRecorder(path, SessionSettings(seed=3, model="m", trials=2), lambda: 1_700_000_000_000_000_000) as it:
+    with SessionRecorder(
+        path, SessionSettings(seed=3, model="m", trials=2), None, lambda: 1_700_000_000_000_000_000
+    ) as it:
         record_trial(it, result, from_ns=5_000_000_000_000)
         record_trial(it, replace(result, number=1), from_ns=5_030_000_000_000)
     with path.open("rb") as file:

@@ -12,7 +12,7 @@ import numpy as np
 
 from highfive.hil.commands.programme import Programme
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.background import BackgroundRecorder, said_in
 from highfive.hil.recording.recorded_tick import recorded_tick
 from highfive.hil.recording.recorder import TrialHead
 from highfive.hil.runtime.console import Bar, say_aside
@@ -35,6 +35,10 @@ if TYPE_CHECKING:
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.view.live_page import LivePage
     from highfive.hil.view.session_view import SessionView
+
+WHOLE = 144
+"""High fives whose every tick is kept for figures and film: four times the grid. Of more, a long session keeps the
+figures only; the recording has all of them."""
 
 # What only an arm or the live page need is imported where it is needed: it takes seconds.
 
@@ -69,7 +73,7 @@ def play(
     """
     played = Played()
     results = played.results
-    with recorder, quick_switching():
+    with recorder, said_in(recorder), quick_switching():
         try:
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
             advance = bar("high fives", len(partners))
@@ -78,6 +82,7 @@ def play(
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
             gc.freeze()
+            recorder.record_event("session_start")
             while programme:
                 partner, style = programme.take()
                 session.set_style(style)
@@ -102,7 +107,7 @@ def play(
                 result = replace(result, style=programme.style_name(style))
                 arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
                 kept.end(result)
-                results.append(result)
+                results.append(result if len(results) < WHOLE else result.condensed())
                 if arm is not None:
                     played.arm[number] = arm
                 advance()
@@ -117,6 +122,7 @@ def play(
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
         finally:
+            recorder.record_event("session_end")
             gc.unfreeze()
     return replace(played, interrupted=programme.ended)
 

@@ -58,6 +58,7 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         other_error=np.nan if partner.other_palm is None else _nearest(partner.other_palm, person_palm),
         speed_change=_speed_change(hinges, times, fading),
         uncorrected_speed_change=_speed_change(generated, times, np.ones_like(fading)),
+        markers_seen=_seen(ticks),
         times=times,
         people=tuple(tick.person for tick in ticks),
         poses=tuple(state.pose for state in states),
@@ -103,6 +104,11 @@ def _felt(states: Sequence[PlayState], contact: ContactReport, truth: TrueMotion
     velocity = (truth.at(state.time_ns) - truth.at(before)) / seconds if seconds > 0.0 else np.zeros(3)
     closing = (state.palm.velocity - velocity) @ common_normal(state.palm, state.person_palm)
     return truth.distance(state.palm.position, state.time_ns), float(closing)
+
+
+def _seen(ticks: Sequence[Tick]) -> float:
+    seen = np.array([tick.markers.seen for tick in ticks])
+    return float(seen.mean()) if seen.size else np.nan
 
 
 def _hinge_track(poses: list[Pose]) -> Array:

@@ -268,7 +268,7 @@ def _row(result: TrialResult) -> dict[str, Any]:
         "lateral_mm": _number(MM * result.contact.lateral),
         "fade_in_change_rad_s": _number(result.speed_change),
         "uncorrected_change_rad_s": _number(result.uncorrected_speed_change),
-        "markers_seen": _number(float(result.seen.mean())) if result.seen.size else None,
+        "markers_seen": _number(result.markers_seen),
         "unwanted_contacts": len(_unwanted(result)),
         "notes": list(result.notes),
     }

@@ -98,7 +98,7 @@ def test_a_micrometre_in_one_frame_is_found(recorded: Path, person: Partner) -> 
     recording = read_recording(recorded)
     frames = list(recording.channels["/frame"])
     place = len(frames) // 2
-    moved = (np.array(frames[place].data["positions"]) + [1e-6, 0.0, 0.0]).tolist()
+    moved = (np.array(frames[place].data["positions"]) + np.array([1e-6, 0.0, 0.0])).tolist()
     frames[place] = replace(frames[place], data=frames[place].data | {"positions": moved})
     replay = played_again(replace(recording, channels={**recording.channels, "/frame": tuple(frames)}), person)
     assert replay.same < replay.ticks and replay.first is not None

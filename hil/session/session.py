@@ -236,7 +236,7 @@ class Session:
         calm = CalmGoal(calm_palm, self._calm_reach.step(palm, calm_seen, expectation, shoulder, dt))
         if not self._correct:
             return Tick(time_ns, markers, person, calm, response, generated, palm, target, generated, palm, 0.0, False)
-        corrected = self._correction.solve(generated, target.position, target.normal, target.weight)
+        corrected = self._correction.solve(generated, target.position, target.normal, target.weight, dt)
         return Tick(
             time_ns, markers, person, calm, response, generated, palm, target,
             corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,

@@ -43,8 +43,9 @@ class CorrectionSettings(Settings):
     posture_weight: float = setting(0.006, "1/rad", above=0.0)
     """Times the joint's own weight."""
     steadiness: float = setting(0.1, "s", least=0.0)
-    """Over a tick's time, of the posture's weight at weight 0: what the change may not change from tick to tick. Where the palm leaves a
-    choice, an arm that the model leads through the own body takes so long from one side to the other, not one tick.
+    """Over a tick's time, of the posture's weight at weight 0: what the change may not change from tick to tick. Where
+    the palm leaves a choice, an arm that the model leads through the own body takes so long from one side to the other,
+    not one tick.
     Chosen, as ``own_body``, on simulated high fives of seeds 0, 7, 101 and 202."""
     own_body: float = setting(0.004, above=0.0)
     """How strongly hand and forearm are kept off the own body while no palm is to be met."""

@@ -17,6 +17,7 @@ from highfive.mocap_bridge.servers.serving import LOOPBACK
 from highfive.mocap_bridge.sources.address import connector, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.natnet import connect_natnet
+from highfive.mocap_bridge.sources.scheduler import THREADS
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, encode, encode_request, encode_server_info
 from highfive.mocap_bridge.wire.natnet_frame import Frame, encode_frame, labelled_markers
@@ -123,19 +124,16 @@ def test_by_multicast():
         ("?data_port=1511", f"; set its data_port to {{port}} and put &multicast={GROUP} behind the address"),
     ],
 )
-def test_advice_to_listen_to_a_group_goes_with_the_address_as_it_is(query, advice, monkeypatch):
+def test_advice_to_listen_to_a_group_goes_with_the_address_as_it_is(query, advice):
     """Written as it says, the address is one that can be read and hears the group."""
     port = free_port()
     with contextlib.closing(NatNetServer(port=0, multicast=GROUP, data_port=port)) as server:
         written = f"natnet://{LOOPBACK}:{server.port}{query.format(port=port)}"
-        with contextlib.closing(connector(parse_address(written))()) as link:
-            clock = time.monotonic
-            monkeypatch.setattr(
-                "highfive.mocap_bridge.sources.natnet.time.monotonic", lambda: clock() + 1.0
-            )  # nothing came for so long
+        ahead_ns = 0
+        with contextlib.closing(connector(parse_address(written), lambda: THREADS.now() + ahead_ns)()) as link:
+            ahead_ns = 1_000_000_000  # nothing came for so long
             with pytest.raises(LinkError) as error:
                 link.receive(0.0)
-            monkeypatch.undo()
     assert advice.format(port=port) in str(error.value)
     added = str(error.value).partition("put ")[2].partition(" behind")[0]
     heard = parse_address(written.replace("data_port=1511", f"data_port={port}") + added).options

@@ -9,7 +9,7 @@ import time
 import natnet
 import numpy as np
 import pytest
-from live_frames import NAMES, OWN, RATE, arrived, frame, in_order, live, playing, running, until
+from live_frames import NAMES, OWN, RATE, arrived, ends, frame, in_order, live, playing, running, until
 
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.natnet import NatNetServer
@@ -174,13 +174,13 @@ def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as lazy, following(server) as source:
         lazy.sendto(encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))
         until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
-        slowest = 0.0
-        for number in range(1, 1_000):
-            start = time.perf_counter()
-            server.send(frame(number))
-            slowest = max(slowest, time.perf_counter() - start)
-            time.sleep(0.0002)
-        assert slowest < 0.5
+
+        def send():
+            for number in range(1, 1_000):
+                server.send(frame(number))
+                time.sleep(0.0002)
+
+        ends(send)
         until(lambda: source.newest(0).number > 900)
 
 
@@ -208,10 +208,8 @@ def test_addresses_that_cannot_be(host, port):
 )
 def test_what_is_no_natnet_is_reported_in_one_line(answer, message):
     with impostor(answer) as port:
-        start = time.monotonic()
         with pytest.raises(LinkError, match=message) as error:
             connect_natnet(LOOPBACK, port, timeout_s=0.4)
-        assert time.monotonic() - start < 1.0
         assert "\n" not in str(error.value)
         assert f"{LOOPBACK}:{port}" in str(error.value)
 
@@ -223,7 +221,7 @@ def test_nothing_but_damage_is_our_own_error():
     with impostor(motive(after=[BROKEN])) as port:
         link = connect_natnet(LOOPBACK, port)
         with contextlib.closing(link), pytest.raises(LinkError, match="4294967295"):
-            until(lambda: link.receive(0.1) and False, 2.0)
+            until(lambda: link.receive(0.1) and False)
 
 
 def test_a_datagram_that_cannot_be_read_ends_nothing():
@@ -232,7 +230,7 @@ def test_a_datagram_that_cannot_be_read_ends_nothing():
     with impostor(motive((4, 1), [b"junk", BROKEN, good, bytes(40)])) as port:
         link = connect_natnet(LOOPBACK, port)
         with contextlib.closing(link):
-            until(lambda: any(frame.number == 1 for frame in link.receive(0.1)), 2.0)
+            until(lambda: any(frame.number == 1 for frame in link.receive(0.1)))
             assert not link.receive(0.1)
 
 

@@ -166,7 +166,7 @@ def test_a_system_that_labels_nothing_yet_may_do_so_later() -> None:
     thread.start()
     source = LiveSource("vicon://lab", lambda: connect_vicon(LOCAL, server.port))
     try:
-        assert source.first(8.0).names == ("RFIN", "RMC5", "RWRA", "LFHD")
+        assert source.first(PATIENCE_S).names == ("RFIN", "RMC5", "RWRA", "LFHD")
     finally:
         source.close()
         stop.set()

@@ -120,7 +120,7 @@ def test_a_law_can_fail_and_is_then_named_with_its_arm(reference: ReferenceTraje
     assert all(found["worst"][law] >= round(value, 4) for law, value in laws.broken)
 
 
-@pytest.mark.slow(150)
+@pytest.mark.slow(300)
 def test_eight_arms_keep_the_laws_and_are_all_counted() -> None:
     found = bench_arms(ArmsOptions(8), load_model(DEFAULT_MODEL), quiet)
     assert not found["broken"] and not found["stopped"]
@@ -130,7 +130,8 @@ def test_eight_arms_keep_the_laws_and_are_all_counted() -> None:
     assert 0.0 < error["median"] <= error["p90"] <= error["max"] < 1e3
     assert 0.0 < by_arm["median"] <= by_arm["max"] <= error["max"]
     assert found["worst"] and np.isfinite(list(found["worst"].values())).all()
-    assert 0.0 < found["body_face_speed"] < 3.0 and 0.0 < found["body_closing_speed"] < 3.0
+    assert 0.0 < found["body_closing_speed"] < 3.0
+    assert 0.0 <= found["body_face_speed"] < 3.0  # 0 where no arm comes near a head
 
 
 def test_none_is_refused() -> None:

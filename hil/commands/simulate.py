@@ -19,6 +19,7 @@ from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.recording import SessionRecorder
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
@@ -109,7 +110,9 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
-            session = _session(options, model, scene, partners[0], person)
+            clock = MACHINE if wiring is None else wiring.clock
+            clock = clock if watch is None else watch.loop.clock
+            session = _session(options, model, scene, partners[0], person, clock)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)
             recorder = SessionRecorder(folder / "session.mcap", settings)
@@ -229,11 +232,13 @@ def _shown(source: str | None) -> str:
 
 
 def _session(
-    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None
-) -> Session:
+    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None,
+    clock: Clock,
+) -> Session:  # fmt: skip
     style = options.style or {partner.emotion: 1.0}
     worn = wears_headset(options)
     settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None if person is None else person.tracking)
     return Session(
-        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking
-    )
+        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking,
+        clock=clock,
+    )  # fmt: skip

@@ -169,11 +169,12 @@ def bench_tick(
 def bench_rates(
     rate: Annotated[list[float] | None, typer.Option(help="Only this rate, Hz; may be given again.")] = None,
     cell: Cells = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Let the twin of the arm meet them too.")] = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Let simulated people come in at 30 to 500 Hz, in virtual time: do palms meet as they do at 120 Hz?"""
-    _run(json, lambda bar: bench.rates(rate, cell, seed, bar))
+    _run(json, lambda bar: bench.rates(rate, cell, twin, seed, bar))
 
 
 @app.command("latency")

@@ -127,12 +127,12 @@ def tick(seconds: float, seed: int, bar: Bar) -> Measured:
     return Measured(bench_tick(TickOptions(seconds=seconds, seed=seed), bar), print_tick)
 
 
-def rates(rates_hz: list[float] | None, cells: list[str] | None, seed: int, bar: Bar) -> Measured:
+def rates(rates_hz: list[float] | None, cells: list[str] | None, twin: bool, seed: int, bar: Bar) -> Measured:
     """Live systems of any rate; see :mod:`highfive.hil.bench.rates`."""
     from highfive.hil.bench.rates import RATES, RatesOptions, bench_rates, print_rates
     from highfive.hil.sim.people.grid import CELLS
 
-    options = RatesOptions(tuple(rates_hz or RATES), tuple(cells or CELLS), seed)
+    options = RatesOptions(tuple(rates_hz or RATES), tuple(cells or CELLS), seed, twin)
     return Measured(bench_rates(options, bar), print_rates)
 
 

@@ -22,6 +22,7 @@ from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.replay import SUFFIX, Replay
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
@@ -78,13 +79,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     worn = live and wears_headset(options)
     options = with_page(options) if worn else options
     with ExitStack() as stack:
-        check_live_options(options, live)
-        if again:
-            check_replay_options(options)
-        if options.view is not None and options.arm is not None and options.arm.port == "virtual":
-            raise HighFiveError(
-                "--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated"
-            )
+        _check(options, live, again)
         stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
             from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
@@ -119,7 +114,9 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
-            session = _session(options, model, scene, partners[0], person, replay)
+            clock = MACHINE if wiring is None else wiring.clock
+            clock = clock if watch is None else watch.loop.clock
+            session = _session(options, model, scene, partners[0], person, clock, replay)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)
             paced = person is not None or watch is not None or page is not None
@@ -129,6 +126,15 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
                 page.tell("over", message=f"The session is over: {folder / 'report.html'}")
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
         return _report(options, played, recorder.trouble, replayed, settings, folder, bar, lag)
+
+
+def _check(options: SimulateOptions, live: bool, again: bool) -> None:
+    """That the options go together."""
+    check_live_options(options, live)
+    if again:
+        check_replay_options(options)
+    if options.view is not None and options.arm is not None and options.arm.port == "virtual":
+        raise HighFiveError("--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated")
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
@@ -254,18 +260,15 @@ def _shown(source: str | None) -> str:
 
 
 def _session(
-    options: SimulateOptions,
-    model: HGPDM | ReactionModel,
-    scene: Scene,
-    partner: Partner,
-    person: LivePerson | None,
-    replay: Replay | None,
-) -> Session:
+    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None,
+    clock: Clock, replay: Replay | None,
+) -> Session:  # fmt: skip
     style = options.style or {partner.emotion: 1.0}
     worn = wears_headset(options)
     settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None if person is None else person.tracking)
     if replay is not None:
         settings, tracking = replay.pose, replay.tracking
     return Session(
-        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking
-    )
+        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking,
+        clock=clock,
+    )  # fmt: skip

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -24,6 +23,7 @@ from mcap_protobuf.schema import register_schema
 from highfive.hil.recording import messages, schemas, viewer_messages
 from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
 from highfive.hil.recording.sink import Sink
+from highfive.hil.runtime.clock import utc_ns
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, versions
@@ -80,7 +80,7 @@ class SessionRecorder:
         path: Path,
         settings: SessionSettings,
         chain: Mapping[str, Any] | None = None,
-        utc_ns: Callable[[], int] = time.time_ns,
+        utc_ns: Callable[[], int] = utc_ns,
     ) -> None:
         """Starts the file with the session's settings.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.open_responder import open_responder
@@ -143,6 +144,7 @@ class Session:
         correct: bool = True,
         settings: PoseSettings | None = None,
         tracking: FilterSettings | None = None,
+        clock: Clock = MACHINE,
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
 
@@ -154,6 +156,7 @@ class Session:
             correct: the hand is corrected.
             settings: of the pose.
             tracking: of the tracker, where markers are not a motion capture system's.
+            clock: by which a model of somebody else's has to keep up.
 
         Raises:
             HighFiveError: the model was trained for another skeleton, or the style does not fit it; a model of
@@ -167,7 +170,7 @@ class Session:
         self._arm = HumanArmEstimator(marker_set)
         self._return = ReacquisitionSmoother()
         self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()
-        self._responder = PacedResponder(open_responder(model, style, RATE_HZ), RATE_HZ, self._arm)
+        self._responder = PacedResponder(open_responder(model, style, RATE_HZ, clock=clock), RATE_HZ, self._arm)
         self._timing = timing_of(model)
         self._reach, self._calm_reach = Reach(), Reach()
         self._correction = ContactCorrection(scene)
@@ -244,7 +247,7 @@ class Session:
         calm = CalmGoal(calm_palm, self._calm_reach.step(palm, calm_seen, expectation, shoulder, dt))
         if not self._correct:
             return Tick(time_ns, markers, person, calm, response, generated, palm, target, generated, palm, 0.0, False)
-        corrected = self._correction.solve(generated, target.position, target.normal, target.weight)
+        corrected = self._correction.solve(generated, target.position, target.normal, target.weight, dt)
         return Tick(
             time_ns, markers, person, calm, response, generated, palm, target,
             corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,

@@ -58,7 +58,7 @@ ALLOWED: dict[str, set[str]] = {
     "hil.report": MODEL | BRIDGE | SIM | ARM
     | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation"},
     "hil.view": MODEL | BRIDGE | SIM
-    | {"hil.drivers.latch", "hil.session", "hil.trials.trial_result", "hil.recording"},
+    | {"hil.drivers.latch", "hil.session", "hil.trials.events", "hil.trials.trial_result", "hil.recording"},
     "hil.commands": MODEL | BRIDGE | SIM | ARM
     | {"calibration", "hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.report"}
     | {"hil.view"},

@@ -165,6 +165,16 @@ def bench_tick(
     _run(json, lambda bar: bench.tick(seconds, seed, bar))
 
 
+@app.command("recording")
+def bench_recording(
+    hours: Annotated[float, typer.Option(help="Of a session, by the recording's own clock.")] = 8.0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Record a long session, and kill some: memory, megabytes an hour, seconds that are lost."""
+    _run(json, lambda bar: bench.recording(hours, seed, bar))
+
+
 @app.command("rates")
 def bench_rates(
     rate: Annotated[list[float] | None, typer.Option(help="Only this rate, Hz; may be given again.")] = None,

@@ -214,6 +214,11 @@ class SessionRecorder:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
         self._add_drawn("/log", self._end, viewer_messages.log(self._end, level, text))
 
+    @property
+    def written(self) -> int:
+        """Bytes that are in the file."""
+        return self._sink.tell()
+
     def close(self) -> None:
         """Writes the index; without it the file is still readable, only slower to open."""
         if self._failure:

@@ -10,7 +10,6 @@ import numpy as np
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.black_box import STANDS, BlackBox
-from highfive.hil.bench.fault_schedule import FaultSchedule
 from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import COUNTS
 from highfive.hil.safety.envelope import LATE_TICK
@@ -19,14 +18,9 @@ from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED
 
-ESTOP_MS, HELD_MS = 20.0, 100.0
-"""From an emergency stop to the last goal; from when nobody leads the arm any more to the last goal."""
-
-
 _FIRST = {Rule.CONTACT_SPEED, Rule.FACE_ZONE, Rule.POSITION}
 _FEWEST, _ROUNDING = 3, 1.02  # ticks; the ticks' own times jitter by some µs
 _COUNT = 2.0 * np.pi / COUNTS
-_LONG_S = 0.15  # a stall of so long has to be noticed
 _SETTLED = 150  # rows of the box, ms, at its end in which the body stands
 
 
@@ -122,38 +116,6 @@ def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
         laws.judge("body: speed, of what is allowed", float(moving.max()), 1.25)
     if powered[-_SETTLED:].all():
         laws.judge("body: speed in the end, rad/s", float(velocities[-_SETTLED:].max()), STANDS)
-
-
-def judge_times(laws: Laws, schedule: FaultSchedule, box: BlackBox, begun_ns: int, pulled_ns: int | None) -> None:
-    """When the last goal went out after the arm was stopped, or nobody led it any more.
-
-    Args:
-        laws: added to.
-        schedule: what went wrong.
-        box: what the servos were commanded.
-        begun_ns: from when the schedule's times count.
-        pulled_ns: when the emergency stop was pulled; None where it was not.
-    """
-    standstills = schedule.of("driver stall", "machine stall")
-    if pulled_ns is not None:
-        away = [it for it in standstills if _meets(it.at_s, it.lasts_s, 1e-9 * (pulled_ns - begun_ns), 0.05)]
-        if not away:
-            laws.judge("emergency stop to the last goal, ms", box.commanded_after_ms(pulled_ns), ESTOP_MS)
-    for it in schedule.of("host killed", "driver killed"):
-        at = begun_ns + round(1e9 * it.at_s)
-        if at < box.times[-1]:
-            others = [one for one in standstills if one.at_s + one.lasts_s > it.at_s]
-            if not others:
-                laws.judge(f"{it.kind} to the last goal, ms", box.commanded_after_ms(at), HELD_MS)
-    for it in schedule.of("host stall", "machine stall", "stall", "burst"):
-        if it.lasts_s > _LONG_S and len(schedule.happenings) == 1:
-            at = begun_ns + round(1e9 * it.at_s)
-            commanded = box.commanded_after_ms(at, at + round(1e9 * it.lasts_s) - 1)
-            laws.judge("nobody leads the arm to the last goal, ms", commanded, HELD_MS)
-
-
-def _meets(start: float, lasts: float, other: float, other_lasts: float) -> bool:
-    return start < other + other_lasts and other < start + lasts + other_lasts
 
 
 def largest(worst: list[dict[str, float]]) -> dict[str, float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from highfive.hil.bench.fault_laws import largest
-from highfive.hil.bench.fault_run import LASTS_S, FaultJob, run_schedule
+from highfive.hil.bench.fault_run import FaultJob, run_schedule
 from highfive.hil.bench.fault_schedule import drawn
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
@@ -48,7 +48,7 @@ def bench_faults(options: FaultsOptions, bar: Bar) -> dict[str, Any]:
     emotions, cells = PARTNERS
     count = len(emotions) * len(cells)
     partners = simulated_partners(count, emotions, cells, PEOPLE_SEED, lambda total: bar("people", total))
-    schedules = [drawn(options.first + number, count, LASTS_S) for number in range(options.seeds)]
+    schedules = [drawn(options.first + number, count) for number in range(options.seeds)]
     jobs = [FaultJob(schedule, partners[schedule.trial]) for schedule in schedules]
     broken: list[dict[str, Any]] = []
     worst: list[dict[str, float]] = []

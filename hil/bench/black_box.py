@@ -63,7 +63,9 @@ class BlackBox:
     def _look_at_registers(self) -> None:
         """Goals and torque; where no register has changed, as in most rows, they are those of the row before."""
         registers = [s.values[name] for s in self._servos for name in ("goal_position", "goal_current")]
-        registers += [s.values[name] for servos in self._all for s in servos for name in ("torque_enable", "bus_watchdog")]
+        registers += [
+            s.values[name] for servos in self._all for s in servos for name in ("torque_enable", "bus_watchdog")
+        ]
         if registers == self._registers and self.goals:
             self.goals.append(self.goals[-1])
             self.allowed.append(self.allowed[-1])
@@ -81,9 +83,8 @@ class BlackBox:
 
     def clear(self) -> None:
         """Forgets what was."""
-        for rows in (
-            self.times, self.goals, self.allowed, self.positions, self.velocities, self.powered, self.trips, self.watched,
-        ):  # fmt: skip
+        rows_of = (self.times, self.goals, self.allowed, self.positions, self.velocities)
+        for rows in (*rows_of, self.powered, self.trips, self.watched):
             rows.clear()
 
     def last_change_ns(self, since_ns: int) -> int:

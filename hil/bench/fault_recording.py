@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from highfive.hil.arm.arm_trial import ArmTrial
-from highfive.hil.bench.fault_laws import Laws
+from highfive.hil.bench.laws import Laws
 from highfive.hil.recording.recording import SessionRecorder, read_recording
 
 

@@ -18,16 +18,26 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import Laws, judge_body, judge_commands
+from highfive.hil.bench.fault_laws import judge_body, judge_commands
 from highfive.hil.bench.fault_recording import judge_recording, record
 from highfive.hil.bench.fault_schedule import (
-    BUS, DEATHS, FOLLOWING, FULL_DISK, MOCAP, PHASES, RETURNING, STOPS, SWITCHING_ON, FaultSchedule, Happening,
+    BUS,
+    DEATHS,
+    FOLLOWING,
+    FULL_DISK,
+    PHASES,
+    RETURNING,
+    STOPS,
+    SWITCHING_ON,
+    FaultSchedule,
+    Happening,
 )  # fmt: skip
 from highfive.hil.bench.fault_times import judge_times
 from highfive.hil.bench.faulty_camera import FaultyCamera
 from highfive.hil.bench.frame_link import FrameLink
+from highfive.hil.bench.laws import Laws
 from highfive.hil.bench.live_people import here, parts
-from highfive.hil.bench.motion_laws import judge_motion
+from highfive.hil.bench.motion_laws import judge_body_motion
 from highfive.hil.bench.session_phases import Occurrence, SessionPhases
 from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.drivers.bus.rig import load_rig
@@ -141,7 +151,11 @@ class FaultRun:
         """What the arm did; the frame of the contact is found by its time, if it came so far."""
         contact_ns = None if self._camera is None else self._camera.contact_ns
         first, last = watch.span_ns
-        met = -1 if contact_ns is None or not first <= contact_ns <= last else round(1e-9 * (contact_ns - first) * RATE_HZ)
+        met = (
+            -1
+            if contact_ns is None or not first <= contact_ns <= last
+            else round(1e-9 * (contact_ns - first) * RATE_HZ)
+        )
         return watch.end(self._partner.emotion, self._partner.cell, met)
 
     def _has_host(self) -> bool:
@@ -198,7 +212,8 @@ class FaultRun:
         if self.trial is not None:
             judge_commands(self.laws, self.trial, limits, planner.arm)
             broken = [it.at_ns for it in self.occurred if it.happening.kind in BUS]
-            judge_motion(self.laws, self.trial, self.box, limits, planner, min(broken, default=self.box.times[-1]))
+            until_ns = min(broken, default=self.box.times[-1])
+            judge_body_motion(self.laws, self.trial, self.box, limits, planner.arm, until_ns)
             if self._recorded:
                 judge_recording(self.laws, self.trial, self._path)
 

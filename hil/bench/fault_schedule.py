@@ -12,7 +12,7 @@ SERVOS = tuple(range(1, 9))
 
 SWITCHING_ON, FOLLOWING, RETURNING = "switching on", "following", "returning"
 
-PHASES = {SWITCHING_ON: 2.2, FOLLOWING: 2.4, RETURNING: 2.2}
+PHASES = {SWITCHING_ON: 2.1, FOLLOWING: 2.4, RETURNING: 1.5}
 """Parts of a session, and how long each takes where nothing goes wrong, s: the source is opened, servos are looked at,
 checked and switched on; the arm follows; it goes back to where it rests, what it did is recorded, it is let go of."""
 

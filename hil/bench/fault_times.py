@@ -8,8 +8,8 @@ import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import Laws
 from highfive.hil.bench.fault_schedule import DEATHS
+from highfive.hil.bench.laws import Laws
 from highfive.hil.bench.session_phases import Occurrence
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.states import State

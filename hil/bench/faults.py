@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from highfive.hil.bench.fault_laws import largest
 from highfive.hil.bench.fault_run import FaultJob, run_schedule
 from highfive.hil.bench.fault_schedule import drawn
+from highfive.hil.bench.laws import largest
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.trials.partners import simulated_partners

@@ -41,35 +41,38 @@ def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -
 def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
     """Largest step from one command to the next, of what is allowed in the time between them.
 
-    A cycle that repeats a command, after a standstill, is none of its own; after that a step is no larger than one of a
-    late tick.
+    A cycle that repeats a command is none of its own; the next step is then no larger than one of a late tick, unless
+    the driver stood still: then goals make up for that time in one step (docs/safety.md).
     """
-    found, before, since_ns = 0.0, None, 0
+    found, before, since_s, last_s, stood = 0.0, None, 0.0, 0.0, False
+    late = LATE_TICK * limits.timing.period_s
     for cycle in trial.cycles:
         if cycle.sent is None or cycle.mode is not Mode.DRIVING:
             before = None
             continue
+        now_s = 1e-9 * cycle.begun_ns
+        stood = stood or now_s - last_s > late
         step = None if before is None else np.abs(cycle.sent.positions - before.positions)
+        if step is not None and step.any():
+            seconds = now_s - since_s if stood else min(now_s - since_s, late)
+            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * COUNT
+            found = max(found, float((step / most).max()))
         if step is None or step.any():
-            seconds = min(1e-9 * (cycle.begun_ns - since_ns), LATE_TICK * limits.timing.period_s)
-            if step is not None:
-                most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * COUNT
-                found = max(found, float((step / most).max()))
-            before, since_ns = cycle.sent, cycle.begun_ns
+            before, since_s, stood = cycle.sent, now_s, False
+        last_s = now_s
     return found
 
 
 def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:
     """Where the joints were to be, without what goals lead it by, and without the rounding of the servos' counts."""
-    pairs = zip(trial.ticks, trial.plates, strict=True)
     follow = [
-        (tick, reference, plate)
-        for tick, plate in pairs
+        (tick, reference)
+        for tick in trial.ticks
         if (reference := tick.report.reference) is not None and tick.report.state not in HALTED
     ]
     if len(follow) < _FEWEST:
         return
-    ticks, references = [it for it, _, _ in follow], np.array([it for _, it, _ in follow])
+    ticks, references = [it for it, _ in follow], np.array([it for _, it in follow])
     times, period = 1e-9 * np.array([it.report.time_ns for it in ticks]), limits.timing.period_s
     steps = np.clip(np.diff(times), 0.5 * period, LATE_TICK * period)  # what a tick moves by after a pause
     velocities = np.diff(references, axis=0) / steps[:, None]
@@ -85,7 +88,9 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     hands = np.array([none if it is None else it.position for it in palms])
     speeds = np.array([none if it is None else it.velocity for it in palms])
     points = np.array([arm.points(pose)[0] for pose in references])
-    bodies = np.array([it.position for _, _, it in follow])
+    said = np.array([it.begun_ns + it.took_ns for it in trial.cycles])  # the line begins where servos were said to be
+    newest = np.searchsorted(said, [it.report.time_ns for it in ticks], side="right") - 1
+    bodies = np.array([arm.points(trial.cycles[max(number, 0)].state.positions)[0][0] for number in newest])
     closing = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
     laws.judge("reference: closing speed near the hand, m/s", closing, limits.contact.speed * ROUNDING)
     face = face_speed(times, points, heads, limits.face)

@@ -32,7 +32,7 @@ from highfive.hil.bench.fault_schedule import (
     FaultSchedule,
     Happening,
 )  # fmt: skip
-from highfive.hil.bench.fault_times import judge_times
+from highfive.hil.bench.fault_times import DRIVERLESS, judge_times
 from highfive.hil.bench.faulty_camera import FaultyCamera
 from highfive.hil.bench.frame_link import FrameLink
 from highfive.hil.bench.laws import Laws
@@ -107,7 +107,8 @@ class FaultRun:
             while host.alive and clock.now() < end:
                 clock.wait_until(clock.now() + 10_000_000)
             self.laws.judge("the program does not end", float(host.alive), 0.0)
-            clock.wait_until(clock.now() + round(1e9 * _LOOKED_ON_S))
+            lasting = [it.until_ns for it in self.occurred if it.happening.kind in BUS]
+            clock.wait_until(max([clock.now(), *lasting]) + round(1e9 * _LOOKED_ON_S))
             if self.trial is None and self._watch is not None:
                 self.trial = self._done(self._watch)  # of a host that was killed
             self._judge_errors(host, virtual)
@@ -207,12 +208,12 @@ class FaultRun:
 
     def _judge(self, estop: Latch) -> None:
         limits, planner = load_limits(), default_planner()
-        judge_times(self.laws, self.occurred, self.box, self.trial, estop.pulled_ns, limits)
+        judge_times(self.laws, self.occurred, self.box, self.trial, estop.pulled_ns)
         judge_body(self.laws, self.box, limits)
         if self.trial is not None:
             judge_commands(self.laws, self.trial, limits, planner.arm)
-            broken = [it.at_ns for it in self.occurred if it.happening.kind in BUS]
-            until_ns = min(broken, default=self.box.times[-1])
+            led = [it.at_ns for it in self.occurred if it.happening.kind in (*BUS, *DRIVERLESS)]
+            until_ns = min(led, default=self.box.times[-1])
             judge_body_motion(self.laws, self.trial, self.box, limits, planner.arm, until_ns)
             if self._recorded:
                 judge_recording(self.laws, self.trial, self._path)

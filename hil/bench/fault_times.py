@@ -11,7 +11,6 @@ from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.fault_schedule import DEATHS
 from highfive.hil.bench.laws import Laws
 from highfive.hil.bench.session_phases import Occurrence
-from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.states import State
 
 ESTOP_MS, HELD_MS, WATCHDOG_MS = 20.0, 100.0, 100.0
@@ -22,7 +21,9 @@ ESTOP = "emergency stop to the last goal, ms"
 HOLD, UNSEEN = "nobody leads the arm to the last goal, ms", "the person is not measured to the hold, ms"
 LAST_GOAL, WATCHDOG = "{} to the last goal, ms", "{} to the servos' own stop, ms"
 
-_DRIVERLESS = ("driver stall", "machine stall")
+DRIVERLESS = ("driver stall", "machine stall")
+"""Kinds of happenings in which nobody cycles the bus."""
+
 _HELD_NS = round(1e6 * HELD_MS)
 
 
@@ -32,7 +33,6 @@ def judge_times(
     box: BlackBox,
     trial: ArmTrial | None,
     pulled_ns: int | None,
-    limits: Limits,
 ) -> None:
     """When the last goal went out, and when servos stopped by themselves.
 
@@ -44,11 +44,10 @@ def judge_times(
         box: what the servos were commanded.
         trial: what the arm did; None where it did not follow.
         pulled_ns: when the emergency stop was pulled; None where it was not.
-        limits: of the envelope.
     """
     if not box.times:
         return
-    driverless = [it for it in occurred if it.happening.kind in _DRIVERLESS]
+    driverless = [it for it in occurred if it.happening.kind in DRIVERLESS]
     if pulled_ns is not None and pulled_ns < box.times[-1]:
         since = _driven_again(pulled_ns, round(1e6 * ESTOP_MS), driverless)
         laws.judge(ESTOP, box.commanded_after_ms(since), ESTOP_MS)
@@ -63,18 +62,18 @@ def judge_times(
             if kind in ("host stall", "machine stall"):
                 _judge_host(laws, it, occurred, box)
             elif kind in ("stall", "burst", "occlusion") and trial is not None:
-                _judge_person(laws, it, trial, limits)
+                _judge_person(laws, it, trial)
 
 
 def _judge_host(laws: Laws, it: Occurrence, occurred: Sequence[Occurrence], box: BlackBox) -> None:
     """The host stands still: the driver has to hold. Other standstills of the host may follow each other."""
-    others = [one for one in occurred if one is not it and one.happening.kind in _DRIVERLESS]
+    others = [one for one in occurred if one is not it and one.happening.kind in DRIVERLESS]
     since = _driven_again(it.at_ns, _HELD_NS, others)
     if since < it.until_ns:
         laws.judge(HOLD, box.commanded_after_ms(since, it.until_ns - 1), HELD_MS)
 
 
-def _judge_person(laws: Laws, it: Occurrence, trial: ArmTrial, limits: Limits) -> None:
+def _judge_person(laws: Laws, it: Occurrence, trial: ArmTrial) -> None:
     """The person is not measured: the host has to hold, as long as it ticks."""
     until = it.until_ns
     times = np.array([tick.report.time_ns for tick in trial.ticks])

@@ -101,7 +101,7 @@ def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
         points = np.array([arm.points(goal)[0] for goal in goals])
         was = np.array([arm.points(body)[0][0] for body in bodies])
         palms, velocities, heads = person.at(times)
-        velocities = _averaged(velocities)
+        velocities = _averaged(_within(velocities, palms - was, limits.contact.speed))
         for phase in range(CYCLES):
             at = slice(phase, None, CYCLES)
             closing = closing_speed(times[at], points[at, 0], palms[at], limits.contact, was[at], velocities[at])
@@ -120,7 +120,8 @@ def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
 
 
 def judge_body_motion(laws: Laws, trial: ArmTrial, box: BlackBox, limits: Limits, arm: ServoArm, until_ns: int) -> None:
-    """Where the body really was while the arm followed, until the first fault of its bus at ``until_ns``.
+    """Where the body really was while the arm followed, until ``until_ns``: the first fault of its bus, or standstill
+    of its driver.
 
     A servo that is dead, weak or hears half of its goals moves the body otherwise than it was commanded to.
 
@@ -171,6 +172,14 @@ def _driven(trial: ArmTrial) -> list[tuple[Array, Array, Array]]:
 
 def _columns(run: list[tuple[float, Array, Array]]) -> tuple[Array, Array, Array]:
     return np.array([it for it, _, _ in run]), np.array([it for _, it, _ in run]), np.array([it for _, _, it in run])
+
+
+def _within(velocities: Array, apart: Array, most: float) -> Array:
+    """Velocities (N, 3), m/s, of hands ``apart`` (N, 3), m, from a plate, no faster than ``most`` towards it: what a
+    hand is faster by itself does not count in any cycle."""
+    line = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-9)[:, None]
+    own = np.maximum(0.0, -np.einsum("ti,ti->t", velocities, line) - most)
+    return velocities + own[:, None] * line
 
 
 def _averaged(rows: Array) -> Array:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highfive.hil.arm.arm_trial import MISSED, ArmTrial
 from highfive.hil.arm_model.servo_arm import ServoArm
@@ -72,7 +73,7 @@ class PersonAsKnown:
         )
         return palm, velocity, head
 
-    def while_tracking(self, times: Array) -> Array:
+    def while_tracking(self, times: Array) -> NDArray[np.bool_]:
         """(N,) bool: the newest tick at ``times`` (N,), s, led the arm."""
         tracking = np.array([tick.report.state is State.TRACKING for tick in self.trial.ticks])
         newest = np.searchsorted(self.times, times, side="right") - 1
@@ -188,7 +189,7 @@ def _averaged(rows: Array) -> Array:
     return np.lib.stride_tricks.sliding_window_view(padded, CYCLES, axis=0).mean(axis=-1)
 
 
-def _runs(mask: Array) -> list[slice]:
+def _runs(mask: NDArray[np.bool_]) -> list[slice]:
     """Where ``mask`` (N,) is true without a break."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

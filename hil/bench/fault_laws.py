@@ -92,9 +92,9 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     newest = np.searchsorted(said, [it.report.time_ns for it in ticks], side="right") - 1
     bodies = np.array([arm.points(trial.cycles[max(number, 0)].state.positions)[0][0] for number in newest])
     closing = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
-    laws.judge("reference: closing speed near the hand, m/s", closing, limits.contact.speed * ROUNDING)
+    laws.judge_near("reference: closing speed near the hand, m/s", closing, limits.contact.speed * ROUNDING)
     face = face_speed(times, points, heads, limits.face)
-    laws.judge("reference: speed near the head, m/s", face, limits.face.speed * ROUNDING)
+    laws.judge_near("reference: speed near the head, m/s", face, limits.face.speed * ROUNDING)
 
 
 def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:

@@ -172,6 +172,8 @@ class FaultRun:
         until = at + round(1e9 * it.lasts_s)
         if it.kind in BUS:
             virtual.bus.add_faults([it.bus_fault()], begun - virtual.since_ns(0))
+            self.occurred.append(Occurrence(it, at, until))  # it comes even where the session is over before
+            return
         clock.wait_until(at)
         driver = None if virtual.arm is None else virtual.arm.task
         if it.kind not in (*DEATHS, *STOPS):

@@ -39,6 +39,11 @@ class Laws:
         if not value <= most:
             self.broken.append((law, float(value)))
 
+    def judge_near(self, law: str, speed: float, most: float) -> None:
+        """A ``speed`` near the person, m/s, that is 0 where nothing was near: then nothing is judged."""
+        if speed != 0.0:
+            self.judge(law, speed, most)
+
 
 def largest(worst: list[dict[str, float]]) -> dict[str, float]:
     """Of several runs."""

@@ -106,9 +106,9 @@ def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
         for phase in range(CYCLES):
             at = slice(phase, None, CYCLES)
             closing = closing_speed(times[at], points[at, 0], palms[at], limits.contact, was[at], velocities[at])
-            laws.judge("wire: closing speed near the hand, m/s", closing, limits.contact.speed + COUNT_SPEED)
+            laws.judge_near("wire: closing speed near the hand, m/s", closing, limits.contact.speed + COUNT_SPEED)
             face = face_speed(times[at], points[at], heads[at], limits.face)
-            laws.judge("wire: speed near the head, m/s", face, limits.face.speed + COUNT_SPEED)
+            laws.judge_near("wire: speed near the head, m/s", face, limits.face.speed + COUNT_SPEED)
         spans = times[CYCLES:] - times[:-CYCLES]
         speeds = (goals[CYCLES:] - goals[:-CYCLES]) / spans[:, None]
         if len(speeds) <= CYCLES:
@@ -144,9 +144,9 @@ def judge_body_motion(laws: Laws, trial: ArmTrial, box: BlackBox, limits: Limits
         palms, _, heads = person.at(seconds)
         _, velocities, _ = person.at(seconds - LAG_S)
         closing = closing_speed(seconds, points[:, 0], palms, limits.contact, None, velocities)
-        laws.judge("body: closing speed near the hand, m/s", closing, BODY_SPEED * limits.contact.speed)
+        laws.judge_near("body: closing speed near the hand, m/s", closing, BODY_SPEED * limits.contact.speed)
         face = face_speed(seconds, points, heads, limits.face)
-        laws.judge("body: speed near the head, m/s", face, BODY_SPEED * limits.face.speed + COUNT_SPEED)
+        laws.judge_near("body: speed near the head, m/s", face, BODY_SPEED * limits.face.speed + COUNT_SPEED)
     followed = person.while_tracking(rows) & person.while_tracking(rows - LAG_S) & (rows < 1e-9 * until_ns)
     speeds = np.array(box.velocities)
     for at in _runs(followed):

@@ -344,7 +344,7 @@ def test_two_hundred_schedules_break_no_law() -> None:
     assert np.isfinite(list(result["worst"].values())).all()
     assert set(result["judged"]) == set(result["worst"])
     for law in (ESTOP, HOLD, UNSEEN, *(form.format(kind) for form in (LAST_GOAL, WATCHDOG) for kind in DEATHS)):
-        assert result["judged"][law] >= 5, law
+        assert result["judged"][law] >= 3, law
 
 
 @pytest.mark.slow

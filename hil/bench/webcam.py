@@ -17,7 +17,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from highfive.calibration.placement import Placement, place_before_camera
-from highfive.hil.bench.live_people import FrameLink, parts
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
+from highfive.hil.bench.live_people import parts
 from highfive.hil.bench.webcam_recorded import STEP, RecordedClip, load_clips
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -134,7 +135,7 @@ def play(clip: RecordedClip, options: WebcamBenchOptions, placement: Placement, 
     with VirtualClock(0) as clock:
         begins = clock.now() + 100_000_000
         frames, camera = frames_of(clip, options, begins)
-        link = FrameLink(clock, RATE_HZ / STEP / options.every, frames)
+        link = FrameLink(clock, RATE_HZ / STEP / options.every, SentFrames(frames))
         with closing(LiveSource("webcam", lambda: link, None, link.rate_hz, VirtualScheduler(clock))) as source:
             zero = begins + round(1e9 * BEFORE_S)
             clock.wait_until(zero + round(1e6 * options.latency_ms))

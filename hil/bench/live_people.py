@@ -26,6 +26,7 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner, simulated_partner
 from highfive.hil.trials.trial import run_trial
@@ -203,10 +204,9 @@ def meet(
     truth = CubicSpline(np.arange(len(person.palm)) / RATE_HZ, person.palm)
     end = (len(person.palm) - 1) / RATE_HZ
     palm_speed = _palm_speed(ticks, shown, truth, end)
-    met = result.contact.met_time_ns
-    if met is None:
+    if result.contact.met_time_ns is None:
         return LiveFelt(person.emotion, person.cell, False, np.nan, np.nan, palm_speed)
-    at = next(i for i, tick in enumerate(ticks) if tick.time_ns == met)
+    at = contact_tick(result)
     error = float(np.linalg.norm(result.palm[at] - truth(min(shown[at], end))))
     return LiveFelt(
         person.emotion, person.cell, True, error, float(shown[at]) - person.contact_frame / RATE_HZ, palm_speed

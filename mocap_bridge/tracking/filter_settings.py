@@ -22,7 +22,7 @@ class FilterSettings(Settings):
     marker_sigma: float = setting(0.0012, "m", above=0.0)
     """Standard deviation of a measured marker, where a frame does not say what its own are."""
     passing: float = setting(10.0, "m", above=0.0)
-    """Of the standard deviation that a frame states of a marker, in any direction, this much at most passes from frame to
+    """Of the standard deviation that a frame states of a marker, in any direction, at most so much passes from frame to
     frame. The rest lasts: no average takes it out, so that it has no part in the filter, and is stated on top."""
     pull_s: float = setting(2.0, "s", above=0.0)
     """Time in which the expected pose weighs as much as one look at it."""

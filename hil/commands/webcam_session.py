@@ -54,7 +54,7 @@ def webcam_person(options: SimulateOptions, page: LivePage, stack: ExitStack) ->
     def place(watched: Recording, marker_set: MarkerSet) -> Placement:
         return place_before_camera(watched, marker_set, source.person.camera_in_room)
 
-    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING, place=place)
+    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING, place=place, hand=hand_of(options))
     person.camera = person.placement.apply(source.person.camera_in_room)
     return person
 

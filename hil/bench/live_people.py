@@ -31,6 +31,7 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner, simulated_partner
 from highfive.hil.trials.trial import run_trial
@@ -204,10 +205,9 @@ def meet(
     end = (len(person.palm) - 1) / RATE_HZ
     palm_speed = _palm_speed(ticks, shown, truth, end)
     by_arm = None if arm is None else _by_arm(arm, person)
-    met = result.contact.met_time_ns
-    if met is None:
+    if result.contact.met_time_ns is None:
         return LiveFelt(person.emotion, person.cell, False, np.nan, np.nan, palm_speed, by_arm)
-    at = next(i for i, tick in enumerate(ticks) if tick.time_ns == met)
+    at = contact_tick(result)
     error = float(np.linalg.norm(result.palm[at] - truth(min(shown[at], end))))
     late = float(shown[at]) - person.contact_frame / RATE_HZ
     return LiveFelt(person.emotion, person.cell, True, error, late, palm_speed, by_arm)

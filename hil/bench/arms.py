@@ -12,7 +12,8 @@ from highfive.hil.arm.arm_trial import ArmTrial, played_until_stopped
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice
 from highfive.hil.arm.lifecycle import virtual_arm
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import Laws, judge_body, judge_commands, largest
+from highfive.hil.bench.fault_laws import judge_body, judge_commands
+from highfive.hil.bench.laws import Laws, largest
 from highfive.hil.bench.perturbed_arm import drawn_perturbation, perturbed_bus
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.bench.virtual_play import default_planner

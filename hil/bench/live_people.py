@@ -19,6 +19,7 @@ from highfive.calibration.placement import Placement
 from highfive.hil.arm.arm_trial import ArmWatch
 from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.bench.clocked_twin import clocked_loop
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
@@ -30,6 +31,7 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner, simulated_partner
 from highfive.hil.trials.trial import run_trial
@@ -92,27 +94,6 @@ class LiveFelt:
     arm: tuple[ContactOutcome, str] | None = None
 
 
-class FrameLink:
-    """One connection to the system: hands over each frame when it arrives."""
-
-    def __init__(self, clock: VirtualClock, rate_hz: float, frames: Sequence[MarkerFrame]) -> None:
-        """Of all ``frames``, in the order of their arrivals."""
-        self._clock, self.rate_hz, self._frames, self._next = clock, rate_hz, frames, 0
-
-    def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
-        """Those that have arrived."""
-        until = self._clock.now() + round(1e9 * timeout_s)
-        due = self._frames[self._next].arrival_time_ns if self._next < len(self._frames) else until
-        self._clock.wait_until(min(due, until))
-        begin = self._next
-        while self._next < len(self._frames) and self._frames[self._next].arrival_time_ns <= self._clock.now():
-            self._next += 1
-        return self._frames[begin : self._next]
-
-    def close(self) -> None:
-        """Nothing to let go of."""
-
-
 def people(emotions: Sequence[str], cells: Sequence[str], seed: int, bar: Bar) -> list[Partner]:
     """A person for each emotion and cell, captured without an error."""
     draws = [(emotion, cell, seed) for cell in cells for emotion in emotions]
@@ -172,7 +153,7 @@ def play(job: LiveJob) -> LiveFelt:
     with VirtualClock(job.seed) as clock:
         begins = clock.now() + 100_000_000
         frames = frames_of(person, system, begins, np.random.default_rng(job.seed))
-        link = FrameLink(clock, system.rate_hz, frames)
+        link = FrameLink(clock, system.rate_hz, SentFrames(frames))
         with closing(LiveSource("simulated", lambda: link, None, system.rate_hz, VirtualScheduler(clock))) as source:
             zero = begins + round(1e9 * BEFORE_S)
             clock.wait_until(zero + round(1e6 * system.latency_ms))
@@ -224,10 +205,9 @@ def meet(
     end = (len(person.palm) - 1) / RATE_HZ
     palm_speed = _palm_speed(ticks, shown, truth, end)
     by_arm = None if arm is None else _by_arm(arm, person)
-    met = result.contact.met_time_ns
-    if met is None:
+    if result.contact.met_time_ns is None:
         return LiveFelt(person.emotion, person.cell, False, np.nan, np.nan, palm_speed, by_arm)
-    at = next(i for i, tick in enumerate(ticks) if tick.time_ns == met)
+    at = contact_tick(result)
     error = float(np.linalg.norm(result.palm[at] - truth(min(shown[at], end))))
     late = float(shown[at]) - person.contact_frame / RATE_HZ
     return LiveFelt(person.emotion, person.cell, True, error, late, palm_speed, by_arm)

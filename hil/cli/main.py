@@ -158,7 +158,9 @@ def simulate(
         place=place,
         latency_ms=latency,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
-        view=PageOptions(port, not no_open, https) if view or source == "webcam" else None,
+        view=PageOptions(port, not no_open, https)
+        if view or (source or "").partition("?")[0].strip().lower() == "webcam"
+        else None,
         webcam=WebcamOptions(height, fov, camera),
         overwrite=overwrite,
     )

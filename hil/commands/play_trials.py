@@ -241,7 +241,7 @@ def _trial(
     if live is None:
         return run_trial(number, partner, session, playout, inputs, seen, kept), ""
     assert person is not None
-    person.say(f"high five {number + 1}, {style}: raise the right hand")
+    person.say(f"high five {number + 1}, {style}: raise the {person.hand} hand")
     result = run_trial(number, partner, session, playout, inputs, seen, kept) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
-from highfive.hil.commands.live_options import check_live_options
+from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.play_trials import Played, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_partners import partners_of, worn_set
@@ -25,6 +25,7 @@ from highfive.hil.recording.replay import SUFFIX, Replay
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
+from highfive.hil.session.reach import SEEN_LATE
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene
@@ -32,7 +33,7 @@ from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
-from highfive.mocap_bridge.sources.address import WEBCAM, is_live
+from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.tracking.filter_settings import HEADSET
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
@@ -89,7 +90,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
-        if options.source == WEBCAM:
+        if sees_webcam(options):
             from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
 
             net_files()  # are they there?
@@ -99,7 +100,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
                 watch = _arm_watch(options, bar, load_marker_set(SCHEME), parts)
                 page = _page(options, model, watch, parts)
                 wiring = headset_wiring(options, page, wiring)
-            if options.source == WEBCAM:  # who is seen by the page is there after the page
+            if sees_webcam(options):  # who is seen by the page is there after the page
                 from highfive.hil.commands.webcam_session import webcam_person  # noqa: PLC0415
 
                 page = _page(options, model, None, parts)
@@ -158,12 +159,12 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
     from highfive.hil.commands.page import open_page  # noqa: PLC0415
 
     assert options.view is not None
-    webcam = options.source == WEBCAM
+    webcam = sees_webcam(options)
     cells = list(options.cells or CELLS) if options.source is None else []
     about = {"mode": "session", "title": _shown(options.source), "emotions": list(model.emotions), "cells": cells}
     worn = wears_headset(options)
-    if worn:
-        about |= {"tracks": True, "hand": hand_of(options)}
+    if worn or webcam:
+        about |= {"tracks": worn, "hand": hand_of(options)}
     estop = None if watch is None else watch.loop.estop
     about |= {"arm": estop is not None, "rig": estop is not None, "webcam": webcam}
     opened = None
@@ -266,9 +267,10 @@ def _session(
     style = options.style or {partner.emotion: 1.0}
     worn = wears_headset(options)
     settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None if person is None else person.tracking)
+    reach = SEEN_LATE if sees_webcam(options) else None
     if replay is not None:
-        settings, tracking = replay.pose, replay.tracking
+        settings, tracking, reach = replay.pose, replay.tracking, replay.reach
     return Session(
-        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking,
-        clock=clock,
+        model, style, partner.marker_set, scene,
+        correct=options.correct, settings=settings, tracking=tracking, reach=reach, clock=clock,
     )  # fmt: skip

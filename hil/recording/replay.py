@@ -12,6 +12,7 @@ import numpy as np
 from highfive.hil.recording.recorded_tick import pose_digest
 from highfive.hil.recording.recording import RecordedMessage, SessionRecording
 from highfive.hil.recording.viewer_messages import joints_of
+from highfive.hil.session.reach import ReachSettings
 from highfive.hil.session.session import RATE_HZ, PoseSettings, Session, Tick, TickInput
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.trials.partners import Partner
@@ -58,7 +59,7 @@ class Replay:
 
     Attributes:
         trials: in order.
-        pose, tracking: settings of the session.
+        pose, tracking, reach: settings of the session.
         differs: what is not as it was when it was recorded, in words.
         ticks, same: so many were compared, and were the same in every bit.
         first: the first other one: the high five's number in the recording, and s after its begin.
@@ -68,6 +69,7 @@ class Replay:
     trials: Sequence[ReplayedTrial]
     pose: PoseSettings
     tracking: FilterSettings
+    reach: ReachSettings
     differs: list[str] = field(default_factory=list)
     ticks: int = 0
     same: int = 0
@@ -148,12 +150,13 @@ def open_replay(recording: SessionRecording, path: Path, model: str, corrected: 
         trials = [_trial(recording, number, worn) for number in range(len(recording.channels["/trial"]))]
         chain = recording.chain or {}
         pose, tracking = PoseSettings(**chain.get("pose", {})), FilterSettings(**chain.get("tracking", {}))
+        reach = ReachSettings(**chain.get("reach", {}))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise HighFiveError(f"{path} is a recording of another version: {type(error).__name__}: {error}") from None
     found = [trial for trial in trials if trial is not None]
     if not found:
         raise HighFiveError(f"{path} holds no high five that was played to its end")
-    return Replay(found, pose, tracking, _differences(recording.settings, model, corrected))
+    return Replay(found, pose, tracking, reach, _differences(recording.settings, model, corrected))
 
 
 def _differences(settings: Mapping[str, Any], model: str, corrected: bool) -> list[str]:

@@ -13,7 +13,7 @@ from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.open_responder import open_responder
 from highfive.hil.session.paced_responder import PacedResponder
-from highfive.hil.session.reach import Expectation, Reach, ReachTarget
+from highfive.hil.session.reach import Expectation, Reach, ReachSettings, ReachTarget
 from highfive.hil.session.style_timing import timing_of
 from highfive.hil.sim.avatar import Pose, between
 from highfive.hil.sim.scene import Scene
@@ -130,7 +130,7 @@ class Session:
     """The chain from a marker frame to the pose that is played, at the times at which frames come.
 
     Attributes:
-        chain: values of the settings of pose and tracker, by name, each by field.
+        chain: values of the settings of pose, tracker and reach, by name, each by field.
         weights: of the style, by emotion.
     """
 
@@ -145,6 +145,7 @@ class Session:
         settings: PoseSettings | None = None,
         tracking: FilterSettings | None = None,
         clock: Clock = MACHINE,
+        reach: ReachSettings | None = None,
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
 
@@ -157,6 +158,7 @@ class Session:
             settings: of the pose.
             tracking: of the tracker, where markers are not a motion capture system's.
             clock: by which a model of somebody else's has to keep up.
+            reach: when and how the palm is led to the person's, where that is not usual.
 
         Raises:
             HighFiveError: the model was trained for another skeleton, or the style does not fit it; a model of
@@ -164,7 +166,11 @@ class Session:
         """
         use_one_blas_thread()
         self._settings = settings or PoseSettings()
-        self.chain = {"pose": self._settings.values(), "tracking": (tracking or FilterSettings()).values()}
+        self.chain = {
+            "pose": self._settings.values(),
+            "tracking": (tracking or FilterSettings()).values(),
+            "reach": (reach or ReachSettings()).values(),
+        }
         self.weights: Mapping[str, float] = dict(style)
         self._tracker = Tracker(marker_set, RATE_HZ, tracking)
         self._arm = HumanArmEstimator(marker_set)
@@ -172,7 +178,7 @@ class Session:
         self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()
         self._responder = PacedResponder(open_responder(model, style, RATE_HZ, clock=clock), RATE_HZ, self._arm)
         self._timing = timing_of(model)
-        self._reach, self._calm_reach = Reach(), Reach()
+        self._reach, self._calm_reach = Reach(reach), Reach(reach)
         self._correction = ContactCorrection(scene)
         self._correct = correct
         waiting = self._timing.waiting(self._responder.style)

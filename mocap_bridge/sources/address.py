@@ -15,7 +15,7 @@ from highfive.mocap_bridge.sources.tap import Tap, tapped
 from highfive.model.errors import HighFiveError
 
 WEBCAM = "webcam"
-"""Not an address: the camera of whoever has the live page of ``highfive simulate`` open."""
+"""The camera of whoever has the live page of ``highfive simulate`` open; ``webcam?hand=left`` follows a left hand."""
 
 
 def is_live(text: str) -> bool:
@@ -36,8 +36,10 @@ def parse_address(text: str) -> Address:
     name, _, options = text.strip().partition("?")
     if name.lower() == "headset":  # there is one page: its headset needs no further name
         text = f"headset://page{options and '?' + options}"
-    if text.strip().lower() == WEBCAM:
-        return Address(WEBCAM, "page")
+    if name.lower() == WEBCAM:
+        if options not in ("", "hand=left", "hand=right"):
+            raise HighFiveError(f"address {text!r}: a webcam is told hand=left or hand=right, and nothing else")
+        return Address(WEBCAM, "page", options=dict(parse_qsl(options)))
     scheme, separator, rest = text.strip().partition("://")
     if not separator:
         if not text.strip():

@@ -10,7 +10,8 @@ import pytest
 from recorded_trials import record_trial
 from trial_results import some_results
 
-from highfive.hil.bench.live_people import BEFORE_S, FrameLink, System, frames_of, here, parts, people
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
+from highfive.hil.bench.live_people import BEFORE_S, System, frames_of, here, parts, people
 from highfive.hil.recording.recorded_tick import recorded_tick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.recording import SessionRecording, read_recording
@@ -50,7 +51,7 @@ def recorded(person: Partner, tmp_path_factory: pytest.TempPathFactory) -> Path:
     with VirtualClock(3) as clock, SessionRecorder(path, settings, session.chain) as recorder:
         begins = clock.now() + 100_000_000
         system = System(60.0, latency_ms=8.0, reported_ms=8.0, delay_ms=1.0, drop=0.05, drift_ppm=80.0)
-        link = FrameLink(clock, 60.0, frames_of(person, system, begins, np.random.default_rng(3)))
+        link = FrameLink(clock, 60.0, SentFrames(frames_of(person, system, begins, np.random.default_rng(3))))
         recorder.begin_trial(head)
         count = 0
 

@@ -1,0 +1,141 @@
+"""``highfive export``: a session's recording as the files of other programs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from highfive.hil.recording.exports.bids import bids_files
+from highfive.hil.recording.exports.export_file import ExportFile, trial_names
+from highfive.hil.recording.exports.motion_files import bvh_files, c3d_files
+from highfive.hil.recording.exports.session_arrays import SessionArrays, session_arrays
+from highfive.hil.recording.exports.tables import csv_files, npz_file
+from highfive.hil.recording.recording import read_recording
+from highfive.hil.runtime.console import Bar, counted, say_aside
+from highfive.hil.runtime.folders import check_file, results_folder
+from highfive.hil.view.moving_skin import glb_files
+from highfive.model.errors import HighFiveError
+
+BY_TRIAL: dict[str, Callable[[Sequence[SessionArrays], Sequence[str]], list[ExportFile]]] = {
+    "bvh": bvh_files,
+    "glb": glb_files,
+    "c3d": c3d_files,
+}
+"""Formats of one motion a file."""
+FORMATS = (*BY_TRIAL, "csv", "npz", "bids")
+_SESSION = "session.mcap"
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What to export, and where.
+
+    Attributes:
+        recording: an MCAP file, or the folder of a session.
+        format: one of :data:`FORMATS`.
+        out: a folder, or a file's name with the format's ending; None for beside the recording, with its name.
+        trial: only the high five of this number.
+        overwrite: replace files that are there.
+    """
+
+    recording: Path
+    format: str
+    out: Path | None = None
+    trial: int | None = None
+    overwrite: bool = False
+
+
+def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
+    """Writes the files, all or none of them, and says what they are.
+
+    Raises:
+        HighFiveError: an unknown format, a recording that cannot be read or lacks what the format is of, or files that
+            are there already or cannot be written.
+    """
+    if options.format not in FORMATS:
+        raise HighFiveError(f"--to {options.format}: no such format; there are {', '.join(FORMATS)}")
+    path = options.recording / _SESSION if options.recording.is_dir() else options.recording
+    arrays = session_arrays(read_recording(path), path.name)
+    if options.trial is not None:
+        arrays = arrays.trial(arrays.place_of(options.trial))
+    if not arrays.complete:
+        end = arrays.times[-1]
+        say_aside(f"{path.name} has no end: exported is what there is of it, up to its last whole chunk ({end:.1f} s)")
+    folder, files = _planned(options, path, arrays)
+    with results_folder(folder, options.overwrite) if options.format == "bids" else nullcontext():
+        for file in files:
+            check_file(folder / file.name, options.overwrite)
+        _write(files, folder, bar)
+    spans = arrays.spans
+    return {
+        "format": options.format,
+        "recording": str(path),
+        "files": [str(folder / file.name) for file in files],
+        "frames": len(arrays),
+        "duration": round(1e-9 * sum(span.end_ns - span.start_ns for span in spans), 6),
+        "trials": [span.number for span in spans],
+        "complete": arrays.complete,
+    }
+
+
+def print_export(result: dict[str, Any]) -> None:
+    """The same for people."""
+    files = result["files"]
+    shown = files if len(files) <= 4 else [files[0], f"… and {len(files) - 1} more"]
+    print(f"{counted(len(result['trials']), 'high five')}, {result['frames']} frames, {result['duration']:.1f} s:")
+    for name in shown:
+        print(f"  {name}")
+
+
+def _planned(options: ExportOptions, path: Path, arrays: SessionArrays) -> tuple[Path, list[ExportFile]]:
+    """The folder, and the files to be written there."""
+    kind, out = options.format, options.out
+    trials = [arrays.trial(place) for place in range(len(arrays.spans))]
+    if kind == "bids":
+        return out or path.with_name(f"{path.stem}_bids"), bids_files(trials, path.name)
+    named = out is not None and out.suffix.lower() == f".{kind}" and not out.is_dir()
+    folder = path.parent if out is None else out.parent if named else out
+    stem = out.stem if out is not None and named else path.stem
+    if kind == "csv":
+        return folder, csv_files(arrays, stem)
+    if kind == "npz":
+        return folder, [npz_file(arrays, f"{stem}.npz")]
+    if named and options.trial is not None:
+        return folder, BY_TRIAL[kind](trials, [f"{stem}.{kind}"])
+    return folder, BY_TRIAL[kind](trials, trial_names(stem, arrays.spans, f".{kind}"))
+
+
+def _write(files: Sequence[ExportFile], folder: Path, bar: Bar) -> None:
+    advance = bar("files", len(files))
+    with _none_left(folder) as new:
+        for file in files:
+            target = folder / file.name
+            if not os.path.lexists(target):
+                new.append(target)
+            try:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                file.write(target)
+            except OSError as error:
+                raise HighFiveError(
+                    f"cannot write {target}: {error.strerror or error}; make room, or give another --out"
+                ) from None
+            advance()
+
+
+@contextmanager
+def _none_left(folder: Path) -> Iterator[list[Path]]:
+    """Takes away the new files, and folders that they leave empty, if not all of them could be written."""
+    new: list[Path] = []
+    try:
+        yield new
+    except BaseException:
+        for path in new:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+                while (path := path.parent) != folder:
+                    path.rmdir()
+        raise

@@ -1,7 +1,7 @@
 """A recorded high five as one animated glTF 2.0 file (GLB): both people with their skins, for Blender and the web.
 
-The skins, bones and materials are the page's (:mod:`highfive.hil.view.skin_file`); each bone has a track of its own, of its
-place and turn in the scene. Bones are free of each other, as bodies are in a recording: a tool that wants a hierarchy
+The skins, bones and materials are the page's (``skin_file.py``); each bone has a track of its place and turn in the
+scene. Bones are free of each other, as bodies are in a recording: a tool that wants a hierarchy
 of joints is given the BVH file.
 """
 

@@ -39,6 +39,7 @@ class Buffer:
     """The binary part, and the accessors into it."""
 
     def __init__(self) -> None:
+        """Empty."""
         self.data = bytearray()
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []

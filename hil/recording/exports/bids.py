@@ -1,8 +1,8 @@
 """A session as a BIDS data set of motion: one run a high five, one file a tracking system.
 
 Format: Brain Imaging Data Structure, motion (Jeung et al. 2024; bids-specification, "Motion"). ``tracksys-person`` is
-what the session tracked of the person, ``tracksys-avatar`` what it showed her. The files of a run have the same rows, so
-that they need no alignment. A recording knows no date: ``acq_time`` counts from 1 January 1900, whose year says that
+what the session tracked of the person, ``tracksys-avatar`` what it showed her. The files of a run have the same rows:
+they need no alignment. A recording knows no date: ``acq_time`` counts from 1 January 1900, whose year says that
 it is none, and only differences mean anything.
 """
 
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from highfive.model.geometry.rotations import Array
 VERSION = "1.10.0"
 """Of the specification."""
 TASK = "highfive"
-NO_DATE = datetime(1900, 1, 1)  # noqa: DTZ001  (a time of day somewhere, as BIDS has it)
+NO_DATE = datetime(1900, 1, 1)
 _SUBJECT = "sub-01"
 _WORLD, _PARENT = "world", "parent"
 _DESCRIPTION = (
@@ -143,9 +144,7 @@ def _motion(trial: SessionArrays, system: str, channels: Sequence[Channel]) -> d
 def _rows(channels: Sequence[Channel]) -> bytes:
     text = io.StringIO()
     for row in np.stack([channel.values for channel in channels], axis=1).tolist():
-        text.write(
-            "\t".join(["n/a" if value != value else f"{value:.6g}" for value in row]) + "\n"
-        )  # NaN is not itself
+        text.write("\t".join(["n/a" if isnan(value) else f"{value:.6g}" for value in row]) + "\n")
     return text.getvalue().encode()
 
 

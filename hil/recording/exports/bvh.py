@@ -49,8 +49,8 @@ def bvh(skeleton: Skeleton, root_in_world: Array, quaternions: Array, rate_hz: f
 def smooth_euler(order: str, quaternions: Array) -> Array:
     """Euler angles (T, J, 3), rad, of rotations (T, J, 4): exact also at the singularity, and without jumps in time.
 
-    The second and third angle are taken of what the first one leaves: near the singularity it may be any, and the three
-    together are still the rotation. Of the two triples, and all their turns, the one nearest to the frame before counts.
+    The second and third angle are taken of what the first one leaves: near the singularity that may be any, and the
+    three are still the rotation. Of the two triples, and all their turns, the one nearest to the frame before counts.
     """
     i, j, k = ("xyz".index(axis) for axis in order)
     sign = 1.0 if (j - i) % 3 == 1 else -1.0

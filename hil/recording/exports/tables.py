@@ -10,6 +10,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable
 from functools import partial
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -93,7 +94,7 @@ def _tick_table(arrays: SessionArrays, columns_of: Callable[[SessionArrays], dic
     for time, trial, phase, row in zip(
         arrays.times, arrays.trials, arrays.phases, np.stack(list(columns.values()), axis=1), strict=True
     ):
-        cells = ",".join(["" if value != value else f"{value:.6g}" for value in row.tolist()])  # NaN is not itself
+        cells = ",".join(["" if isnan(value) else f"{value:.6g}" for value in row.tolist()])
         text.write(f"{time:.9f},{trial},{phase},{cells}\n")
     return text.getvalue().encode()
 

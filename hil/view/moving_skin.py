@@ -12,6 +12,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highfive.hil.recording.exports.export_file import ExportFile, of_bytes
 from highfive.hil.recording.exports.session_arrays import SessionArrays
@@ -83,7 +84,7 @@ def _add_eyes(document: dict[str, Any], buffer: Buffer, cast: Cast) -> None:
         document["nodes"][geom["body"]].setdefault("children", []).append(len(document["nodes"]) - 1)
 
 
-def _unit_sphere() -> tuple[Array, Array]:
+def _unit_sphere() -> tuple[Array, NDArray[np.int64]]:
     """Vertices (V, 3), which are their own normals, and triangles (F, 3), of a unit sphere by rings and spokes."""
     polar = np.linspace(0.0, np.pi, _RINGS + 1)[:, None]
     turn = np.linspace(0.0, 2.0 * np.pi, _SPOKES, endpoint=False)
@@ -96,7 +97,7 @@ def _unit_sphere() -> tuple[Array, Array]:
     return vertices.reshape(-1, 3), np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)])
 
 
-def _sphere(buffer: Buffer, vertices: Array, faces: Array, radius: float) -> dict[str, Any]:
+def _sphere(buffer: Buffer, vertices: Array, faces: NDArray[np.int64], radius: float) -> dict[str, Any]:
     places = (radius * vertices).astype("<f4")
     extent = {"min": plain(places.min(axis=0)), "max": plain(places.max(axis=0))}
     attributes = {

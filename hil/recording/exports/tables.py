@@ -66,7 +66,8 @@ def contact_rows(arrays: SessionArrays) -> list[dict[str, Any]]:
     rows = []
     for span in arrays.spans:
         start, contact = 1e-9 * span.start_ns, span.contact
-        where = contact.get("where") if isinstance(contact.get("where"), list) else [None] * 3
+        where = contact.get("where")
+        where = where if isinstance(where, list) and len(where) == 3 else [None] * 3
         met_time = _number(contact.get("met_time"))
         rows.append(
             {"trial": span.number, "start": start, "duration": 1e-9 * (span.end_ns - span.start_ns)}
@@ -74,7 +75,7 @@ def contact_rows(arrays: SessionArrays) -> list[dict[str, Any]]:
             | {name: _yes(contact.get(name)) for name in ("met", "out_of_reach")}
             | {"contact_time": None if met_time is None else start + met_time}
             | {name: _number(contact.get(name)) for name in CONTACT}
-            | {f"where_{axis}": _number(value) for axis, value in zip("xyz", where, strict=False)}
+            | {f"where_{axis}": _number(value) for axis, value in zip("xyz", where, strict=True)}
         )
     return rows
 

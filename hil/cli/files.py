@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import Json
+from highfive.hil.cli.options import Json, Overwrite
 from highfive.hil.runtime.console import print_result, progress_bars
 
 app = typer.Typer()
@@ -31,3 +31,33 @@ def export(
     with progress_bars() as bar:
         result = export(ExportOptions(session, to, out, trial, overwrite), bar)
     print_result(result, json, print_export)
+
+
+@app.command("import")
+def import_motion(
+    to: Annotated[Path, typer.Option("--to", help="Folder for the C3D files and trials.csv.")],
+    files: Annotated[
+        list[Path] | None, typer.Argument(metavar="[FILE]...", help="BVH, TRC or CSV files, a trial each.")
+    ] = None,
+    human: Annotated[
+        str | None,
+        typer.Option("--human", "--person", help="Prefix of the person's points; without FILE, her file or folder."),
+    ] = None,
+    avatar: Annotated[
+        str | None, typer.Option(help="Prefix of whom the avatar learns from; without FILE, that one's file or folder.")
+    ] = None,
+    units: Annotated[
+        str | None, typer.Option(help="mm, cm, m or in (default: as the file says, or as a person's size says).")
+    ] = None,
+    up: Annotated[str | None, typer.Option(help="The files' vertical, y or z (default: found by the heads).")] = None,
+    emotion: Annotated[str, typer.Option(help="Emotion of these trials, for trials.csv.")] = "",
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Turn motion of other programs (BVH, TRC, CSV) into C3D files and trials.csv, to train on or to play."""
+    from highfive.hil.commands.import_motion import ImportOptions, import_motion, print_imported  # noqa: PLC0415
+
+    options = ImportOptions(tuple(files or ()), to, human, avatar, units, up, emotion, overwrite)
+    with progress_bars() as bar:
+        result = import_motion(options, bar)
+    print_result(result, json, print_imported)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from highfive.hil.commands.written_files import write_files
 from highfive.hil.recording.exports.bids import bids_files
 from highfive.hil.recording.exports.export_file import ExportFile, trial_names
 from highfive.hil.recording.exports.motion_files import bvh_files, c3d_files
@@ -69,7 +69,7 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     with results_folder(folder, options.overwrite) if options.format == "bids" else nullcontext():
         for file in files:
             check_file(folder / file.name, options.overwrite)
-        _write(files, folder, bar)
+        write_files(files, folder, bar)
     spans = arrays.spans
     return {
         "format": options.format,
@@ -107,35 +107,3 @@ def _planned(options: ExportOptions, path: Path, arrays: SessionArrays) -> tuple
     if named and options.trial is not None:
         return folder, BY_TRIAL[kind](trials, [f"{stem}.{kind}"])
     return folder, BY_TRIAL[kind](trials, trial_names(stem, arrays.spans, f".{kind}"))
-
-
-def _write(files: Sequence[ExportFile], folder: Path, bar: Bar) -> None:
-    advance = bar("files", len(files))
-    with _none_left(folder) as new:
-        for file in files:
-            target = folder / file.name
-            if not os.path.lexists(target):
-                new.append(target)
-            try:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                file.write(target)
-            except OSError as error:
-                raise HighFiveError(
-                    f"cannot write {target}: {error.strerror or error}; make room, or give another --out"
-                ) from None
-            advance()
-
-
-@contextmanager
-def _none_left(folder: Path) -> Iterator[list[Path]]:
-    """Takes away the new files, and folders that they leave empty, if not all of them could be written."""
-    new: list[Path] = []
-    try:
-        yield new
-    except BaseException:
-        for path in new:
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
-                while (path := path.parent) != folder:
-                    path.rmdir()
-        raise

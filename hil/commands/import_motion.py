@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -83,17 +83,10 @@ def import_motion(options: ImportOptions, bar: Bar) -> dict[str, Any]:
     if options.up is not None and options.up not in UPS:
         raise HighFiveError(f"--up {options.up}: expected {' or '.join(UPS)}")
     sources = _sources(options)
-    trials, advance = {}, None
-    for name, read in sources.items():
-        trials[name] = read()
-        advance = advance or bar("reading", len(sources))  # not before: a first file that is refused is one line
-        advance()
-    alone = sorted(name for name, trial in trials.items() if len(trial.prefixes) < 2)
-    if alone:
-        say_aside(f"of one person only, for track and simulate --source, not to learn from: {', '.join(alone)}")
-    files = [ExportFile(name, partial(_write, trial), len(trial)) for name, trial in trials.items()]
-    files.append(of_bytes(TABLE, partial(table_bytes, [(name, options.emotion, "", "", "") for name in trials])))
     with results_folder(options.folder, options.overwrite):
+        trials = _read(sources, bar)
+        files = [ExportFile(name, partial(_write, trial), len(trial)) for name, trial in trials.items()]
+        files.append(of_bytes(TABLE, partial(table_bytes, [(name, options.emotion, "", "", "") for name in trials])))
         write_files(files, options.folder, bar)
     return {
         "folder": str(options.folder),
@@ -105,6 +98,18 @@ def import_motion(options: ImportOptions, bar: Bar) -> dict[str, Any]:
             for name, trial in trials.items()
         ],
     }
+
+
+def _read(sources: Mapping[str, Callable[[], Recording]], bar: Bar) -> dict[str, Recording]:
+    trials, advance = {}, None
+    for name, read in sources.items():
+        trials[name] = read()
+        advance = advance or bar("reading", len(sources))  # not before: a first file that is refused is one line
+        advance()
+    alone = sorted(name for name, trial in trials.items() if len(trial.prefixes) < 2)
+    if alone:
+        say_aside(f"of one person only, for track and simulate --source, not to learn from: {', '.join(alone)}")
+    return trials
 
 
 def print_imported(result: dict[str, Any]) -> None:

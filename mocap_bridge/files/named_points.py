@@ -107,6 +107,7 @@ def frames_of(times: Array, source: str) -> tuple[float, NDArray[np.int64]]:
             f"{source}: times go on by {period:g}, which would be {1.0 / period:g} Hz; expected seconds, "
             f"{_RATES[0]:g} to {_RATES[1]:g} Hz"
         )
+    period = float(steps[steps < 1.5 * period].mean())  # of frames that follow each other: jitter evens out
     ahead = np.maximum(np.rint(steps / period), 1.0)
     off = np.abs(steps / period - ahead)
     if off.max() > _UNEVEN or ahead.sum() > _SPARSE * len(times):

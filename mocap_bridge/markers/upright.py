@@ -22,9 +22,8 @@ def up_axis(person: Recording) -> str | None:
         marker_set = find_marker_set(person.names)
     except HighFiveError:
         return None
-    head = marker_set.arm.head if len(marker_set.arm.head) > 2 else marker_set.arm.head[-1:]
     columns = marker_set.match(person.names)
-    top = [column for column in columns[marker_set.indices(head)] if column >= 0]
+    top = [column for column in columns[marker_set.indices(marker_set.on_head)] if column >= 0]
     rest = [column for column in columns if column >= 0 and column not in top]
     above = _mean(person, top) - _mean(person, rest)
     above = above[np.isfinite(above).all(axis=-1)]

@@ -47,7 +47,8 @@ def import_motion(
         str | None, typer.Option(help="Prefix of whom the avatar learns from; without FILE, that one's file or folder.")
     ] = None,
     units: Annotated[
-        str | None, typer.Option(help="mm, cm, m or in (default: as the file says, or as a person's size says).")
+        str | None,
+        typer.Option(help="mm, cm, m, in, or metres a unit (default: as the file, or a person's size, says)."),
     ] = None,
     up: Annotated[str | None, typer.Option(help="The files' vertical, y or z (default: found by the heads).")] = None,
     emotion: Annotated[str, typer.Option(help="Emotion of these trials, for trials.csv.")] = "",

@@ -94,7 +94,11 @@ def print_export(result: dict[str, Any]) -> None:
 def _planned(options: ExportOptions, path: Path, arrays: SessionArrays) -> tuple[Path, list[ExportFile]]:
     """The folder, and the files to be written there."""
     kind, out = options.format, options.out
-    trials = [arrays.trial(place) for place in range(len(arrays.spans))]
+    trials = [trial for place in range(len(arrays.spans)) if len(trial := arrays.trial(place)) > 1]
+    if kind not in ("csv", "npz") and len(trials) < len(arrays.spans):
+        say_aside(f"left out: {counted(len(arrays.spans) - len(trials), 'high five')} of a single tick")
+        if not trials:
+            raise HighFiveError(f"{path.name} holds no high five of two ticks or more; csv and npz hold single ticks")
     if kind == "bids":
         return out or path.with_name(f"{path.stem}_bids"), bids_files(trials, path.name)
     named = out is not None and out.suffix.lower() == f".{kind}" and not out.is_dir()
@@ -106,4 +110,4 @@ def _planned(options: ExportOptions, path: Path, arrays: SessionArrays) -> tuple
         return folder, [npz_file(arrays, f"{stem}.npz")]
     if named and options.trial is not None:
         return folder, BY_TRIAL[kind](trials, [f"{stem}.{kind}"])
-    return folder, BY_TRIAL[kind](trials, trial_names(stem, arrays.spans, f".{kind}"))
+    return folder, BY_TRIAL[kind](trials, trial_names(stem, [trial.spans[0] for trial in trials], f".{kind}"))

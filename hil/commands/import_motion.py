@@ -55,7 +55,8 @@ class ImportOptions:
         folder: of the C3D files and the table.
         human, avatar: prefixes of the two people in ``files``; without these the person's file and the other's, or
             folders in which files of one name are one trial.
-        units: of the numbers, one of :data:`UNITS`; None takes what the file says, or what a person's size says.
+        units: of the numbers, one of :data:`UNITS`, or how many metres one is; None takes what the file says, or what a
+            person's size says.
         up: the vertical, y or z; None finds it.
         emotion: of all trials, '' for none.
         overwrite: write into a folder that holds something.
@@ -78,8 +79,8 @@ def import_motion(options: ImportOptions, bar: Bar) -> dict[str, Any]:
         HighFiveError: a file is none of those that are read, or damaged; its unit or its vertical is in doubt; or the
             folder cannot be written to.
     """
-    if options.units is not None and options.units not in UNITS:
-        raise HighFiveError(f"--units {options.units}: expected one of {', '.join(UNITS)}")
+    if options.units is not None:
+        _metres(options.units)
     if options.up is not None and options.up not in UPS:
         raise HighFiveError(f"--up {options.up}: expected {' or '.join(UPS)}")
     sources = _sources(options)
@@ -219,7 +220,7 @@ def _renamed(found: NamedPoints, human: str | None, avatar: str | None) -> Named
 def _placed(found: NamedPoints, options: ImportOptions) -> Recording:
     """In metres and z up, by what was said, what the file says, or what is beyond doubt."""
     unit = options.units or found.unit or unit_by_size(found)
-    if options.units and found.unit and options.units != found.unit:
+    if options.units and found.unit and _metres(options.units) != UNITS[found.unit]:
         raise HighFiveError(f"{found.source} gives its numbers in {found.unit}, --units says {options.units}")
     if unit is None:
         sizes = ", ".join(f"{least:g} to {most:g} {name}" for name, (least, most) in PERSON_SPANS.items())
@@ -227,9 +228,20 @@ def _placed(found: NamedPoints, options: ImportOptions) -> Recording:
             f"{found.source}: the unit of its numbers is in doubt: each person's points should extend over {sizes}; "
             "say --units"
         )
-    level = in_world(found, unit, "z")
+    level = in_world(found, _metres(unit), "z")
     up = options.up or _up(level, found.source)
-    return level if up == "z" else in_world(found, unit, up)
+    return level if up == "z" else in_world(found, _metres(unit), up)
+
+
+def _metres(unit: str) -> float:
+    """Of one unit: a name, or the number itself."""
+    try:
+        metres = UNITS.get(unit) or float(unit)
+    except ValueError:
+        metres = 0.0
+    if not 0.0 < metres < np.inf:
+        raise HighFiveError(f"--units {unit}: expected {', '.join(UNITS)}, or the metres of one unit, such as 0.0254")
+    return metres
 
 
 def _up(level: Recording, source: str) -> str:

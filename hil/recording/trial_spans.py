@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 from highfive.hil.recording.recording import RecordedMessage, SessionRecording
 from highfive.model.errors import HighFiveError
+
+PAUSE_NS = 900_000_000
+"""Between ticks, from which on another attempt begins: one that was broken off has the number of the one after it."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +21,7 @@ class TrialSpan:
         number: the recording's own, as in a session's figures.
         start_ns, end_ns: its first and its last tick.
         about: its ``/trial`` message; empty where there is none.
-        contact: its ``/contact`` message; empty where it was not judged.
+        contact: its ``/contact`` message; empty where it was not judged, as where it was broken off.
     """
 
     number: int
@@ -39,18 +42,42 @@ def trial_spans(recording: SessionRecording) -> tuple[TrialSpan, ...]:
     Raises:
         HighFiveError: ticks say of no high five which one it is.
     """
-    about, contacts = _by_number(recording.channels["/trial"]), _by_number(recording.channels["/contact"])
+    runs = _runs(recording.channels["/tick"])
+    starts: list[int | None] = [ticks[0].time_ns for _, ticks in runs]
     spans = []
-    for number, ticks in groupby(recording.channels["/tick"], key=_number):
-        if number is None:
-            raise HighFiveError("the recording is of another version: its ticks do not say of which trial they are")
-        times = [tick.time_ns for tick in ticks]
-        spans.append(TrialSpan(number, times[0], times[-1], about.get(number, {}), contacts.get(number, {})))
+    for (number, ticks), end in zip(runs, [*starts, None][1:], strict=True):
+        start = ticks[0].time_ns
+        about = _last_of(recording.channels["/trial"], number, None, end)
+        contact = _last_of(recording.channels["/contact"], number, start, end)
+        spans.append(TrialSpan(number, start, ticks[-1].time_ns, about, contact))
     return tuple(spans)
 
 
-def _by_number(messages: tuple[RecordedMessage, ...]) -> dict[int | None, dict[str, Any]]:
-    return {_number(message): message.data for message in messages}
+def _runs(ticks: Sequence[RecordedMessage]) -> list[tuple[int, list[RecordedMessage]]]:
+    """Ticks of one number, without a pause between them."""
+    runs: list[tuple[int, list[RecordedMessage]]] = []
+    for tick in ticks:
+        number = _number(tick)
+        if number is None:
+            raise HighFiveError("the recording is of another version: its ticks do not say of which trial they are")
+        goes_on = runs and runs[-1][0] == number and tick.time_ns - runs[-1][1][-1].time_ns < PAUSE_NS
+        if goes_on:
+            runs[-1][1].append(tick)
+        else:
+            runs.append((number, [tick]))
+    return runs
+
+
+def _last_of(messages: Sequence[RecordedMessage], number: int, start: int | None, end: int | None) -> dict[str, Any]:
+    """The last message of a number from ``start`` on and before ``end``, ns; empty if there is none."""
+    found = [
+        message.data
+        for message in messages
+        if _number(message) == number
+        and (start is None or message.time_ns >= start)
+        and (end is None or message.time_ns < end)
+    ]
+    return found[-1] if found else {}
 
 
 def _number(message: RecordedMessage) -> int | None:

@@ -127,18 +127,18 @@ def at_frames(points: Array, frames: NDArray[np.int64]) -> Array:
     return spread
 
 
-def in_world(found: NamedPoints, unit: str, up: str) -> Recording:
+def in_world(found: NamedPoints, metres: float, up: str) -> Recording:
     """Metres, z up, right-handed.
 
     Args:
         found: as read.
-        unit: one of :data:`UNITS`.
+        metres: of one unit of the file.
         up: one of :data:`UPS`, the file's vertical; y goes to z, z to −y, x stays.
 
     Raises:
         HighFiveError: not one point is there.
     """
-    points = UNITS[unit] * found.points
+    points = metres * found.points
     if up == "y":
         points = np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
     valid = np.asarray(np.isfinite(points).all(axis=-1))

@@ -58,8 +58,10 @@ def bids_files(trials: Sequence[SessionArrays], source: str) -> list[ExportFile]
         of_bytes("participants.json", partial(_json, {"species": {"Description": "Who raised the hand."}})),
     ]
     scans = []
-    for trial in trials:
-        run = f"{_SUBJECT}_task-{TASK}_%srun-{trial.spans[0].number:02d}"
+    numbers = [trial.spans[0].number for trial in trials]
+    runs = numbers if len(set(numbers)) == len(numbers) else range(len(trials))  # some were broken off
+    for trial, number in zip(trials, runs, strict=True):
+        run = f"{_SUBJECT}_task-{TASK}_%srun-{number:02d}"
         folder = f"{_SUBJECT}/motion"
         for system, channels_of in (("person", person_channels), ("avatar", avatar_channels)):
             name = run % f"tracksys-{system}_"

@@ -31,5 +31,10 @@ def of_bytes(name: str, content: Callable[[], bytes], frames: int = 0) -> Export
 
 
 def trial_names(stem: str, spans: Sequence[TrialSpan], ending: str) -> list[str]:
-    """``STEM_trial00.bvh`` and so on, by the numbers of the high fives."""
-    return [f"{stem}_trial{span.number:02d}{ending}" for span in spans]
+    """``STEM_trial00.bvh`` and so on, by the numbers of the high fives; a second one of a number is ``_trial00-2``."""
+    numbers = [span.number for span in spans]
+    times = [numbers[:place].count(number) + 1 for place, number in enumerate(numbers)]
+    return [
+        f"{stem}_trial{number:02d}{f'-{time}' if time > 1 else ''}{ending}"
+        for number, time in zip(numbers, times, strict=True)
+    ]

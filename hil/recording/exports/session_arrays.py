@@ -84,7 +84,7 @@ class SessionArrays:
         )
 
     def place_of(self, number: int) -> int:
-        """The place of the high five with a number.
+        """The place of the high five with a number; of several, which were broken off, the last.
 
         Raises:
             HighFiveError: there is none.
@@ -93,7 +93,7 @@ class SessionArrays:
         if number not in numbers:
             known = ", ".join(map(str, numbers))
             raise HighFiveError(f"no high five {number} in the recording; it holds {known}; --trial takes one of these")
-        return numbers.index(number)
+        return len(numbers) - 1 - numbers[::-1].index(number)
 
 
 def session_arrays(recording: SessionRecording, name: str) -> SessionArrays:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,9 @@ from command_line import failing, running
 from disk import files_no_larger_than
 from shipped import shipped
 
+from highfive.hil.commands.export import ExportOptions, _planned
 from highfive.hil.view import SHIPPED_RECORDING
+from highfive.model.errors import HighFiveError
 
 run, fails = running("export"), failing("export")
 FILES = {
@@ -80,6 +83,15 @@ def test_a_recording_without_an_end_is_exported_as_far_as_it_goes(run, session):
     said = json.loads(out)
     assert code == 0 and not said["complete"] and 100 < said["frames"] < 918
     assert "session.mcap has no end" in err
+
+
+def test_a_high_five_of_a_single_tick_is_left_out_of_what_moves(session):
+    arrays = shipped()
+    cut = replace(arrays, spans=arrays.spans[:2], rows=(arrays.rows[0], slice(246, 247)))
+    _, files = _planned(ExportOptions(session, "bvh"), session / "session.mcap", cut)
+    assert [file.name for file in files] == ["session_trial00.bvh"]
+    with pytest.raises(HighFiveError, match="no high five of two ticks"):
+        _planned(ExportOptions(session, "bids"), session / "session.mcap", cut.trial(1))
 
 
 @pytest.mark.parametrize("content", [b"", b"junk" * 999, b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\xff" * 99])

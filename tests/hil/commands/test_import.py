@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from command_line import failing, running
+from disk import files_no_larger_than
 from foreign_files import table, trc, y_up
 
 from highfive.hil.datasets.dyads import Role, read_pairs
@@ -109,6 +110,27 @@ def test_prefixes_of_a_labs_own(run, fails, tmp_path):
     assert "no labels of 'Bert'" in fails(*given, "--avatar", "Bert", "--overwrite")
 
 
+@pytest.mark.data
+@pytest.mark.parametrize("write", [trc, table])
+def test_a_real_pair_comes_back_as_it_was(run, recordings, tmp_path, write):
+    real = read_c3d(recordings / "high_five" / "cmu_20_21_11_high_five.c3d")
+    name = "real.trc" if write is trc else "real.csv"
+    (tmp_path / name).write_text(write(real.names, 1e3 * y_up(real.points), real.rate_hz))
+    assert run(tmp_path / name, "--to", tmp_path / "data", "--human", "A", "--avatar", "B")[0] == 0
+    found = read_c3d(tmp_path / "data" / "real.c3d")
+    assert found.prefixes == ("human", "avatar") and found.rate_hz == pytest.approx(120.0)
+    np.testing.assert_allclose(found.points, real.points, atol=2e-6)
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(run, tmp_path):
+    skeleton_file(tmp_path / "a.bvh", "avatar")
+    with files_no_larger_than(50_000):
+        code, _, err = run(tmp_path / "a.bvh", "--to", tmp_path / "data")
+    (line,) = [line for line in err.splitlines() if line.startswith("error:")]
+    assert code == 2 and "cannot write" in line
+    assert not (tmp_path / "data").exists()
+
+
 def test_one_person_alone_is_said(run, tmp_path):
     skeleton_file(tmp_path / "a.bvh", "avatar")
     code, _, err = run(tmp_path / "a.bvh", "--to", tmp_path / "data")
@@ -122,6 +144,9 @@ def test_doubts_are_refused_until_somebody_says(run, fails, tmp_path):
     assert run(tmp_path / "a.csv", *to, "--up", "z")[0] == 0
     skeleton_file(tmp_path / "b.bvh", "avatar", 17.0)  # the unit of CMU's
     assert "--units" in fails(tmp_path / "b.bvh", *to, "--overwrite")
+    assert run(tmp_path / "b.bvh", *to, "--overwrite", "--units", 1 / 17.0)[0] == 0
+    found = read_c3d(tmp_path / "data" / "b.c3d")
+    assert found.points[0, found.names.index("pelvis"), 2] == pytest.approx(pair().avatar.root_in_world[0, 2], abs=1e-4)
     (tmp_path / "down.csv").write_text(table(markers().names, markers().points * [1.0, -1.0, -1.0], 120.0))
     assert "heads are towards -z" in fails(tmp_path / "down.csv", *to, "--overwrite")
 
@@ -149,7 +174,8 @@ def test_refusals(fails, tmp_path):
     to = ("--to", tmp_path / "data")
     assert "not one measured point" in fails(tmp_path / "a.trc", *to)
     assert "--units says m" in fails(tmp_path / "a.trc", *to, "--units", "m")
-    assert "mm, cm, m, in" in fails(tmp_path / "a.trc", *to, "--units", "feet")
+    for units in ("feet", "0", "-1", "nan"):
+        assert "mm, cm, m, in, or the metres" in fails(tmp_path / "a.trc", *to, "--units", units)
     assert "y or z" in fails(tmp_path / "a.trc", *to, "--up", "x")
     assert "no import needed" in fails(tmp_path / "a.c3d", *to)
     assert "give files" in fails(*to)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from shipped import shipped_recording
 
+from highfive.hil.recording.exports.export_file import trial_names
 from highfive.hil.recording.recording import RecordedMessage, SessionRecording
 from highfive.hil.recording.trial_spans import trial_spans
 from highfive.model.errors import HighFiveError
@@ -30,6 +31,17 @@ def test_trial_and_contact_may_come_at_any_time_or_not_at_all():
     assert [bool(s.about) for s in spans] == [True, False]
     assert [bool(s.contact) for s in spans] == [False, True]
     assert spans[1].text("emotion") == ""
+
+
+def test_one_that_was_broken_off_has_the_number_of_the_next_and_no_contact():
+    second = 1_000_000_000
+    ticks = [(0, 3), (8, 3), (second + 8, 3), (second + 16, 3), (2 * second, 4)]
+    spans = trial_spans(recording(ticks, trials=[(second + 8, 3)], contacts=[(second + 16, 3)]))
+    assert [(s.number, s.start_ns, s.end_ns) for s in spans] == [
+        (3, 0, 8), (3, second + 8, second + 16), (4, 2 * second, 2 * second),
+    ]  # fmt: skip
+    assert [bool(s.contact) for s in spans] == [False, True, False]
+    assert trial_names("s", spans, ".bvh") == ["s_trial03.bvh", "s_trial03-2.bvh", "s_trial04.bvh"]
 
 
 def test_no_ticks_are_no_high_fives():

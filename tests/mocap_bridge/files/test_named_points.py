@@ -36,7 +36,7 @@ def test_two_people_are_measured_each_and_have_to_agree():
 @given(st.lists(st.tuples(*[st.floats(-3, 3)] * 3), min_size=3, max_size=3))
 def test_y_up_is_a_turn_that_keeps_distances_and_right_hands(rows):
     here = np.array(rows)
-    found = in_world(points([here, here]), "m", "y").points[0]
+    found = in_world(points([here, here]), 1.0, "y").points[0]
     np.testing.assert_allclose(found[:, 2], here[:, 1])
     np.testing.assert_allclose(found @ found.T, here @ here.T, atol=1e-9)
     assert np.linalg.det(found) == pytest.approx(np.linalg.det(here), abs=1e-9)
@@ -45,12 +45,12 @@ def test_y_up_is_a_turn_that_keeps_distances_and_right_hands(rows):
 def test_units_and_what_is_missing():
     values = np.tile(BODY, (2, 1, 1)) * 1000.0
     values[1, 2] = np.nan
-    found = in_world(points(values), "mm", "z")
+    found = in_world(points(values), 1e-3, "z")
     np.testing.assert_array_equal(found.valid, [[True] * 3, [True, True, False]])
     np.testing.assert_allclose(found.points[0], BODY)
     np.testing.assert_array_equal(found.points[1, 2], 0.0)
     with pytest.raises(HighFiveError, match=r"a\.csv has labels, but not one measured point"):
-        in_world(points(np.full((4, 3, 3), np.nan)), "m", "z")
+        in_world(points(np.full((4, 3, 3), np.nan)), 1.0, "z")
 
 
 @given(st.integers(0, 1000), st.sampled_from([25.0, 100.0, 120.0, 240.0]))

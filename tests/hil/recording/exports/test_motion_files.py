@@ -49,6 +49,26 @@ def test_other_readers_find_the_same_markers_and_gaps(folder, hidden):
         np.testing.assert_allclose(theirs[there], hidden.markers[there, m], atol=F32_MM)
 
 
+def test_uneven_ticks_become_one_rate_and_lost_ones_hide_the_person(tmp_path):
+    trial = shipped_trials()[1]
+    kept = np.delete(np.arange(len(trial)), [50, 51])
+    rng = np.random.default_rng(0)
+    times = trial.times + rng.uniform(-0.2, 0.2, len(trial)) / 60.0
+    way = np.zeros((len(trial), len(trial.names), 3))
+    way[..., 0] = times[:, None]  # a marker that goes straight shows when it was seen
+    uneven = replace(
+        trial, seen=trial.seen[kept], markers=way[kept], times=times[kept], root=trial.root[kept],
+        quaternions=trial.quaternions[kept],
+    )  # fmt: skip
+    c3d_files([uneven], ["u.c3d"])[0].write(tmp_path / "u.c3d")
+    found = read_c3d(tmp_path / "u.c3d").person("human")
+    at = uneven.times[0] + np.arange(len(found)) / found.rate_hz
+    seen = found.valid.all(axis=1)
+    assert found.rate_hz == pytest.approx(60.0, rel=0.01) and abs(len(found) - len(trial)) <= 1
+    assert 2 <= (~seen).sum() <= 4 and 49 <= np.flatnonzero(~seen)[0] <= 51
+    np.testing.assert_allclose(found.points[seen, 0, 0], at[seen], atol=0.02 / 60.0)
+
+
 def test_the_avatar_wears_markers_that_move_with_its_joints(folder, hidden):
     recording, worn, skeleton = read_c3d(folder / "a.c3d"), load_marker_set(AVATAR_SET), avatar_skeleton()
     avatar = recording.person("avatar")

@@ -28,6 +28,8 @@ BY_TRIAL: dict[str, Callable[[Sequence[SessionArrays], Sequence[str]], list[Expo
 """Formats of one motion a file."""
 FORMATS = (*BY_TRIAL, "csv", "npz", "bids")
 _SESSION = "session.mcap"
+_LARGE = 8 << 20
+"""Bytes of a recording, from which on reading it takes two seconds and more."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,11 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     if options.format not in FORMATS:
         raise HighFiveError(f"--to {options.format}: no such format; there are {', '.join(FORMATS)}")
     path = options.recording / _SESSION if options.recording.is_dir() else options.recording
+    large = path.is_file() and path.stat().st_size > _LARGE
+    advance = bar("reading", 1) if large else None
     arrays = session_arrays(read_recording(path), path.name)
+    if advance is not None:
+        advance()
     if options.trial is not None:
         arrays = arrays.trial(arrays.place_of(options.trial))
     if not arrays.complete:

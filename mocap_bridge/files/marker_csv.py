@@ -47,6 +47,7 @@ def parse_csv(text: str, source: str) -> NamedPoints:
     for place, row in enumerate(rows[1:], start=2):
         if len(row) != len(heads):
             raise HighFiveError(f"{source}, row {place}: {len(row)} cells, its header has {len(heads)}; is it cut off?")
+    _check_one_trial(heads, rows[1:], source)
     decimal_comma = separator == ";"
     used = [time[0], *(column for three in columns.values() for column in three)]
     values = np.array(
@@ -64,6 +65,16 @@ def parse_csv(text: str, source: str) -> NamedPoints:
     rate, frames = frames_of(times, source)
     points = values[:, 1:].reshape(len(values), -1, 3)
     return NamedPoints(source, rate, unique(list(columns), source), at_frames(points, frames), unit)
+
+
+def _check_one_trial(heads: Sequence[str], rows: Sequence[Sequence[str]], source: str) -> None:
+    """A table of several trials has pauses that are no lost frames."""
+    column = next((column for column, head in enumerate(heads) if head.lower() == "trial"), None)
+    trials = [] if column is None else list(dict.fromkeys(row[column] for row in rows))
+    if len(trials) > 1:
+        raise HighFiveError(
+            f"{source} holds {len(trials)} trials; give a file of each (of our own tables: highfive export --trial N)"
+        )
 
 
 def _columns(heads: Sequence[str], source: str) -> tuple[dict[str, tuple[int, int, int]], str | None]:

@@ -68,6 +68,7 @@ def test_a_lost_frame_is_missing():
         (TEXT.replace("\n0.040000", "\n0.049000"), "times are uneven"),
         (TEXT.replace("\n0.040000", "\n"), "the time is missing"),
         (TEXT.replace("\n0.040000,", "\n0.040000,x"), "is no number"),
+        ("time,trial,a_x,a_y,a_z\n0,0,1,2,3\n0.1,1,1,2,3\n", "holds 2 trials"),
         ("time,a_x,a_y,a_z\n0,1,2,3\n20,1,2,3\n40,1,2,3\n", "expected seconds"),
         ("time,a_x,a_y,a_z\n1,1,2,3\n1,1,2,3\n", "does not come after"),
     ],

@@ -71,17 +71,18 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     if not arrays.complete:
         end = arrays.times[-1]
         say_aside(f"{path.name} has no end: exported is what there is of it, up to its last whole chunk ({end:.1f} s)")
-    folder, files = _planned(options, path, arrays)
+    trials = _trials(arrays, path.name, options.format)
+    folder, files = _planned(options, path, arrays, trials)
     with results_folder(folder, options.overwrite) if options.format == "bids" else nullcontext():
         for file in files:
             check_file(folder / file.name, options.overwrite)
         write_files(files, folder, bar)
-    spans = arrays.spans
+    spans = [trial.spans[0] for trial in trials]
     return {
         "format": options.format,
         "recording": str(path),
         "files": [str(folder / file.name) for file in files],
-        "frames": len(arrays),
+        "frames": sum(map(len, trials)),
         "duration": round(1e-9 * sum(span.end_ns - span.start_ns for span in spans), 6),
         "trials": [span.number for span in spans],
         "complete": arrays.complete,
@@ -97,14 +98,24 @@ def print_export(result: dict[str, Any]) -> None:
         print(f"  {name}")
 
 
-def _planned(options: ExportOptions, path: Path, arrays: SessionArrays) -> tuple[Path, list[ExportFile]]:
+def _trials(arrays: SessionArrays, name: str, kind: str) -> list[SessionArrays]:
+    """The high fives that a format can hold: what moves has two ticks."""
+    trials = [arrays.trial(place) for place in range(len(arrays.spans))]
+    if kind in ("csv", "npz"):
+        return trials
+    moving = [trial for trial in trials if len(trial) > 1]
+    if not moving:
+        raise HighFiveError(f"{name} holds no high five of two ticks or more; csv and npz hold single ticks")
+    if len(moving) < len(trials):
+        say_aside(f"left out: {counted(len(trials) - len(moving), 'high five')} of a single tick")
+    return moving
+
+
+def _planned(
+    options: ExportOptions, path: Path, arrays: SessionArrays, trials: Sequence[SessionArrays]
+) -> tuple[Path, list[ExportFile]]:
     """The folder, and the files to be written there."""
     kind, out = options.format, options.out
-    trials = [trial for place in range(len(arrays.spans)) if len(trial := arrays.trial(place)) > 1]
-    if kind not in ("csv", "npz") and len(trials) < len(arrays.spans):
-        say_aside(f"left out: {counted(len(arrays.spans) - len(trials), 'high five')} of a single tick")
-        if not trials:
-            raise HighFiveError(f"{path.name} holds no high five of two ticks or more; csv and npz hold single ticks")
     if kind == "bids":
         return out or path.with_name(f"{path.stem}_bids"), bids_files(trials, path.name)
     named = out is not None and out.suffix.lower() == f".{kind}" and not out.is_dir()

@@ -2,17 +2,15 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from command_line import failing, running
 from disk import files_no_larger_than
-from shipped import shipped
+from mcap.writer import Writer
+from shipped import shipped, shipped_recording
 
-from highfive.hil.commands.export import ExportOptions, _planned
 from highfive.hil.view import SHIPPED_RECORDING
-from highfive.model.errors import HighFiveError
 
 run, fails = running("export"), failing("export")
 FILES = {
@@ -85,13 +83,24 @@ def test_a_recording_without_an_end_is_exported_as_far_as_it_goes(run, session):
     assert "session.mcap has no end" in err
 
 
-def test_a_high_five_of_a_single_tick_is_left_out_of_what_moves(session):
-    arrays = shipped()
-    cut = replace(arrays, spans=arrays.spans[:2], rows=(arrays.rows[0], slice(246, 247)))
-    _, files = _planned(ExportOptions(session, "bvh"), session / "session.mcap", cut)
-    assert [file.name for file in files] == ["session_trial00.bvh"]
-    with pytest.raises(HighFiveError, match="no high five of two ticks"):
-        _planned(ExportOptions(session, "bids"), session / "session.mcap", cut.trial(1))
+def test_a_high_five_of_a_single_tick_is_left_out_of_what_moves(run, fails, session):
+    """A recording of the first high five, and of the first tick of the second."""
+    recording, end = shipped_recording(), shipped().spans[1].start_ns
+    with (session / "session.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, messages in recording.channels.items():
+            channel = writer.register_channel(topic, "json", writer.register_schema(topic, "jsonschema", b"{}"))
+            for message in messages:
+                if message.time_ns <= end:
+                    writer.add_message(channel, message.time_ns, json.dumps(message.data).encode(), message.time_ns)
+        writer.finish()
+    code, out, err = run(session, "--to", "bvh", "--json")
+    assert code == 0 and "left out: 1 high five of a single tick" in err
+    assert json.loads(out)["trials"] == [0] and json.loads(out)["frames"] == 246
+    assert there(session) == {"session_trial00.bvh"}
+    assert "csv and npz hold single ticks" in fails(session, "--to", "bids", "--trial", "1")
+    assert json.loads(run(session, "--to", "npz", "--json")[1])["trials"] == [0, 1]
 
 
 @pytest.mark.parametrize("content", [b"", b"junk" * 999, b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\xff" * 99])

@@ -54,6 +54,7 @@ ALLOWED: dict[str, set[str]] = {
     "hil.datasets": MODEL | BRIDGE | {"calibration", "hil.runtime", "hil.sim.avatar"},
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},
     "hil.recording": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials"},
+    "hil.recording.exports": MODEL | BRIDGE | SIM | {"hil.recording"},
     "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},
     "hil.report": MODEL | BRIDGE | SIM | ARM
     | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation"},

@@ -12,6 +12,7 @@ import typer
 from typer.exceptions import TyperException
 
 from highfive.hil.cli import bench as cli_bench
+from highfive.hil.cli import files as cli_files
 from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
@@ -28,6 +29,7 @@ app = typer.Typer(
 
 app.add_typer(cli_model.app)
 app.add_typer(cli_mocap.app)
+app.add_typer(cli_files.app)
 app.add_typer(cli_bench.app, name="bench")
 app.add_typer(cli_rig.app, name="rig")
 

@@ -26,7 +26,7 @@ def test_spans_cover_the_ticks_without_overlap():
 
 
 def test_trial_and_contact_may_come_at_any_time_or_not_at_all():
-    spans = trial_spans(recording([(5, 3), (6, 3), (9, 4)], trials=[(6, 3)], contacts=[(20, 4)]))
+    spans = trial_spans(recording([(5, 3), (6, 3), (9, 4)], trials=[(4, 3)], contacts=[(20, 4)]))
     assert [(s.number, s.start_ns, s.end_ns) for s in spans] == [(3, 5, 6), (4, 9, 9)]
     assert [bool(s.about) for s in spans] == [True, False]
     assert [bool(s.contact) for s in spans] == [False, True]
@@ -51,3 +51,8 @@ def test_no_ticks_are_no_high_fives():
 def test_ticks_without_a_number_are_of_another_version():
     with pytest.raises(HighFiveError, match="another version"):
         trial_spans(recording([(1, None)]))
+
+
+def test_one_that_begins_again_at_once_is_another_one() -> None:
+    spans = trial_spans(recording([(5, 3), (6, 3), (7, 3), (8, 3)], trials=[(5, 3), (7, 3)], contacts=[(8, 3)]))
+    assert [(s.number, s.start_ns, s.end_ns, bool(s.contact)) for s in spans] == [(3, 5, 6, False), (3, 7, 8, True)]

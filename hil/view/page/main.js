@@ -204,6 +204,8 @@ setInterval(() => {
   const now = performance.now();
   while (arrivals.length && arrivals[0] < now - 1000) arrivals.shift();
   byId("rate").textContent = `${arrivals.length} Hz`;
+  const { poses, lost } = connection.counts;  // a page that is slow, or asleep, is sent the newest only
+  byId("dropped").textContent = poses ? (lost ? `${lost} of ${poses + lost}` : "none") : "–";
   byId("latency").parentElement.hidden = !drawn.ages.length;
   byId("latency").textContent = drawn.ages.length ? `${median(drawn.ages).toFixed(0)} ms` : "–";
 }, 500);

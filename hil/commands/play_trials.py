@@ -28,6 +28,7 @@ from highfive.model.plugins import PluginError
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
+    from highfive.hil.trials.head_watch import DriftWatch
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.view.live_page import LivePage
     from highfive.hil.view.session_view import SessionView
@@ -54,8 +55,11 @@ def play(
     bar: Bar,
     watch: ArmWatch | None,
     page: LivePage | None,
+    drift: DriftWatch | None = None,
 ) -> Played:
     """Plays the partners in order; Ctrl-C, a broken-off high five or a stopped arm ends the session early.
+
+    ``drift`` watches a headset that is worn beside a lab's system.
 
     Raises:
         HighFiveError: not even the first high five could be played.
@@ -77,7 +81,7 @@ def play(
                 called, number = style_name(style), programme.number
                 try:
                     programme.begin(partner, style)
-                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view)
+                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view, drift)
                 except Interruption as asked:
                     programme.follow(asked.wish, partner)
                     continue
@@ -149,6 +153,7 @@ def _trial(
     person: LivePerson | None,
     watch: ArmWatch | None,
     view: SessionView | None,
+    drift: DriftWatch | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
     if person is None and watch is None and view is None:
@@ -160,7 +165,7 @@ def _trial(
         return None, str(error)
     live = None if person is None else person.trial()
     inputs: Iterable[TickInput] = _recorded(partner, watch, view) if live is None else live
-    watchers = [each for each in (live, watch, view) if each is not None]
+    watchers = [each for each in (live, watch, view, drift) if each is not None]
     for each in (watch, view):
         inputs = inputs if each is None else each.inputs(inputs)
 

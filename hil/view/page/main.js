@@ -68,8 +68,9 @@ const heard = {
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
-    notice(text.tracks && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
+    notice(text.tracks && !text.space?.rotation && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
     behind = text.hand === "left";
+    if (headset) headset.space = text.space || null;
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     if (text.webcam) openWebcam();
     motion.before = motion.newest = null;

@@ -88,16 +88,16 @@ def _placement(data: Mapping[str, Any]) -> tuple[datetime, str, Array, Array]:
     return measured, typed(world, "world.", "system", str), rotation, translation
 
 
-def check_frame(rotation: Array, translation: Array) -> None:
+def check_frame(rotation: Array, translation: Array, where: str = "world.") -> None:
     """A quaternion (4,) and a translation (3,), m, are ones that a room can have.
 
     Raises:
-        HighFiveError: they are not; the message says which entry of ``[world]``.
+        HighFiveError: they are not; the message says which entry of ``where``.
     """
     if not abs(math.hypot(*rotation) - 1.0) <= UNIT_NORM:
-        raise HighFiveError("world.rotation is no unit quaternion (w, x, y, z)")
+        raise HighFiveError(f"{where}rotation is no unit quaternion (w, x, y, z)")
     if not math.hypot(*translation) <= FURTHEST:
-        raise HighFiveError(f"world.translation_m is further than {FURTHEST:g} m; is it in millimetres?")
+        raise HighFiveError(f"{where}translation_m is further than {FURTHEST:g} m; is it in millimetres?")
 
 
 def vector(entry: Mapping[str, Any], where: str, name: str, length: int) -> Array:

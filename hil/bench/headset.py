@@ -9,18 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from highfive.hil.bench.headset_limit import limit_figures, palm_limit
 from highfive.hil.bench.headset_model import Device, Wearer
-from highfive.hil.bench.live_people import BEFORE_S, LiveFelt, meet, parts
+from highfive.hil.bench.live_people import BEFORE_S, LiveFelt, meet
+from highfive.hil.bench.live_people import parts as model_and_scene
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
-from highfive.hil.session.session import UNSEEN_AT_REST, PoseSettings, Session
+from highfive.hil.session.session import RATE_HZ, UNSEEN_AT_REST, PoseSettings, Session
 from highfive.hil.sim.people.actors import simulate_pair
 from highfive.hil.sim.people.capture import CLEAN
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
-from highfive.hil.trials.partners import partner_of
+from highfive.hil.trials.partners import Partner, partner_of
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.headset import HeadsetLink, HeadsetSettings
 from highfive.mocap_bridge.sources.live import LiveSource
@@ -77,12 +79,25 @@ class _Feed:
         return [data for _, data in self._messages[begin : self._next]]
 
 
-def play_headset(job: HeadsetJob) -> LiveFelt:
-    """Plays one high five as a session with a headset does: page's messages, source, tracker, model, correction."""
+def _wearer(job: HeadsetJob) -> tuple[Partner, Wearer]:
+    """The person, and what a headset makes of her; the same draws each time."""
     rng = np.random.default_rng([job.seed, list(EMOTIONS).index(job.emotion), CELLS.index(job.cell), _DRAWS])
     pair = simulate_pair(job.emotion, job.cell, 0, rng)
     person = partner_of(pair, job.emotion, job.cell, rng, CLEAN)
-    model, scene = parts()
+    return person, Wearer(pair.person, rng)
+
+
+def limit_of(job: HeadsetJob) -> float:
+    """m, see :func:`highfive.hil.bench.headset_limit.palm_limit`."""
+    person, wearer = _wearer(job)
+    assert person.palm is not None
+    return palm_limit(wearer, job.device, person.palm, person.contact_frame / RATE_HZ)
+
+
+def play_headset(job: HeadsetJob) -> LiveFelt:
+    """Plays one high five as a session with a headset does: page's messages, source, tracker, model, correction."""
+    person, wearer = _wearer(job)
+    model, scene = model_and_scene()
     session = Session(
         model, {job.emotion: 1.0}, load_marker_set("headset"), scene, settings=job.pose, tracking=job.tracking
     )
@@ -91,7 +106,7 @@ def play_headset(job: HeadsetJob) -> LiveFelt:
         zero = clock.now() + 100_000_000 + round(1e9 * BEFORE_S)
         messages = [
             (zero + round(1e9 * arrives), encode_headset(replace(pose, holds_ms=1e-6 * zero + 1e3 * holds)))
-            for arrives, holds, pose in Wearer(pair.person, rng).poses(job.device, BEFORE_S)
+            for arrives, holds, pose in wearer.poses(job.device, BEFORE_S)
         ]
         link = HeadsetLink(_Feed(clock, messages).take, "right", clock.now, settings)
         with closing(LiveSource("headset", lambda: link, None, 60.0, VirtualScheduler(clock))) as source:
@@ -101,6 +116,8 @@ def play_headset(job: HeadsetJob) -> LiveFelt:
 
 def bench_headset(options: HeadsetOptions, bar: Bar) -> dict[str, Any]:
     """Palm to true palm at first touch, of the worse of the two usual devices, and ``devices``: of each.
+
+    Beside it ``limit_mm``: what a Kalman filter makes of the same messages at the person's own contact.
 
     Raises:
         HighFiveError: an unknown cell or device.
@@ -115,8 +132,10 @@ def bench_headset(options: HeadsetOptions, bar: Bar) -> dict[str, Any]:
         for emotion in EMOTIONS
     ]
     felt = list(parallel_map(play_headset, jobs, lambda total: bar("high fives", total)))
+    limits = list(parallel_map(limit_of, jobs, lambda total: bar("limits", total)))
     count = len(options.cells) * len(EMOTIONS)
-    rows = {device: figures(felt[i * count : (i + 1) * count]) for i, device in enumerate(options.devices)}
+    parts = {device: slice(i * count, (i + 1) * count) for i, device in enumerate(options.devices)}
+    rows = {device: {**figures(felt[part]), "limit_mm": limit_figures(limits[part])} for device, part in parts.items()}
     judged = [rows[device] for device in JUDGED if device in rows] or list(rows.values())
     return {
         **max(judged, key=lambda row: (row["trials"] - row["touched"], row["true_error_mm"]["p95"] or 0.0)),
@@ -137,7 +156,9 @@ def figures(felt: Sequence[LiveFelt]) -> dict[str, Any]:
 
 def print_headset(result: dict[str, Any]) -> None:
     """The figures, for people."""
-    print("headset                touched    palm to true palm, median / 95 %")
+    print("headset                touched    palm to true palm, median / 95 %   a Kalman filter's, at her own contact")
     for device, row in result["devices"].items():
         error = " / ".join("-" if value is None else f"{value:.1f}" for value in row["true_error_mm"].values())
-        print(f"{device:<22} {row['touched']:>3} of {row['trials']:<3}  {error} mm")
+        limit = row["limit_mm"]
+        best = f"{limit['median']:.1f} / {limit['p95']:.1f} mm of {limit['seen']}" if limit["seen"] else "-"
+        print(f"{device:<22} {row['touched']:>3} of {row['trials']:<3}  {f'{error} mm':<33} {best}")

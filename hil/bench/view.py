@@ -60,11 +60,21 @@ class ViewBenchOptions:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a page got: numbers of the poses, and ms from being sent, and from holding, until they came."""
+    """What a page got: numbers of the poses, and ms from being sent, and from holding, until they came.
+
+    ``before`` is the number of the last pose before it slept; 0 where it did not.
+    """
 
     numbers: tuple[int, ...]
     sent_ms: tuple[float, ...]
     age_ms: tuple[float, ...]
+    before: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """Poses that it was not sent, from the last one before it slept on, or else from the first."""
+        first = self.before + 1 if self.before else self.numbers[0]
+        return self.numbers[-1] - first + 1 - len(self.numbers)
 
 
 def look_on(address: str, seconds: float, blocked_s: float, said: Connection) -> None:
@@ -79,10 +89,11 @@ def look_on(address: str, seconds: float, blocked_s: float, said: Connection) ->
     numbers: list[int] = []
     sent_ms: list[float] = []
     age_ms: list[float] = []
+    before = [0]
     with connect(address.replace("http", "ws", 1).replace("/?", "/live?", 1), max_queue=None, compression=None) as link:
         said.send("ready")
         if blocked_s:
-            _take(link, 1.0, lambda now, poses: None)
+            _take(link, 1.0, lambda now, poses: before.append(poses.number))
             time.sleep(blocked_s)
 
         def note(now: int, poses: Any) -> None:
@@ -91,7 +102,7 @@ def look_on(address: str, seconds: float, blocked_s: float, said: Connection) ->
             age_ms.append(1e-6 * (now - poses.holds_ns))
 
         _take(link, seconds, note)
-    said.send(Seen(tuple(numbers), tuple(sent_ms), tuple(age_ms)))
+    said.send(Seen(tuple(numbers), tuple(sent_ms), tuple(age_ms), before[-1]))
 
 
 def _take(link: Any, seconds: float, note: Any) -> None:
@@ -141,21 +152,23 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
 
         one = shown_to(options.seconds)
         advance()
-        stale = []
+        stale, dropped = [], []
         for blocked in BLOCKS_S:
-            stale.append(sum(age > STALE_MS for age in shown_to(2.0, blocked).age_ms))
+            woken = shown_to(2.0, blocked)
+            stale.append(sum(age > STALE_MS for age in woken.age_ms))
+            dropped.append(woken.dropped)
             advance()
         fps, drawn = _pictures(page, trials)
         advance()
     tick = _ticks(options.seed)
     advance()
-    span = one.numbers[-1] - one.numbers[0] + 1
     return {
         "poses_hz": round(len(one.numbers) / options.seconds, 2),
-        "lost": span - len(one.numbers),
+        "lost": one.dropped,
         "latency_ms": {"p50": _part(one.sent_ms, 50), "p99": _part(one.sent_ms, 99)},
         "host_to_page_ms": {"p50": _part(one.age_ms, 50), "p99": _part(one.age_ms, 99)},
         "stale_after_block": {f"{blocked:g}": count for blocked, count in zip(BLOCKS_S, stale, strict=True)},
+        "dropped_in_block": {f"{blocked:g}": count for blocked, count in zip(BLOCKS_S, dropped, strict=True)},
         **tick,
         "fps": fps,
         "draw_ms": drawn,
@@ -226,7 +239,7 @@ def print_view(result: dict[str, Any]) -> None:
     print(f"server to page          median {latency['p50']:.2f} ms, p99 {latency['p99']:.2f} ms")
     print(f"host to page            median {host['p50']:.2f} ms, p99 {host['p99']:.2f} ms")
     for blocked, count in result["stale_after_block"].items():
-        print(f"stale after {blocked:>2} s asleep  {count}")
+        print(f"stale after {blocked:>2} s asleep  {count}; {result['dropped_in_block'][blocked]} dropped meanwhile")
     print(f"tick p99                {result['tick_p99_ms']:.2f} ms; with {PAGES} pages × {result['tick_ratio']:.2f}")
     over = result["handing_over_ms"]
     print(f"of it handing over      median {over['p50']:.2f} ms, p99 {over['p99']:.2f} ms")

@@ -116,6 +116,12 @@ def simulate(
     nobody_near: cli_rig.NobodyNear = False,
     slow: cli_rig.Slow = False,
     faults: cli_rig.Faults = None,
+    headset: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml", help="A headset worn beside a lab's system, as calibrate headset registered it."
+        ),
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it live on a page in the browser.")] = False,
     port: Port = None,
     no_open: NoOpen = False,
@@ -161,8 +167,9 @@ def simulate(
         latency_ms=latency,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
         view=PageOptions(port, not no_open, https)
-        if view or (source or "").partition("?")[0].strip().lower() == "webcam"
+        if view or headset or (source or "").partition("?")[0].strip().lower() == "webcam"
         else None,
+        headset=headset,
         webcam=WebcamOptions(height, fov, camera),
         overwrite=overwrite,
     )

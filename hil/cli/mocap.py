@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import AnySet, Json, Overwrite, OverwriteFile, Person, Seed
+from highfive.hil.cli.options import AnySet, Https, Json, Overwrite, OverwriteFile, Person, Port, Seed
 from highfive.hil.runtime.console import print_json, print_result, progress_bars, say, say_aside
 
 app = typer.Typer()
@@ -117,3 +117,32 @@ def calibrate_subject(
     with progress_bars() as bar:
         result = calibrate_subject(CalibrateOptions(file, person, marker_set, out, overwrite), bar)
     print_result(result, json, print_subject)
+
+
+@calibrate.command("headset")
+def calibrate_headset(
+    source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
+    person: Person = None,
+    marker_set: AnySet = None,
+    seconds: Annotated[float, typer.Option(help="For how long the head is watched, s.")] = 20.0,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The registration, for simulate --headset.")] = Path(
+        "headset.toml"
+    ),
+    port: Port = None,
+    https: Https = False,
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Register a headset beside a lab's motion capture system, from a head that nods and turns (docs/viewer.md)."""
+    from highfive.hil.commands.calibrate_headset import (  # noqa: PLC0415
+        HeadsetCalibration,
+        calibrate_headset,
+        print_headset,
+    )
+    from highfive.hil.commands.simulate_options import PageOptions  # noqa: PLC0415
+
+    page = PageOptions(port, open_browser=False, https=https)
+    options = HeadsetCalibration(source, person, marker_set, seconds, out, overwrite, page)
+    with progress_bars() as bar:
+        result = calibrate_headset(options, bar)
+    print_result(result, json, print_headset)

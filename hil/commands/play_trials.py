@@ -32,6 +32,7 @@ from highfive.model.plugins import PluginError
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
     from highfive.hil.recording.replay import Replay
+    from highfive.hil.trials.head_watch import DriftWatch
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.view.live_page import LivePage
     from highfive.hil.view.session_view import SessionView
@@ -63,10 +64,12 @@ def play(
     watch: ArmWatch | None,
     page: LivePage | None,
     replay: Replay | None = None,
+    drift: DriftWatch | None = None,
 ) -> Played:
     """Plays the partners in order; Ctrl-C, a broken-off high five or a stopped arm ends the session early.
 
-    The high fives of a ``replay`` begin with what the recorded ones began with.
+    The high fives of a ``replay`` begin with what the recorded ones began with. ``drift`` watches a headset that is
+    worn beside a lab's system.
 
     Raises:
         HighFiveError: not even the first high five could be played.
@@ -93,7 +96,7 @@ def play(
                     head = TrialHead(number, partner, called, style, session.corrects, paced)
                     kept = _Kept(recorder, head, watch, session, replay)
                     result, trouble = _trial(
-                        number, partner, called, session, playout, person, watch, view, kept, replay
+                        number, partner, called, session, playout, person, watch, view, drift, kept, replay
                     )
                 except Interruption as asked:
                     recorder.record_event("trial_broken_off", trial=number, detail=f"{asked.wish} was asked for")
@@ -216,6 +219,7 @@ def _trial(
     person: LivePerson | None,
     watch: ArmWatch | None,
     view: SessionView | None,
+    drift: DriftWatch | None,
     kept: _Kept,
     replay: Replay | None,
 ) -> tuple[TrialResult | None, str]:
@@ -230,7 +234,7 @@ def _trial(
         return None, str(error)
     live = None if person is None else person.trial()
     inputs: Iterable[TickInput] = _recorded(partner, watch, view) if live is None else live
-    watchers = [each for each in (live, watch, view) if each is not None]
+    watchers = [each for each in (live, watch, view, drift) if each is not None]
     for each in (watch, view):
         inputs = inputs if each is None else each.inputs(inputs)
 

@@ -12,12 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from highfive.hil.commands.headset_beside import registered_headset
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.play_trials import Played, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_partners import partners_of, worn_set
-from highfive.hil.commands.simulate_options import SimulateOptions
+from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
@@ -42,9 +43,11 @@ from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.reaction import ReactionModel
 
 if TYPE_CHECKING:
+    from highfive.calibration.headset_file import KeptRegistration
     from highfive.hil.arm.arm_trial import ArmWatch
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
+    from highfive.hil.trials.head_watch import DriftWatch
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.trials.live_wiring import LiveWiring
     from highfive.hil.view.live_page import LivePage
@@ -81,15 +84,11 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     options = with_page(options) if worn else options
     with ExitStack() as stack:
         _check(options, live, again)
+        beside = registered_headset(options, live)
+        if beside is not None and options.view is None:
+            options = replace(options, view=PageOptions())
         stack.enter_context(results_folder(folder, options.overwrite))
-        if options.arm is not None:
-            from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
-            from highfive.hil.arm.preconditions import check_arm  # noqa: PLC0415
-
-            arm = replace(options.arm, person=str(options.source) if live else "")
-            check_arm(arm)
-            options = replace(options, arm=arm)
-            stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+        options = _with_arm(options, live, stack)
         if sees_webcam(options):
             from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
 
@@ -119,14 +118,28 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             clock = clock if watch is None else watch.loop.clock
             session = _session(options, model, scene, partners[0], person, clock, replay)
             if options.view is not None and page is None:
-                page = _page(options, model, watch, parts)
+                page = _page(options, model, watch, parts, None if beside is None else (beside, person))
+            drift = None if beside is None else _drift(beside, person, page)
             paced = person is not None or watch is not None or page is not None
             recorder = BackgroundRecorder(SessionRecorder(folder / RECORDING, settings, session.chain), paced=paced)
-            played = play(options, session, scene, partners, person, recorder, bar, watch, page, replay)
+            played = play(options, session, scene, partners, person, recorder, bar, watch, page, replay, drift)
             if page is not None:
                 page.tell("over", message=f"The session is over: {folder / 'report.html'}")
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
         return _report(options, played, recorder.trouble, replayed, settings, folder, bar, lag)
+
+
+def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack) -> SimulateOptions:
+    """The options once the arm may be used; from then on the first Ctrl-C alone interrupts."""
+    if options.arm is None:
+        return options
+    from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
+    from highfive.hil.arm.preconditions import check_arm  # noqa: PLC0415
+
+    arm = replace(options.arm, person=str(options.source) if live else "")
+    check_arm(arm)
+    stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+    return replace(options, arm=arm)
 
 
 def _check(options: SimulateOptions, live: bool, again: bool) -> None:
@@ -154,8 +167,18 @@ def _training_trials(data: Path, bar: Bar) -> list[Trial]:
     return [pair.trial for pair in pairs]
 
 
-def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatch | None, stack: ExitStack) -> LivePage:
-    """The live page; the session begins when somebody looks on."""
+def _drift(kept: KeptRegistration, person: LivePerson | None, page: LivePage | None) -> DriftWatch:
+    from highfive.hil.commands.headset_beside import drift_watch  # noqa: PLC0415
+
+    assert person is not None and page is not None
+    return drift_watch(kept, person, page)
+
+
+def _page(
+    options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatch | None, stack: ExitStack,
+    beside: tuple[KeptRegistration, LivePerson | None] | None = None,
+) -> LivePage:  # fmt: skip
+    """The live page; the session begins when somebody looks on. ``beside`` is a headset that shows it, and whom."""
     from highfive.hil.commands.page import open_page  # noqa: PLC0415
 
     assert options.view is not None
@@ -165,6 +188,12 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
     worn = wears_headset(options)
     if worn or webcam:
         about |= {"tracks": worn, "hand": hand_of(options)}
+    if beside is not None:
+        from highfive.hil.commands.headset_beside import space_in_world  # noqa: PLC0415
+
+        kept, person = beside
+        assert person is not None
+        about |= {"tracks": True, "space": space_in_world(kept, person.placement)}
     estop = None if watch is None else watch.loop.estop
     about |= {"arm": estop is not None, "rig": estop is not None, "webcam": webcam}
     opened = None
@@ -172,7 +201,9 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
         from highfive.hil.commands.webcam_session import watch_video  # noqa: PLC0415
 
         opened = partial(watch_video, options, stack=stack)
-    return stack.enter_context(open_page(options.view, about, estop, opened, tracks=worn or webcam))
+    return stack.enter_context(
+        open_page(options.view, about, estop, opened, tracks=worn or webcam or beside is not None)
+    )
 
 
 def _arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch | None:

@@ -64,6 +64,7 @@ class SimulateOptions:
         place: keeps where a live person stands, for the next session; None for not.
         latency_ms: what cameras, network and screen take beyond what a live source says of itself.
         view: the live page that shows it; None for none.
+        headset: registration of a headset that the live person wears beside a lab's system; None for none.
         webcam: where the source is the webcam of the live page.
         arm: a servo arm that takes part, at the pace of the clock; None for none.
         overwrite: write into a folder that holds something.
@@ -85,6 +86,7 @@ class SimulateOptions:
     place: Path | None = None
     latency_ms: float = 0.0
     view: PageOptions | None = None
+    headset: Path | None = None
     webcam: WebcamOptions = WebcamOptions()
     arm: ArmOptions | None = None
     overwrite: bool = False

@@ -128,6 +128,16 @@ class LivePerson:
             )
         return answer is not False
 
+    @property
+    def source(self) -> LiveSource:
+        """Of the frames, in the system's own frame."""
+        return self._source
+
+    @property
+    def marker_set(self) -> MarkerSet:
+        """The person's."""
+        return self._set
+
     def partner(self, emotion: str) -> Partner:
         """The person, to be answered in an emotion."""
         count = len(self._set)

@@ -86,7 +86,7 @@ export class Connection {
       this.listeners.link("good");
     } else if (text.kind === "hello") {
       if (text.version !== VERSION) { this.close(); this.listeners.link("old"); return; }
-      if (text.run !== this.run) this.last = null;
+      if (text.run !== this.run) { this.last = null; Object.assign(this.counts, { poses: 0, lost: 0 }); }
       this.run = text.run;
       this.listeners.text(text);
     } else {

@@ -72,10 +72,11 @@ const heard = {
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
-    notice(text.tracks && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
+    notice(text.tracks && !text.space?.rotation && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
     behind = Boolean(text.tracks) && text.hand === "left";
     flipped = Boolean(text.webcam) && text.hand === "left";
     document.body.classList.toggle("flipped", flipped);
+    if (headset) headset.space = text.space || null;
     clear();
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     if (text.webcam) openWebcam();
@@ -211,6 +212,8 @@ setInterval(() => {
   const now = performance.now();
   while (arrivals.length && arrivals[0] < now - 1000) arrivals.shift();
   byId("rate").textContent = `${arrivals.length} Hz`;
+  const { poses, lost } = connection.counts;  // a page that is slow, or asleep, is sent the newest only
+  byId("dropped").textContent = poses ? (lost ? `${lost} of ${poses + lost}` : "none") : "–";
   byId("latency").parentElement.hidden = !drawn.ages.length;
   byId("latency").textContent = drawn.ages.length ? `${median(drawn.ages).toFixed(0)} ms` : "–";
 }, 500);

@@ -1,7 +1,7 @@
 // The picture: avatar, person, arm and room; how well it is drawn, and what a headset changes of it.
 
 import {
-  Fog, GLTFLoader, Group, Mesh, MeshBasicMaterial, MeshLambertMaterial, PCFSoftShadowMap, DoubleSide, Quaternion, Scene,
+  Fog, GLTFLoader, Group, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PCFSoftShadowMap, DoubleSide, Quaternion, Scene,
   SphereGeometry, SRGBColorSpace, Vector3, WebGLRenderer,
 } from "./three.js";
 import { Eye } from "./camera.js";
@@ -200,6 +200,19 @@ export class Stage {
     this.place.rotation.set(0, heading - Math.PI / 2, 0);
     this.place.position.set(where.x - Math.sin(heading) * distance, 0, where.z - Math.cos(heading) * distance);
     this.place.updateMatrixWorld();
+  }
+
+  /** The headset's space (z up) where it lies in the world: ``space`` has a quaternion w, x, y, z, and m; null leaves it. */
+  placeSpace(space) {
+    const { place, world } = this, lies = new Matrix4();
+    world.updateMatrix();
+    const own = world.matrix.clone();
+    if (space) {
+      const [w, x, y, z] = space.rotation;
+      lies.compose(new Vector3().fromArray(space.translation), new Quaternion(x, y, z, w), ONE);
+    }
+    own.clone().multiply(lies.invert()).multiply(own.invert()).decompose(place.position, place.quaternion, new Vector3());
+    place.updateMatrixWorld();
   }
 
   draw(now) {

@@ -21,7 +21,7 @@ export class Headset {
    * @param {(text: string) => void} say
    */
   constructor(stage, place, say) {
-    Object.assign(this, { stage, place, say, session: null, send: null, places: 0, counts: { frames: 0, hands: 0, lost: 0, sent: 0 } });
+    Object.assign(this, { stage, place, say, session: null, send: null, space: null, places: 0, counts: { frames: 0, hands: 0, lost: 0, sent: 0 } });
     this.hands = ["left", "right"].map(() => this.hand());
     this.offer();
     navigator.xr?.addEventListener("devicechange", () => this.offer());
@@ -113,13 +113,17 @@ export class Headset {
 
   /** Puts the avatar at an arm's length before where the person looks, on her floor. */
   recentre({ position, orientation }) {
+    this.placed = true;
+    this.places += 1;
+    if (this.space) {  // beside a lab's system: where it was registered, or its own, in which it is registered
+      this.stage.placeSpace(this.space === "own" ? null : this.space);
+      return;
+    }
     const ahead = new Vector3(0, 0, -1).applyQuaternion(new Quaternion(orientation.x, orientation.y, orientation.z, orientation.w));
     const heading = Math.atan2(-ahead.x, -ahead.z);
     // Arms are as long as people are tall: so far apart their hands meet with bent elbows.
     const distance = Math.min(Math.max(0.5 * STAND_OFF * (1 + position.y / EYES), NEAREST), FURTHEST);
     this.stage.placeAvatar(new Vector3(position.x, 0, position.z), heading, distance);
-    this.placed = true;
-    this.places += 1;
   }
 
   hand() {

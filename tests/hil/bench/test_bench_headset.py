@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highfive.hil.bench.headset import DEVICES, HeadsetJob, figures, play_headset
+from highfive.hil.bench.headset import DEVICES, HeadsetJob, figures, limit_of, play_headset
+from highfive.hil.bench.headset_limit import ACCELERATION, JERK, SIGMA_M, SPEED, palm_limit, predicted
 from highfive.hil.bench.headset_model import Device, Wearer
 from highfive.hil.bench.live_people import LiveFelt
 from highfive.hil.sim.people.actors import simulate_pair
@@ -75,3 +76,32 @@ def test_a_high_five_through_the_whole_chain_and_the_same_one_twice() -> None:
     assert felt.touched and felt.error < 0.03
     assert play_headset(job) == felt
     assert play_headset(replace(job, seed=12)) != felt
+
+
+def test_the_limit_of_a_still_or_steady_hand_is_none_but_noise() -> None:
+    """What goes on with constant acceleration is predicted; with noise it is the joint Gaussian's conditional mean."""
+    times, at = np.arange(0.0, 0.5, 1.0 / 60.0), 0.55
+    course = np.stack([1.0 + times, 0.5 * 3.0 * times**2, np.zeros_like(times)], axis=-1)
+    np.testing.assert_allclose(predicted(times, course, at), [1.0 + at, 1.5 * at**2, 0.0], atol=2e-3)
+    places = course + np.random.default_rng(0).normal(0.0, 0.01, course.shape)
+    everything = np.append(times, at)
+    # The white jerk's third integral, by quadrature, with the uncertain beginning: covariance of all places.
+    s = (np.arange(4000) + 0.5) * at / 4000
+    paths = 0.5 * np.square(np.maximum(everything[:, None] - s, 0.0))
+    covariance = JERK * paths @ paths.T * at / 4000 + SIGMA_M**2
+    covariance += SPEED**2 * np.outer(everything, everything)
+    covariance += ACCELERATION**2 * 0.25 * np.outer(everything**2, everything**2)
+    # The first place counts once, as the beginning; later ones with their own noise.
+    rows = covariance[1:-1, 1:-1] + SIGMA_M**2 * np.eye(len(times) - 1)
+    expected = places[0] + covariance[-1, 1:-1] @ np.linalg.solve(rows, places[1:] - places[0])
+    np.testing.assert_allclose(predicted(times, places, at), expected, atol=1e-3)
+
+
+def test_the_limit_follows_noise_and_delay(motion) -> None:
+    """Later is worse; a hand that is out of view at contact has none."""
+    job = HeadsetJob("happy", "B2", 3, Device(60.0, 20.0))
+    late = replace(job, device=Device(60.0, 160.0))
+    seeds = range(3, 9)
+    near, far = (np.mean([limit_of(replace(one, seed=seed)) for seed in seeds]) for one in (job, late))
+    assert 0.002 < near < 0.02 and far > 1.5 * near
+    assert np.isnan(palm_limit(Wearer(motion[0], np.random.default_rng(0)), job.device, np.zeros((200, 3)), 0.05))

@@ -141,6 +141,27 @@ def test_a_session_shown_later_is_the_session_at_that_time(model: HGPDM, person:
     assert np.mean(off) < 0.35 * np.mean(held)
 
 
+@pytest.mark.parametrize(("rate", "late_ms"), [(30.0, 45), (60.0, 80), (120.0, 110)])
+def test_a_source_that_is_late_hides_no_hand(
+    rate: float, late_ms: int, model: HGPDM, person: Partner, scene: Scene
+) -> None:
+    """With ticks in between, the model knows after each frame what it knows of a source that is not late."""
+    frames = frames_of(person, System(rate), 0, np.random.default_rng(0))[: round(2.6 * rate)]
+    session = Session(model, {"angry": 1.0}, person.marker_set, scene)
+    in_time = [session.step(frame).response.contact for frame in frames]
+    session.reset()
+    late = []
+    for frame in frames:
+        shown = frame.source_time_ns + late_ms * 1_000_000
+        late.append(session.step(frame, shown).response.contact)
+        for n in range(1, round(RATE_HZ / rate)):
+            session.step(None, shown + round(n * PERIOD_NS))
+    for one, other in zip(in_time, late, strict=True):
+        assert one is not None and other is not None
+        np.testing.assert_array_equal(other.point, one.point)
+        np.testing.assert_array_equal(other.covariance, one.covariance)
+
+
 def test_times_of_ticks_go_on_where_the_clock_of_the_frames_was_set(
     model: HGPDM, person: Partner, scene: Scene
 ) -> None:

@@ -9,10 +9,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from page_address import page_address
 
 from highfive.hil.view.browser import Browser, browser_here
+from highfive.hil.view.live_page import LivePage
 from highfive.mocap_bridge.wire.headset import HeadsetPose, decode_headset
 from highfive.model.geometry import rotations
 
@@ -289,3 +291,36 @@ def test_a_headset_that_sleeps_ends_the_session_with_a_line(emulator: str, tmp_p
         assert "Traceback" not in said
     finally:
         session.process.kill()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("registered", [False, True])
+def test_beside_a_labs_system_it_sends_its_own_space_or_that_where_it_was_registered(
+    emulator: str, registered: bool
+) -> None:
+    """The place of the eyes and of the avatar's world in the headset is that of the registration, for any heading."""
+    turn, place = rotations.from_rotation_vector([0.02, -0.03, 2.2]), np.array([0.7, -0.4, 0.05])
+    space = {"rotation": turn.tolist(), "translation": place.tolist()} if registered else "own"
+    about = {"mode": "session", "title": "", "emotions": [], "cells": [], "tracks": True, "space": space}
+    with LivePage(about, port=0, tracks=True) as page, Browser((640, 360)) as browser:
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source=emulator + DEVICE)
+        browser.go(page.address)
+        assert browser.evaluate(LOADED)
+        browser.evaluate("highfive.stage.renderer.render = () => {}")
+        enter(browser, "immersive-vr")
+        watch_messages(browser)
+        seen = newest(browser)
+        # The device's space has y up, the message's z: eyes at (0.3, 1.62, 0.2) look along -z, which is +y there.
+        eyes, ahead = np.array([0.3, -0.2, 1.62]), np.array([0.0, 1.0, 0.0])
+        if registered:
+            eyes, ahead = rotations.rotate(turn, eyes) + place, rotations.rotate(turn, ahead)
+        assert seen.viewer[:3] == pytest.approx(eyes, abs=0.02)
+        assert rotations.rotate(seen.viewer[3:], [0.0, 0.0, -1.0]) == pytest.approx(ahead, abs=0.02)
+        # The world's own origin is drawn where the inverse says.
+        drawn = browser.evaluate("highfive.stage.world.matrixWorld.elements.slice(12, 15)")
+        origin = rotations.rotate(rotations.conjugate(turn), -place) if registered else np.zeros(3)
+        assert [drawn[0], -drawn[2], drawn[1]] == pytest.approx(origin, abs=1e-3)
+        assert browser.evaluate("document.getElementById('notice').hidden") is True
+        browser.evaluate("headset.recenter()")
+        browser.evaluate(WAIT.format(1000))
+        assert newest(browser).place == seen.place + 1 and not browser.console

@@ -118,6 +118,26 @@ def test_whom_it_is_about_stands_clear_of_the_panels(
         assert all(0 < x < width and 0 < y < height and name == "stage" for x, y, name in found), found
 
 
+def test_poses_that_a_busy_page_was_not_sent_are_counted_on_it(page: LivePage, trial: RecordedTrial) -> None:
+    """Every pose that the host has shown since the page's first was either drawn or is counted as dropped."""
+    with Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
+        show(page, trial, 30)
+        until(browser, "highfive.counts.poses > 0")
+        first = browser.evaluate("highfive.connection.last - highfive.counts.poses - highfive.counts.lost")
+        browser.evaluate("setTimeout(() => {const t = performance.now(); while (performance.now() < t + 2500);}, 0)")
+        for _ in range(60):
+            show(page, trial, 31)
+            time.sleep(0.02)
+        until(browser, "/^[0-9]+ of [0-9]+$/.test(document.getElementById('dropped').textContent)")
+        show(page, trial, 32)
+        until(browser, f"highfive.connection.last >= {first} + 62")
+        lost, poses, last = browser.evaluate("[highfive.counts.lost, highfive.counts.poses, highfive.connection.last]")
+        assert lost > 10 and lost + poses == last - first
+        until(browser, f"document.getElementById('dropped').textContent === '{lost} of {lost + poses}'")
+
+
 def test_without_webgl_there_are_figures_and_controls(page: LivePage) -> None:
     with Browser((900, 700), ("--disable-3d-apis",)) as browser:
         browser.go(page.address)

@@ -2,8 +2,8 @@
 
 Format: Brain Imaging Data Structure, motion (Jeung et al. 2024; bids-specification, "Motion"). ``tracksys-person`` is
 what the session tracked of the person, ``tracksys-avatar`` what it showed her. The files of a run have the same rows:
-they need no alignment. A recording knows no date: ``acq_time`` counts from 1 January 1900, whose year says that
-it is none, and only differences mean anything.
+they need no alignment. ``acq_time`` counts from 1 January 1900, by which BIDS says that the date was taken out: when
+somebody took part is personal. Only differences mean anything; the recording's ``/trial`` has the time of day.
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ def _readme(source: str) -> bytes:
         f"# High fives of {source}\n\n{_DESCRIPTION}\n\n"
         "One run a high five, numbered as in the session's report. tracksys-person: what was tracked of the person, in "
         "metres (x from the avatar to the person, y to the avatar's left, z up; the floor is z = 0). tracksys-avatar: "
-        "what the avatar did. acq_time in scans.tsv counts from 1 January 1900: the recording knows no date.\n"
+        "what the avatar did. acq_time in scans.tsv counts from 1 January 1900: the date was taken out.\n"
     ).encode()
 
 

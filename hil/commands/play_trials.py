@@ -80,7 +80,7 @@ def play(
         try:
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
             advance = bar("high fives", len(partners))
-            view = None if page is None else _view(page, session, playout, scene, watch)
+            view = None if page is None else _view(page, session, playout, scene, watch, recorder)
             programme = Programme(options, partners, view, () if replay is None else replay.styles)
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
@@ -176,10 +176,14 @@ class _Kept:
             self._recorder.record_arm(*self._watch.fresh())
 
 
-def _view(page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None) -> SessionView:
+def _view(
+    page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None,
+    recorder: BackgroundRecorder,
+) -> SessionView:  # fmt: skip
     from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
 
-    return SessionView(page, session, playout, scene, arm=None if watch is None else watch.joints)
+    arm = None if watch is None else watch.joints
+    return SessionView(page, session, playout, scene, arm=arm, shown=recorder.record_shown)
 
 
 def _tell_broken_off(

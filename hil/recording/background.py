@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from queue import Full, Queue
 from types import TracebackType
@@ -68,6 +68,10 @@ class BackgroundRecorder:
     def record_event(self, event: str, at_ns: int | None = None, **about: Any) -> None:
         """See :meth:`SessionRecorder.record_event`."""
         self._give(lambda: self._recorder.record_event(event, at_ns, **about), always=True)
+
+    def record_shown(self, report: Mapping[str, Any]) -> None:
+        """See :meth:`SessionRecorder.record_shown`."""
+        self._give(lambda: self._recorder.record_shown(report))
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`SessionRecorder.record_log`."""

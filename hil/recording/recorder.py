@@ -210,6 +210,15 @@ class SessionRecorder:
         """
         self._add("/event", self._end if at_ns is None else self._at(at_ns), {"event": event, **about})
 
+    def record_shown(self, report: Mapping[str, Any]) -> None:
+        """What a page drew: ``page``, ``headset``, and ``rows`` of picture, pose, for when that holds and when the
+        picture was seen (ms of the session's clock), and how many poses the page was not sent so far."""
+        for frame, pose, holds_ms, shown_ms, dropped in report["rows"]:
+            shown_ns = round(1e6 * shown_ms)
+            about = {"page": report["page"], "headset": report["headset"], "frame": int(frame), "pose": int(pose)}
+            times = {"pose_ns": round(1e6 * holds_ms), "shown_ns": shown_ns}
+            self._add("/shown", self._at(shown_ns), {**about, **times, "dropped": int(dropped)})
+
     def record_log(self, level: str, text: str) -> None:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
         self._add_drawn("/log", self._end, viewer_messages.log(self._end, level, text))

@@ -105,6 +105,11 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
          "closing_speed": _UNKNOWN,
          "gap": _UNKNOWN, "step_ms": _UNKNOWN},
     ),
+    "/shown": (
+        "high_five.Shown",
+        {"page": _TEXT, "headset": _YES, "frame": _WHOLE, "pose": _WHOLE, "pose_ns": _WHOLE, "shown_ns": _WHOLE,
+         "dropped": _WHOLE},
+    ),
     "/event": (
         "high_five.Event",
         {"event": _TEXT, "trial": _MAYBE_WHOLE, "emotion": _MAYBE_TEXT, "style": _MAYBE_TEXT, "cell": _MAYBE_TEXT,

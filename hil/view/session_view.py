@@ -45,14 +45,15 @@ class SessionView:
     def __init__(
         self, page: LivePage, session: Session, playout: PlayOut, scene: Scene, *,
         arm: Callable[[], tuple[Array, Array] | None] | None = None, clock: Clock = MACHINE,
+        shown: Callable[[Mapping[str, Any]], None] = lambda report: None,
     ) -> None:  # fmt: skip
-        """Of a session that plays in ``playout``.
+        """Of a session that plays in ``playout``; ``shown`` is given what pages report of what they drew.
 
         With an ``arm``, of which it gives the joints (J,), rad, as measured and as wanted, a high five is never broken
         off for a wish.
         """
         self._page, self._session, self._playout, self._scene = page, session, playout, scene
-        self._cast, self._arm, self._clock = Cast.of(scene.model), arm, clock
+        self._cast, self._arm, self._clock, self._shown = Cast.of(scene.model), arm, clock, shown
         self._arm_cast = None if arm is None else ArmCast()
         self.weights: dict[str, float] | None = None
         self.cell: str | None = None
@@ -155,6 +156,8 @@ class SessionView:
                 self.cell = command.value
             case "next" | "again" | "end":
                 self._wish = command.name
+            case "shown":
+                self._shown(command.value)
             case _:  # what only recordings know; the emergency stop was pulled already
                 pass
 

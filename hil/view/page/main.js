@@ -71,6 +71,7 @@ const heard = {
     controls.begin(text);
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
+    reports.wanted = text.mode === "session";
     byId("partners").hidden = !text.rig;
     notice(text.tracks && !text.space?.rotation && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
     behind = Boolean(text.tracks) && text.hand === "left";
@@ -177,6 +178,20 @@ if (stage) keepClear(["figures", "timeline", "controls", "panels", "caption"].ma
 
 setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);
 
+/** What was on the screen, and when: the host records it. Of each picture its number, the pose that it rests on, for when
+ * that holds, when the picture is seen (ms of the host's clock), and how many poses this page was not sent so far. */
+const reports = { wanted: false, page: Math.random().toString(36).slice(2, 10), headset: false, count: 0, rows: [] };
+const MICROS = 1000, REPORT_MS = 250, MOST_REPORTED = 128;
+function report(shownAt) {
+  const { number, holds } = motion.newest, row = [number, Math.round(holds * MICROS) / MICROS, Math.round(shownAt * MICROS) / MICROS];
+  if (reports.rows.length < MOST_REPORTED) reports.rows.push([reports.count, ...row, connection.counts.lost]);
+  reports.count += 1;
+}
+setInterval(() => {
+  const rows = reports.rows.splice(0);
+  if (rows.length) connection.command("shown", { page: reports.page, headset: reports.headset, rows });
+}, REPORT_MS);
+
 const drawn = { frames: 0, since: performance.now(), ages: [], frame: 16, before: 0 };
 function frame(now, seen) {
   drawn.frame += 0.1 * (Math.min(now - drawn.before, 50) - drawn.frame);
@@ -190,6 +205,8 @@ function frame(now, seen) {
     if (motion.newest.captured) drawn.ages.push(time - motion.newest.captured);
     if (drawn.ages.length > 600) drawn.ages.shift();
     passContact(motion.newest.time);
+    reports.headset = Boolean(seen);
+    if (reports.wanted && connection.synchronised) report(time);
   }
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
   const status = linked !== "good" ? "" : stale ? "no new poses" : "live";

@@ -198,3 +198,18 @@ def test_a_killed_process_leaves_a_readable_file(tmp_path):
     recording = read_recording(path)
     assert not recording.complete
     assert len(recording.channels["/contact"]) >= 3
+
+
+def test_what_pages_showed_is_recorded_at_the_time_at_which_it_was_seen(result, tmp_path):
+    path = tmp_path / "shown.mcap"
+    with SessionRecorder(path, SETTINGS) as recorder:
+        record_trial(recorder, result, from_ns=5_000_000_000)
+        rows = [[0, 12, 5100.0, 5116.25, 0], [1, 14, 5116.7, 5133.0, 1]]
+        recorder.record_shown({"page": "a1", "headset": True, "rows": rows})
+    first, second = read_recording(path).channels["/shown"]
+    assert first.time_ns == 116_250_000 and second.time_ns == 133_000_000
+    assert first.data == {
+        "page": "a1", "headset": True, "frame": 0, "pose": 12, "pose_ns": 5_100_000_000, "shown_ns": 5_116_250_000,
+        "dropped": 0,
+    }  # fmt: skip
+    assert second.data["dropped"] == 1

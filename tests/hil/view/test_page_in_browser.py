@@ -54,7 +54,7 @@ def text(browser: Browser, name: str) -> str:
 def asked(page: LivePage, count: int) -> list[tuple[str, object]]:
     found, end = [], time.monotonic() + 20.0
     while len(found) < count and time.monotonic() < end:
-        found += [(one.name, one.value) for one in page.commands()]
+        found += [(one.name, one.value) for one in page.commands() if one.name != "shown"]
         time.sleep(0.02)
     return found
 
@@ -92,6 +92,28 @@ def test_figures_controls_and_the_picture_are_those_of_the_session(page: LivePag
         page.tell("state", **{**STATE, "stopped": True})
         until(browser, "document.getElementById('estop').textContent.includes('let go at the host')")
         assert not browser.console
+
+
+def test_the_host_hears_what_was_drawn_and_when(page: LivePage, trial: RecordedTrial) -> None:
+    with Browser((640, 360)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
+        page.commands()
+        begun, rows, poses = time.monotonic_ns(), [], 0
+        while len({row[1] for row in rows}) < 5:
+            show(page, trial, 30 + poses % 60)
+            poses += 1
+            time.sleep(0.05)
+            reports = [one.value for one in page.commands() if one.name == "shown"]
+            rows += [row for report in reports for row in report["rows"]]
+            assert all(report["headset"] is False and report["page"] for report in reports)
+        ended = time.monotonic_ns()
+        pictures, numbers, holds, seen, dropped = np.array(rows).T
+        assert np.array_equal(np.diff(pictures), np.ones(len(rows) - 1))
+        assert np.all(np.diff(numbers) >= 0) and np.all(np.diff(seen) > 0.0)
+        assert np.all(holds[numbers == numbers[-1]] == holds[-1])
+        assert begun < 1e6 * holds[-1] < ended and np.all(seen >= holds - 1e-3)
+        assert np.all(np.diff(dropped) >= 0)
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (390, 844), (844, 390)])

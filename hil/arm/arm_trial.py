@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,9 @@ from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory
 from highfive.hil.arm.loop import ArmLoop, ArmTick
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
-from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm, default_arm
+from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.limits import Limits
-from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED
 from highfive.hil.session.session import RATE_HZ, Tick, TickInput, tick_times
@@ -266,75 +264,6 @@ class ArmWatch:
         rows = rows[rows <= times[len(frames) - 1] + 0.5 / RATE_HZ]  # what was interrupted is no tick
         moments = np.interp(rows, times[: len(frames)], frames)
         return arm_trial(reference, self.loop.retarget, self._ticks, self._cycles, self._given_up, moments)
-
-
-def arm_summary(trials: Sequence[ArmTrial], lag: float) -> dict[str, Any]:
-    """The figures of the arm in a session: numbers, strings, lists and objects of them; what is not known is None.
-
-    ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
-    contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them;
-    those that were ``broken_off`` by a stop are counted and not in them. ``closing_speed`` and ``face_speed`` are the
-    largest near hand and head, m/s, of what went on the ``wire`` and of the ``body``.
-    """
-    whole = [trial for trial in trials if not trial.broken_off]
-    able = [trial for trial in whole if trial.met.possible]
-    touched = [trial for trial in able if trial.met.touched]
-    periods = np.concatenate([trial.periods_ms for trial in trials]) if trials else np.zeros(0)
-    following = np.abs(np.concatenate([trial.following_error(lag) for trial in trials])) if trials else np.zeros((0, 6))
-    period = MS / RATE_HZ
-    arm, limits = default_arm(), load_limits()
-    speeds = [trial.separation_speeds(arm, limits) for trial in trials]
-    return {
-        "trials": len(trials),
-        "error_mm": _extent([MS * trial.met.error for trial in able]),
-        "time_error_ms": _extent([MS * abs(trial.met.late) for trial in touched]),
-        "max_relative_speed": max((round(trial.met.speed, 3) for trial in trials if trial.met.touched), default=None),
-        "missed": len(able) - len(touched),
-        "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in whole if not trial.met.possible],
-        "broken_off": len(trials) - len(whole),
-        "following_error_mrad": percentiles(MS * following.max(axis=1) if len(following) else np.zeros(0)),
-        "cycles": sum(len(trial.cycles) for trial in trials),
-        "missed_cycles": int((periods > MISSED * period).sum()),
-        "period_jitter_ms": percentiles(np.abs(periods - period)),
-        "cycle_ms": percentiles(np.array([1e-6 * c.took_ns for trial in trials for c in trial.cycles])),
-        "retarget_ms": percentiles(np.array([tick.retarget_ms for trial in trials for tick in trial.ticks])),
-        "step_ms": percentiles(np.array([tick.step_ms for trial in trials for tick in trial.ticks])),
-        "closing_speed": {which: _largest(speeds, f"{which}_closing_speed") for which in ("wire", "body")},
-        "face_speed": {which: _largest(speeds, f"{which}_face_speed") for which in ("wire", "body")},
-        "largest_current_A": max((round(float(np.abs(t.currents).max()), 2) for t in trials), default=None),
-        "unanswered": sum(not bool(c.state.answered.all()) for trial in trials for c in trial.cycles),
-        "rules": dict(sum((trial.acted for trial in trials), Counter())),
-        "stopped": next((t.report.reason for trial in trials for t in trial.ticks if t.report.state in HALTED), ""),
-        "rows": [_row(trial) for trial in trials],
-    }
-
-
-def _row(trial: ArmTrial) -> dict[str, Any]:
-    met = trial.met
-    return {
-        "emotion": met.emotion,
-        "cell": met.cell,
-        "possible": met.possible,
-        "touched": met.touched,
-        "broken_off": trial.broken_off,
-        "error_mm": round(MS * met.error, 2),
-        "time_error_ms": round(MS * met.late, 1) if met.touched else None,
-        "relative_speed": round(met.speed, 3) if met.touched else None,
-        "scale": round(met.relaxation.scale, 3),
-        "delay_ms": round(MS * met.relaxation.delay, 1),
-        "miss_mm": round(MS * met.relaxation.miss, 1),
-        "limits": list(met.relaxation.limit_names),
-    }
-
-
-def _largest(speeds: Sequence[dict[str, float]], name: str) -> float:
-    return round(max((found[name] for found in speeds), default=0.0), 3)
-
-
-def _extent(values: Sequence[float]) -> dict[str, float | None]:
-    if not values:
-        return {"median": None, "max": None}
-    return {"median": round(float(np.median(values)), 2), "max": round(float(np.max(values)), 2)}
 
 
 def percentiles(values: Array) -> dict[str, float | None]:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from itertools import cycle
 from typing import Any
 
+from highfive.hil.arm.arm_figures import ArmFigures, arm_figures, arm_summary
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopped
+from highfive.hil.arm.arm_trial import played_until_stopped
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.fault_laws import judge_body, judge_commands
@@ -55,7 +56,7 @@ def bench_long_session(options: LongSessionOptions, model: HGPDM, bar: Bar) -> d
 
     Returns:
         ``minutes`` of virtual time and ``computing_min`` of the processor; ``trials``, ``cycles``, ``missed_cycles``,
-        ``unanswered``, ``period_jitter_ms`` and ``error_mm`` of :func:`highfive.hil.arm.arm_trial.arm_summary`;
+        ``unanswered``, ``period_jitter_ms`` and ``error_mm`` of :func:`highfive.hil.arm.arm_figures.arm_summary`;
         ``worst`` and ``broken`` as of :func:`highfive.hil.bench.faults.bench_faults`; ``stopped``: why it ended early,
         '' if it did not.
 
@@ -67,7 +68,7 @@ def bench_long_session(options: LongSessionOptions, model: HGPDM, bar: Bar) -> d
     cells = CELLS[: max(1, math.ceil(60.0 * options.minutes / (SHORTEST_S * len(EMOTIONS))))]  # no more than are met
     references = reference_trajectories(model, tuple(EMOTIONS), cells, options.seed, bar)
     rig, limits, planner, laws = load_rig(), load_limits(), default_planner(), Laws()
-    trials: list[ArmTrial] = []
+    trials: list[ArmFigures] = []
     advance = bar("seconds", round(60.0 * options.minutes))
     began = time.process_time()
     with VirtualClock(options.seed) as clock:
@@ -82,7 +83,7 @@ def bench_long_session(options: LongSessionOptions, model: HGPDM, bar: Bar) -> d
                 box.clear()
                 if trial is not None:
                     judge_commands(laws, trial, limits, planner.arm)
-                    trials.append(trial)
+                    trials.append(arm_figures(trial, planner.settings.lag))
                 seconds = min(round(1e-9 * (clock.now() - start)), round(60.0 * options.minutes))
                 for _ in range(seconds - shown):
                     advance()
@@ -91,7 +92,7 @@ def bench_long_session(options: LongSessionOptions, model: HGPDM, bar: Bar) -> d
                     break
             minutes, stopped = (clock.now() - start) / 60e9, loop.trouble
     computing = time.process_time() - began
-    summary = arm_summary(trials, planner.settings.lag)
+    summary = arm_summary(trials)
     return {
         "minutes": round(minutes, 2),
         "computing_min": round(computing / 60.0, 2),

@@ -30,6 +30,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.plugins import PluginError
 
 if TYPE_CHECKING:
+    from highfive.hil.arm.arm_figures import ArmResults
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
     from highfive.hil.recording.replay import Replay
     from highfive.hil.trials.head_watch import DriftWatch
@@ -46,10 +47,10 @@ figures only; the recording has all of them."""
 
 @dataclass(frozen=True)
 class Played:
-    """The trials that were finished, what the arm did in them (by number), and whether the session ended early."""
+    """The trials that were finished, what the arm did in them, and whether the session ended early."""
 
     results: list[TrialResult] = field(default_factory=list)
-    arm: dict[int, ArmTrial] = field(default_factory=dict)
+    arm: ArmResults | None = None
     interrupted: bool = False
 
 
@@ -74,7 +75,7 @@ def play(
     Raises:
         HighFiveError: not even the first high five could be played.
     """
-    played = Played()
+    played = Played() if watch is None else Played(arm=_nothing_yet())
     results = played.results
     with recorder, said_in(recorder), quick_switching():
         try:
@@ -111,8 +112,8 @@ def play(
                 arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
                 kept.end(result)
                 results.append(result if len(results) < WHOLE else result.condensed())
-                if arm is not None:
-                    played.arm[number] = arm
+                if watch is not None and arm is not None and played.arm is not None:
+                    played.arm.add(number, arm, watch.loop.retarget.settings.lag)
                 advance()
                 if watch is not None and watch.loop.trouble:
                     recorder.record_event("fault", trial=number, detail=watch.loop.trouble)
@@ -128,6 +129,12 @@ def play(
             recorder.record_event("session_end")
             gc.unfreeze()
     return replace(played, interrupted=programme.ended)
+
+
+def _nothing_yet() -> ArmResults:
+    from highfive.hil.arm.arm_figures import ArmResults  # noqa: PLC0415
+
+    return ArmResults()
 
 
 class _Kept:

@@ -229,12 +229,12 @@ def _report(
     from highfive.hil.report.report import write_report  # noqa: PLC0415
 
     arm, drawings = None, []
-    if options.arm is not None:
-        from highfive.hil.arm.arm_trial import arm_summary  # noqa: PLC0415
+    if played.arm is not None:
+        from highfive.hil.arm.arm_figures import arm_summary  # noqa: PLC0415
         from highfive.hil.report.arm_report import draw_arm  # noqa: PLC0415
 
-        trials = list(played.arm.values())
-        arm, drawings = arm_summary(trials, lag), draw_arm(trials, lag)
+        figures = played.arm.figures
+        arm, drawings = arm_summary(figures), draw_arm(list(played.arm.whole.values()), lag, figures)
     summary = summarise(
         played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm
     )
@@ -278,7 +278,8 @@ def _pictures(
         from highfive.hil.sim.arm_body import arm_in_scene  # noqa: PLC0415
 
         visible = build_scene(visible=True)
-        arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), played.arm) if played.arm else None
+        whole = {} if played.arm is None else played.arm.whole
+        arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), whole) if whole else None
         film = folder / FILM
         return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
     except KeyboardInterrupt:

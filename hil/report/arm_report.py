@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
+from highfive.hil.arm.arm_figures import ArmFigures
 from highfive.hil.arm.arm_trial import MS, ArmTrial
 from highfive.hil.report.colours import PERSON, colour_of
 from highfive.hil.report.drawing import FAINT, INK, Drawing, draw, new_figure
@@ -23,12 +24,18 @@ _HALF_S = 1.0
 """Shown before and after contact."""
 
 
-def draw_arm(trials: Sequence[ArmTrial], lag: float) -> list[Drawing]:
-    """All figures of the arm."""
+def draw_arm(trials: Sequence[ArmTrial], lag: float, figures_of: Sequence[ArmFigures]) -> list[Drawing]:
+    """All figures of the arm.
+
+    Args:
+        trials: of which every tick is known.
+        lag: s, of the joints after where they were planned.
+        figures_of: every high five.
+    """
     if not trials:
         return []
     return draw([
-        partial(joints, trials[0], lag), partial(meeting, trials), partial(effort, trials, lag), partial(bus, trials)
+        partial(joints, trials[0], lag), partial(meeting, trials), partial(effort, figures_of), partial(bus, figures_of)
     ])  # fmt: skip
 
 
@@ -93,11 +100,11 @@ def meeting(trials: Sequence[ArmTrial]) -> Drawing:
     return Drawing("arm_meeting", caption, figure, "Servo arm")
 
 
-def effort(trials: Sequence[ArmTrial], lag: float) -> Drawing:
+def effort(trials: Sequence[ArmFigures]) -> Drawing:
     """Following error and current of each joint, over all trials."""
     figure = new_figure(9.0, 3.2)
     left, right = figure.subplots(1, 2)
-    errors = np.degrees(np.abs(np.concatenate([trial.following_error(lag) for trial in trials])))
+    errors = np.degrees(np.abs(np.concatenate([trial.following for trial in trials])))
     currents = np.abs(np.concatenate([trial.currents for trial in trials]))
     names = [name.replace("_", "\n") for name in JOINTS]
     for axes, values, label in ((left, errors, "following error, °"), (right, currents, "current per servo, A")):
@@ -116,12 +123,12 @@ def effort(trials: Sequence[ArmTrial], lag: float) -> Drawing:
     return Drawing("arm_effort", caption, figure, "Servo arm")
 
 
-def bus(trials: Sequence[ArmTrial]) -> Drawing:
+def bus(trials: Sequence[ArmFigures]) -> Drawing:
     """When cycles of the bus began, and what they took."""
     figure = new_figure(9.0, 2.8)
     left, right = figure.subplots(1, 2)
     periods = np.concatenate([trial.periods_ms for trial in trials])
-    took = np.array([1e-6 * cycle.took_ns for trial in trials for cycle in trial.cycles])
+    took = np.concatenate([trial.took_ms for trial in trials])
     for axes, values, label in ((left, periods, "from cycle to cycle, ms"), (right, took, "one cycle, ms")):
         top = float(np.percentile(values, 99.9))
         axes.hist(values.clip(None, top), bins=60, color=ACTUAL, log=True)

@@ -96,7 +96,7 @@ def summarise(
     ``closing_speed_at_touch_m_s`` to that palm when they first touch; ``other_error_mm`` of who met that hand
     originally. Of each row, ``emotion`` is the one that was requested: the simulated person's, or the one in which a
     real person is answered; ``style`` is what the avatar answered in; ``person_emotion`` is the simulated person's,
-    None of a real one. ``arm`` is :func:`highfive.hil.arm.arm_trial.arm_summary`, None where no servo arm took part.
+    None of a real one. ``arm`` is :func:`highfive.hil.arm.arm_figures.arm_summary`, None where no servo arm took part.
     Trials out of reach and without contact count in all of them. ``warnings`` are sentences for people.
     ``unrecorded`` says why the recording ends before the session; '' where it does not. ``replayed`` compares with the
     recording that was played again (:meth:`highfive.hil.recording.replay.Replay.summary`); None where none was.

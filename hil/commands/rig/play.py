@@ -13,8 +13,9 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from highfive.hil.arm.arm_figures import ArmResults, arm_summary
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopped
+from highfive.hil.arm.arm_trial import played_until_stopped
 from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
@@ -68,7 +69,7 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     A stop, or Ctrl-C, ends it early.
 
     Returns:
-        the summary of :func:`highfive.hil.arm.arm_trial.arm_summary`, with ``session`` and ``port``, and, if it ended
+        the summary of :func:`highfive.hil.arm.arm_figures.arm_summary`, with ``session`` and ``port``, and, if it ended
         early, why in ``stopped``, what helps in ``remedy``, and the trial to go on ``from``.
 
     Raises:
@@ -91,7 +92,7 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     about = _settings(recording, path, len(chosen))
     say_aside(f"{counted(len(chosen), 'high five')}, {_duration([recorded[number] for number in chosen])}")
     with uninterrupted() as from_now_on:
-        trials, lag, end = _played(
+        results, lag, end = _played(
             [recorded[number] for number in chosen], about, options.arm, folder, bar, from_now_on
         )
         said = {"session": str(path), "port": options.arm.port}
@@ -100,8 +101,8 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
             "remedy": end.remedy,
             "from": chosen[end.whole] if end.whole < len(chosen) else None,
         }
-        summary = {**said, **arm_summary(trials, lag), **ended, "versions": versions()}
-        _write_report(summary, trials, lag, options.arm.emulated, path, folder)
+        summary = {**said, **arm_summary(results.figures), **ended, "versions": versions()}
+        _write_report(summary, results, lag, options.arm.emulated, path, folder)
     return summary
 
 
@@ -138,12 +139,12 @@ def _played(
     folder: Path,
     bar: Bar,
     ready: Callable[[], object],
-) -> tuple[list[ArmTrial], float, _End]:
+) -> tuple[ArmResults, float, _End]:
     """What the arm did, its lag, s, and how it ended; ``ready`` is called once it is switched on.
 
     What was played is recorded after each high five.
     """
-    trials: list[ArmTrial] = []
+    results = ArmResults()
     with ExitStack() as stack:
         stack.enter_context(quick_switching())
         loop = stack.enter_context(ready_arm(arm, bar))
@@ -156,12 +157,12 @@ def _played(
                 with going_first():
                     trial = played_until_stopped(reference, loop)
             except HighFiveError as error:
-                if not trials and not loop.trouble:  # the arm is not as it has to be: nothing has moved
+                if not results.figures and not loop.trouble:  # the arm is not as it has to be: nothing has moved
                     recorder.discard()
                     raise
                 trial, stopped = None, str(error)
             if trial is not None:
-                trials.append(trial)
+                results.add(len(results.figures), trial, lag)
                 try:
                     recorder.record_played(trial)
                 except HighFiveError as error:  # a full disk; there is still a report to try
@@ -172,7 +173,7 @@ def _played(
                 break
             whole += 1
             advance()
-    return trials, lag, _End(stopped, remedy, whole)
+    return results, lag, _End(stopped, remedy, whole)
 
 
 def _settings(recording: SessionRecording, path: Path, trials: int) -> SessionSettings:
@@ -184,12 +185,12 @@ def _settings(recording: SessionRecording, path: Path, trials: int) -> SessionSe
 
 
 def _write_report(
-    summary: dict[str, Any], trials: list[ArmTrial], lag: float, emulated: bool, path: Path, folder: Path
+    summary: dict[str, Any], results: ArmResults, lag: float, emulated: bool, path: Path, folder: Path
 ) -> None:
-    drawings = draw_arm(trials, lag)
+    drawings = draw_arm(list(results.whole.values()), lag, results.figures)
     page = render(
         "High Five: a session played by the servo arm",
-        f"{counted(len(trials), 'high five')} of {escape(path.name)}, {escape(summary['port'])} arm.",
+        f"{counted(len(results.figures), 'high five')} of {escape(path.name)}, {escape(summary['port'])} arm.",
         f'<span class="badge{"" if emulated else " loud"}">{"emulated arm" if emulated else "real arm"}</span>',
         [
             section("Servo arm", arm_section(summary, {drawing.name: drawing for drawing in drawings})),

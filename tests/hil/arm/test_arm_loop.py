@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from paths import HELPERS
 
-from highfive.hil.arm.arm_trial import arm_summary, arm_trial
+from highfive.hil.arm.arm_figures import ArmResults, arm_figures, arm_summary
+from highfive.hil.arm.arm_trial import arm_trial
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
@@ -275,7 +276,7 @@ def test_a_source_whose_clock_stands_still_does_not_make_a_measurement_younger(p
 
 def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
-    summary = arm_summary(trials, loop.retarget.settings.lag)
+    summary = arm_summary([arm_figures(trial, loop.retarget.settings.lag) for trial in trials])
     assert summary["trials"] == 2
     assert summary["missed"] == 0
     assert summary["missed_cycles"] == 0
@@ -286,6 +287,22 @@ def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     assert summary["cycles"] == sum(len(trial.cycles) for trial in trials)
     assert set(summary["rules"]) <= {rule.value for rule in Rule}
     assert [row["cell"] for row in summary["rows"]] == ["B2", "B1"]
+
+
+def test_a_long_session_keeps_figures_of_every_high_five_and_ticks_of_the_first(
+    loop: ArmLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("highfive.hil.arm.arm_figures.WHOLE", 1)
+    lag, results = loop.retarget.settings.lag, ArmResults()
+    trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
+    for number, trial in enumerate(trials):
+        results.add(number, trial, lag)
+    assert list(results.whole) == [0] and results.whole[0] is trials[0]
+    for figures, trial in zip(results.figures, trials, strict=True):
+        np.testing.assert_allclose(figures.following, trial.following_error(lag), atol=1e-6)
+        np.testing.assert_allclose(figures.currents, trial.currents, atol=1e-6)
+        assert len(figures.took_ms) == len(trial.cycles)
+    assert sum(sys.getsizeof(value) for value in vars(results.figures[1]).values()) < 100_000
 
 
 @pytest.mark.parametrize(("stop", "broken_off"), [(100, True), (160, False)])
@@ -302,7 +319,7 @@ def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet
         ticks.append(loop.tick(goal))
         twin.wait_until(twin.now() + TICK_NS)
     trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.relaxation)
-    summary = arm_summary([trial], loop.retarget.settings.lag)
+    summary = arm_summary([arm_figures(trial, loop.retarget.settings.lag)])
     assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
     assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0
     assert (summary["error_mm"]["median"] is None) == broken_off

@@ -146,7 +146,8 @@ def reference_in(ticks: Sequence[Tick], emotion: str, cell: str, met: int) -> Re
         person,
         avatar,
         normals,
-        max(met, 0) if touch is None else round(touch / TICK),
+        # A session that ends before the contact, or of whose clock a piece is missing, is judged at its end.
+        min(max(met, 0) if touch is None else round(touch / TICK), len(rows) - 1),
         met,
     )
 

@@ -1,5 +1,6 @@
 """How a high five is judged, on a hand that comes straight at a plate at rest."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +11,19 @@ from highfive.hil.arm.contact_outcome import (
     OutcomeSettings,
     ReferenceTrajectory,
     judged,
+    notice,
+    reference_in,
     with_known_contact,
 )
 from highfive.hil.arm.planner_values import ConstraintRelaxation, ExpectedContact, PalmGoal
-from highfive.hil.session.session import RATE_HZ
+from highfive.hil.bench.virtual_play import default_planner
+from highfive.hil.session.session import RATE_HZ, Session
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.frames import PalmPose
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model import DEFAULT_MODEL
+from highfive.model.hgpdm.store import load_model
 
 TICKS, DUE, SPEED = 121, 60, 0.6
 NORMAL = np.array([1.0, 0.0, 0.0])
@@ -60,3 +69,14 @@ def test_a_known_contact_is_as_exact_as_set() -> None:
     contact = with_known_contact(reference(), OutcomeSettings(exact=0.02)).goals[0].contact
     assert contact is not None
     np.testing.assert_allclose(contact.covariance, 0.02**2 * np.eye(3))
+
+
+def test_a_high_five_that_ends_before_its_contact_is_judged_at_its_end() -> None:
+    """A session that was cut: its contact would have been long after the last tick."""
+    partner = simulated_partners(1, ("happy",), ("B2",), 3)[0]
+    session = Session(load_model(DEFAULT_MODEL), {"happy": 1.0}, partner.marker_set, build_scene())
+    frames = itertools.islice(C3DSource(partner.recording, RATE_HZ), 20)
+    reference = reference_in([session.step(frame) for frame in frames], "happy", "B2", partner.contact_frame)
+    assert partner.contact_frame > 20 == len(reference.goals)
+    assert reference.due == 19
+    assert not notice(reference, default_planner()).possible

@@ -215,6 +215,7 @@ class FaultRun:
         if self.trial is not None:
             judge_commands(self.laws, self.trial, limits, planner.arm)
             led = [it.at_ns for it in self.occurred if it.happening.kind in (*BUS, *DRIVERLESS)]
+            led += [] if estop.pulled_ns is None else [estop.pulled_ns]  # from which on it may brake as hard as it can
             until_ns = min(led, default=self.box.times[-1])
             judge_body_motion(self.laws, self.trial, self.box, limits, planner.arm, until_ns)
             if self._recorded:

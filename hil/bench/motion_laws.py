@@ -121,10 +121,11 @@ def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
 
 
 def judge_body_motion(laws: Laws, trial: ArmTrial, box: BlackBox, limits: Limits, arm: ServoArm, until_ns: int) -> None:
-    """Where the body really was while the arm followed, until ``until_ns``: the first fault of its bus, or standstill
-    of its driver.
+    """Where the body really was while the arm followed, until ``until_ns``: the first fault of its bus, standstill of
+    its driver, or emergency stop.
 
-    A servo that is dead, weak or hears half of its goals moves the body otherwise than it was commanded to.
+    A servo that is dead, weak or hears half of its goals moves the body otherwise than it was commanded to, and one that
+    is stopped brakes as hard as it can.
 
     Args:
         laws: added to.

@@ -124,8 +124,8 @@ def judge_body_motion(laws: Laws, trial: ArmTrial, box: BlackBox, limits: Limits
     """Where the body really was while the arm followed, until ``until_ns``: the first fault of its bus, standstill of
     its driver, or emergency stop.
 
-    A servo that is dead, weak or hears half of its goals moves the body otherwise than it was commanded to, and one that
-    is stopped brakes as hard as it can.
+    A servo that is dead, weak or hears half of its goals moves the body otherwise than it was commanded to; one that is
+    stopped brakes as hard as it can.
 
     Args:
         laws: added to.

@@ -14,7 +14,6 @@ from dataclasses import replace
 
 from highfive.mocap_bridge.sources.stamp_clock import UNKNOWN_NS, StampClock, StampClockSettings
 
-
 PEER = replace(StampClockSettings(), drift=2e-4)
 """A peer tells the time of a crystal, and no count of frames: it is not off by more."""
 

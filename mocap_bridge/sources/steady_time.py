@@ -78,6 +78,11 @@ class SteadyTime:
         self._last = stamp_ns, max(wanted, shown)
         return self._last[1]
 
+    def foreseen(self, stamp_ns: int) -> int:
+        """What a stamp's time would be by what was shown last, ns."""
+        stamp, shown = self._last or (stamp_ns, self._clock.local(stamp_ns))
+        return shown + stamp_ns - stamp
+
     @property
     def behind_ns(self) -> int:
         """How far the time of the newest stamp still is from the estimate, ns."""

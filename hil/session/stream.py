@@ -148,9 +148,9 @@ class Stream(Generic[Sample]):
         return f"{self.name} changed its channels from {short(self._layout)} to {short(layout)}; it begins anew"
 
     @property
-    def began(self) -> bool:
-        """Whether there is a sample."""
-        return self._line.newest_ns is not None
+    def newest_ns(self) -> int | None:
+        """Time of the newest sample; None before the first."""
+        return self._line.newest_ns
 
     def at(self, time_ns: int) -> Aligned[Sample] | None:
         """What it is at a time; None before the first sample."""

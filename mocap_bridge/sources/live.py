@@ -18,6 +18,7 @@ from highfive.mocap_bridge.sources.frame_check import check_frame, checked_rate
 from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
 from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.sources.stamp_clock import StampClock
+from highfive.mocap_bridge.sources.steady_time import ClockEstimate
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, spans
 from highfive.model.errors import HighFiveError
@@ -125,6 +126,16 @@ class LiveSource:
     def period_ns(self) -> float:
         """From frame to frame by the system's stamps, averaged over some tens of them, ns."""
         return self._period_ns
+
+    @property
+    def title(self) -> str:
+        """The system's address, for messages."""
+        return self._title
+
+    @property
+    def stamps(self) -> ClockEstimate:
+        """The system's clock by the arrivals of its frames; the source keeps it up to date."""
+        return self._stamps
 
     def captured(self, frame: MarkerFrame) -> int:
         """When the cameras saw a frame, ns of this process's monotonic clock.

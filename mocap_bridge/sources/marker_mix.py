@@ -1,4 +1,4 @@
-"""A frame of markers between two others, and one of two systems that see the same person."""
+"""A frame of markers between two others."""
 
 from __future__ import annotations
 

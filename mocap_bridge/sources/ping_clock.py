@@ -71,7 +71,7 @@ class PingClock:
         As long as both clocks run evenly the first part is a guarantee (neither a question nor an answer takes less
         than nothing); the second is an estimate.
         """
-        if self._probes < 2:
+        if not self._probes:
             return UNKNOWN_NS
         newest = max(self._answers.newest_ns, self._questions.newest_ns)
         wider = max(self._trip(stamp_ns), self._trip(newest), 0.0)

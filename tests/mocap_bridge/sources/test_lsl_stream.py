@@ -25,7 +25,7 @@ def this_machine_alone() -> None:
     configure(local_only=True)
 
 
-def outlet(name: str, kind: str, channels: int, rate: float, form: str) -> pylsl.StreamOutlet:
+def outlet(name: str, kind: str, channels: int, rate: float, form: int) -> pylsl.StreamOutlet:
     return pylsl.StreamOutlet(pylsl.StreamInfo(name, kind, channels, rate, form, f"test-{name}"))
 
 
@@ -40,8 +40,8 @@ def until(holds: Callable[[], bool], meanwhile: Callable[[], None] = lambda: Non
 def test_gaze_and_events_are_on_one_line_with_their_bounds() -> None:
     told: list[SyncEvent] = []
     server = Synchroniser(told.append)
-    gaze_out = outlet("Gaze test", "Gaze", 2, 100.0, "double64")
-    events_out = outlet("Events test", "Markers", 1, 0.0, "string")
+    gaze_out = outlet("Gaze test", "Gaze", 2, 100.0, pylsl.cf_double64)
+    events_out = outlet("Events test", "Markers", 1, 0.0, pylsl.cf_string)
     clocks = PingClock(), PingClock()
     gaze, events = server.open("gaze", VECTORS, clocks[0]), server.open("PsychoPy", EVENTS, clocks[1])
     with (

@@ -58,6 +58,11 @@ export class Connection {
 
   ask() { this.send({ kind: "time", asked: performance.now() }); }
 
+  /** Pictures as [number, pose's time, time seen, dropped], ms of the host's clock: the only proof of what was seen. */
+  tellShown(pictures) {
+    if (pictures.length && this.synchronised) this.send({ kind: "shown", bound_ms: this.best().trip / 2, pictures });
+  }
+
   command(name, value) { this.send({ kind: "command", name, value }); }
 
   send(message) {
@@ -105,8 +110,11 @@ export class Connection {
   /** Host time, ms, of a time of performance.now(): by the answer that took least. */
   host(now) {
     if (!this.answers.length) return now;
-    return now + this.answers.reduce((best, one) => (one.trip < best.trip ? one : best)).offset;
+    return now + this.best().offset;
   }
+
+  /** The answer that took least: half of its trip is how far its offset can be off. */
+  best() { return this.answers.reduce((best, one) => (one.trip < best.trip ? one : best)); }
 
   get synchronised() { return this.answers.length > 0; }
 }

@@ -11,6 +11,7 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.page_shown import PageShown
 from highfive.hil.view.recorded import RecordedTrial, recorded_trials
 from highfive.hil.view.wire import PoseMessage
 
@@ -57,6 +58,28 @@ def asked(page: LivePage, count: int) -> list[tuple[str, object]]:
         found += [(one.name, one.value) for one in page.commands()]
         time.sleep(0.02)
     return found
+
+
+def test_the_page_says_what_it_has_shown_and_when(page: LivePage, trial: RecordedTrial) -> None:
+    with Browser((400, 300)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
+        told, holds, end = list[PageShown](), list[int](), time.monotonic() + 15.0
+        page.shown()
+        while len(told) < 8 and time.monotonic() < end:
+            holds.append(time.monotonic_ns())
+            show(page, trial, 30)
+            time.sleep(0.02)
+            told += page.shown()
+        now = time.monotonic_ns()
+    numbers = [one.shown.frame for one in told]
+    assert numbers == sorted(set(numbers)) and len(numbers) >= 8
+    for one in told[2:]:
+        # the pose is one of those that were sent (they stand still: at a standstill the newest is shown as it is)
+        assert min(abs(one.shown.pose_ns - sent) for sent in holds) < 1_000_000
+        assert -50_000_000 < one.shown.display_ns - one.shown.pose_ns < 2_000_000_000
+        assert holds[0] < one.shown.display_ns < now + 1_000_000_000
+        assert 0 <= one.bound_ns < 50_000_000
 
 
 def test_figures_controls_and_the_picture_are_those_of_the_session(page: LivePage, trial: RecordedTrial) -> None:

@@ -180,7 +180,7 @@ def _trial(
         f"{live.count} ticks, {live.late} late, {live.predicted} between frames, {live.stale} of them stale; "
         f"poses {ahead:.1f} ms ahead of the newest frame"
     )
-    result = replace(result, notes=(*result.notes, note))
+    result = replace(result, notes=(*result.notes, note, *(event.text for event in live.events)))
     if person.camera is not None:
         from highfive.hil.trials.screen_contact import seen_on_screen  # noqa: PLC0415
 

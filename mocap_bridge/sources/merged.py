@@ -25,6 +25,9 @@ from highfive.mocap_bridge.wire.errors import LinkError
 ALL_S = 2.0
 """For so long all systems are waited for; then those that are there begin, s."""
 
+SILENT_S = 0.8
+"""Without a frame of any system for so long it is said what stands in their way, s."""
+
 APART_FRAMES = 12
 """A marker that systems see at two places in so many frames in a row is told of."""
 
@@ -35,7 +38,7 @@ LOG = logging.getLogger(__name__)
 class _System:
     """One of the systems.
 
-    ``there`` is whether it had a say in the last frame.
+    ``there`` is whether it was live at the last frame.
     """
 
     source: LiveSource
@@ -83,8 +86,9 @@ class MergedLink:
         self._systems = [_System(*one) for one in systems]
         self._now, self._settings = now, settings or MergeSettings()
         self._began_ns: int | None = now()
+        self._heard_ns = now()
         self._leader = self._systems[0]
-        self._last_ns, self._number = 0, 0
+        self._last_ns, self._number, self._lost = 0, 0, 0
         self._names: tuple[str, ...] = ()
         self._apart: dict[str, int] = {}  # markers at two places, and in how many frames in a row
 
@@ -97,7 +101,8 @@ class MergedLink:
         """The frame of the next time, if there is one soon.
 
         Raises:
-            LinkError: waiting does not help a system: it has several persons, and nobody said which.
+            LinkError: no system has sent anything for a while; or waiting does not help one of them: it has several
+                persons, and nobody said which.
         """
         before, self._leader = self._leader, self._quickest()
         last = self._leader.newest
@@ -107,13 +112,18 @@ class MergedLink:
             if health.hopeless:
                 raise LinkError(health.trouble)
             system.take()
-        if frame is None or not self._may_begin():
+        if frame is None:
+            self._look_for_silence()
+            return ()
+        self._heard_ns = self._now()
+        if not self._may_begin():
             return ()
         time_ns = self._leader.frames.newest_ns
         if time_ns is None or time_ns <= self._last_ns:
             return ()
+        lost, self._lost = self._lost, self._leader.source.health(self._heard_ns).lost
         same = before is self._leader and last is not None
-        self._number += max(1, frame.number - last.number) if same and last is not None else 1
+        self._number += 1 + (max(0, self._lost - lost) if same else 0)  # one that was newer so soon is not lost
         self._last_ns = time_ns
         return (self._merged(time_ns),)
 
@@ -125,6 +135,14 @@ class MergedLink:
         now = self._now()
         live = [one for one in self._systems if one.source.health(now).connection is Connection.LIVE]
         return max(live or self._systems[:1], key=lambda one: one.source.rate_hz)
+
+    def _look_for_silence(self) -> None:
+        now = self._now()
+        health = [system.source.health(now) for system in self._systems]
+        if now - self._heard_ns > 1e9 * SILENT_S and all(one.connection is not Connection.LIVE for one in health):
+            self._heard_ns = now
+            both = zip(health, self._systems, strict=True)
+            raise LinkError("; ".join(one.trouble or f"{system.source.title} is silent" for one, system in both))
 
     def _may_begin(self) -> bool:
         if self._began_ns is None:
@@ -138,10 +156,11 @@ class MergedLink:
         seen = list[Seen]()
         for system in self._systems:
             one = system.seen(time_ns, self._settings)
-            if system.there and one is None:
-                reason = system.source.health(self._now()).trouble or "no frame comes"
+            health = system.source.health(self._now())
+            if system.there and health.connection is not Connection.LIVE:
+                reason = health.trouble or "no frame comes"
                 LOG.warning("%s sees nothing any more (%s); the other systems go on", system.source.title, reason)
-            system.there = one is not None
+            system.there = health.connection is Connection.LIVE
             if one is not None:
                 seen.append(one)
         known = dict.fromkeys(chain(self._names, *(one.names for one in seen)))
@@ -184,8 +203,10 @@ class MergedSource(LiveSource):
         """
         self._sources = [source for source, _ in systems]
 
+        link = MergedLink(systems, scheduler.now, settings)
+
         def connect() -> Link:
-            return MergedLink(systems, scheduler.now, settings)
+            return link  # it connects to nothing itself: its frames' numbers go on
 
         rate = max(source.rate_hz for source in self._sources)
         super().__init__(title, connect if tap is None else tapped(connect, tap, scheduler.now), None, rate, scheduler)

@@ -19,6 +19,7 @@ from highfive.mocap_bridge.sources.live import Link, LiveSource
 from highfive.mocap_bridge.sources.marker_merge import MergeSettings, Seen, merge
 from highfive.mocap_bridge.sources.merged_address import merged_part
 from highfive.mocap_bridge.sources.scheme import Address
+from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
@@ -125,6 +126,21 @@ def test_where_one_system_dies_or_hides_a_marker_the_other_goes_on(caplog: pytes
             assert not seen["RWRB"]
     assert sum(at > 3.6 for at, _ in found) > 150
     assert sum("vicon://a" in record.message and "go on" in record.message for record in caplog.records) == 1
+
+
+def test_where_nobody_is_there_it_is_said_of_each() -> None:
+    with VirtualClock(3) as clock:
+
+        def connects(address: Address) -> Callable[[], Link]:
+            def connect() -> Link:
+                raise LinkError(f"nothing listens at {address.host}")
+
+            return connect
+
+        with closing(open_source(BOTH, scheduler=VirtualScheduler(clock), connects=connects)) as source:
+            assert isinstance(source, LiveSource)
+            with pytest.raises(HighFiveError, match="nothing listens at a; nothing listens at b"):
+                source.first(4.0)
 
 
 def test_a_label_that_is_swapped_in_one_system_is_said_once(caplog: pytest.LogCaptureFixture) -> None:

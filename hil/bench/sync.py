@@ -10,12 +10,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from highfive.hil.bench.sync_hosts import BEGAN_NS, EPOCH_NS, MS, WIRED, WIRELESS, Heard, Host, Network, S, heard
+from highfive.hil.bench.sync_merged import ALONE, BOTH, followed
 from highfive.hil.runtime.console import Bar
 from highfive.hil.session.kinds import VECTORS
 from highfive.hil.session.stream import Stream
 from highfive.hil.session.sync_events import Happened, SyncEvent
 from highfive.hil.session.synchroniser import Synchroniser
 from highfive.hil.sim.people.capture import CLEAN
+from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.trials.partners import simulated_partner
 from highfive.mocap_bridge.sources.ping_clock import PingClock
 from highfive.mocap_bridge.sources.stamp_clock import StampClock
@@ -45,7 +47,8 @@ def bench_sync(options: SyncOptions, bar: Bar) -> dict[str, Any]:
     """For each scenario: error and bound of a stream's time, ms; how often it began anew; s until steps are found.
 
     The error is that of a frame's time beyond the least delay, which no clock sees from one side, of every frame from
-    the first on. Three streams at one time: distance of each one's wrist from the true one, mm.
+    the first on. Three streams at one time: distance of each one's wrist from the true one, mm. Two systems on one
+    person: distances of markers and tracked palm.
 
     Raises:
         HighFiveError: too short for anything to be found.
@@ -64,13 +67,15 @@ def bench_sync(options: SyncOptions, bar: Bar) -> dict[str, Any]:
         ("long", Host(), WIRELESS, options.long_s),
     )
     found: dict[str, Any] = {}
-    done = bar("scenarios", len(cases) + 2)
+    done = bar("scenarios", len(cases) + 3)
     for part, (name, host, network, seconds) in enumerate(cases):
         found[name] = _one_way(host, network, heard(host, network, seconds, rng(part)))
         done()
     found["peer"] = _peer(options.seconds, rng(5))
     done()
     found["three_streams"] = _three_streams(options.seconds, options.seed, rng(6))
+    done()
+    found["two_systems"] = _two_systems(options.seed)
     done()
     return found
 
@@ -185,6 +190,22 @@ def _three_streams(seconds: float, seed: int, rng: np.random.Generator) -> dict[
     }
 
 
+def _two_systems(seed: int) -> dict[str, Any]:
+    """One person in each emotion before two systems that are merged, and before one that sees everything."""
+    persons = [
+        simulated_partner(emotion, "B2", 0, np.random.default_rng([seed, number]), CLEAN)
+        for number, emotion in enumerate(EMOTIONS)
+    ]
+    found: dict[str, Any] = {}
+    for name, address in (("merged", BOTH), ("one_system", ALONE)):
+        markers, palms = zip(*(followed(person, address, seed) for person in persons), strict=True)
+        found[name] = {
+            "marker_error_mm": _spread(np.concatenate(markers), 3),
+            "palm_error_mm": _spread(np.concatenate(palms), 3),
+        }
+    return found
+
+
 class Wrist:
     """Where the wrist of a simulated person is, m, at times (N,), s: high fives, there and back, without a pause."""
 
@@ -206,7 +227,7 @@ def print_sync(result: dict[str, Any]) -> None:
     """The figures, for people."""
     print("scenario        error p50 / p95 / max, ms    bound p50    within    anew (wrongly)    step found")
     for name, row in result.items():
-        if name == "three_streams":
+        if name in ("three_streams", "two_systems"):
             continue
         error = " / ".join(f"{value:7.3f}" for value in row["error_ms"].values())
         step = "-" if row["found_step_s"] is None else f"{row['found_step_s']:.2f} s"
@@ -218,3 +239,6 @@ def print_sync(result: dict[str, Any]) -> None:
     for when, error in result["three_streams"]["wrist_error_mm"].items():
         shown = " / ".join(f"{value:.2f}" for value in error.values())
         print(f"three streams at one time, {when}: wrist {shown} mm from the true one (p50 / p95 / max)")
+    for name, row in result["two_systems"].items():
+        marker, palm = (" / ".join(f"{value:.2f}" for value in one.values()) for one in row.values())
+        print(f"one person, {name.replace('_', ' ')}: markers {marker} mm, palm {palm} mm from the true ones")

@@ -133,16 +133,17 @@ class StampClock:
             at, known, drift = self._line
             self._line = at, known + above, drift
         self._frames += 1
-        self._excess += abs(above)
+        self._excess += min(abs(above), self.settings.step_ns)
 
     def _scatter(self) -> tuple[float, float]:
         """How far the line may be off: ns at the minima, and for each ns beyond them.
 
-        The minima above the line scatter more than the lowest of them, on which it rests.
+        The minima above the line scatter more than the lowest of them, on which it rests; few of them show too little
+        of it.
         """
         count = len(self._minima)
         squares = sum((offset - self._offset(stamp)) ** 2 for stamp, offset in self._minima)
-        spread = sqrt(squares / (count - 2))
+        spread = (1.2 + 5.0 / count) * sqrt(squares / (count - 2))
         seconds_ns = self._minima[-1][0] - self._minima[0][0]
         return spread, min(self.settings.drift, 4.0 * spread / max(seconds_ns, SECOND_NS))
 
@@ -178,7 +179,8 @@ class StampClock:
 
     def aged_ns(self, stamp_ns: int) -> int:
         """What the drift, as far as it is not known, has made of it since the newest minimum, ns."""
-        drift = self.settings.drift if self._spread is None else self._spread[1]
+        unknown = self.settings.drift if self._drift is None else 0.1 * self.settings.drift  # it was known before
+        drift = unknown if self._spread is None else self._spread[1]
         return round(drift * abs(stamp_ns - self.newest_ns))
 
     @property

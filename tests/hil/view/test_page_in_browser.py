@@ -60,6 +60,29 @@ def asked(page: LivePage, count: int) -> list[tuple[str, object]]:
     return found
 
 
+def test_the_hosts_time_does_not_leap_as_answers_come_and_follows_a_clock_that_is_set(page: LivePage) -> None:
+    run = """(() => {
+      const one = Object.create(highfive.connection.constructor.prototype);
+      Object.assign(one, { answers: [{ trip: 30, offset: 1012 }], offset: 0, moved: 0 });
+      const told = [one.host(0)];
+      one.answers = Array(9).fill({ trip: 4, offset: 1000 });
+      told.push(one.host(8));
+      one.answers = [...one.answers, { trip: 1, offset: OFFSET }];
+      for (let t = 16; t <= 8016; t += 8) told.push(one.host(t));
+      return told;
+    })()"""
+    with Browser((400, 300)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection")
+        better = browser.evaluate(run.replace("OFFSET", "998.5"))
+        was_set = browser.evaluate(run.replace("OFFSET", "5000"))
+    assert better[:2] == [1012.0, 1008.0]
+    steps = np.diff(better[1:])
+    assert np.all(np.abs(steps - 8.0) <= 0.0005 * 8.0 + 1e-6)
+    assert better[-1] == pytest.approx(8016 + 998.5)
+    assert was_set[2] == pytest.approx(16 + 5000)
+
+
 def test_the_page_says_what_it_has_shown_and_when(page: LivePage, trial: RecordedTrial) -> None:
     with Browser((400, 300)) as browser:
         browser.go(page.address)

@@ -211,6 +211,17 @@ def bench_headset(
     _run(json, lambda bar: bench.headset(cell, device, seed, bar))
 
 
+@app.command("sync")
+def bench_sync(
+    seconds: Annotated[float, typer.Option(help="Of virtual time, for each scenario.")] = 300.0,
+    long: Annotated[float, typer.Option(help="Seconds in which no clock may be taken for set.")] = 10_000.0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Let hosts drift, networks stall and clocks be set, in virtual time: how far off is each stream's time?"""
+    _run(json, lambda bar: bench.sync(seconds, long, seed, bar))
+
+
 @app.command("view")
 def bench_view(
     seconds: Annotated[float, typer.Option(min=1.0, help="For so long poses are counted.")] = 60.0,

@@ -161,6 +161,13 @@ def headset(cells: list[str] | None, devices: list[str] | None, seed: int, bar: 
     return Measured(bench_headset(options, bar), print_headset)
 
 
+def sync(seconds: float, long_s: float, seed: int, bar: Bar) -> Measured:
+    """Clocks of streams; see :mod:`highfive.hil.bench.sync`."""
+    from highfive.hil.bench.sync import SyncOptions, bench_sync, print_sync
+
+    return Measured(bench_sync(SyncOptions(seed, seconds, long_s), bar), print_sync)
+
+
 def webcam(every: int, latency_ms: float, hold_s: float, bar: Bar) -> Measured:
     """A webcam; see :mod:`highfive.hil.bench.webcam`."""
     from highfive.hil.bench.webcam import WebcamBenchOptions, bench_webcam, print_webcam

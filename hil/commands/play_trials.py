@@ -189,8 +189,10 @@ def _view(
 ) -> SessionView:  # fmt: skip
     from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
 
-    arm = None if watch is None else watch.joints
-    return SessionView(page, session, playout, scene, arm=arm, shown=recorder.record_shown)
+    return SessionView(
+        page, session, playout, scene, arm=None if watch is None else watch.joints,
+        shown=lambda told: recorder.record_shown(told.page, told.shown, told.bound_ns),
+    )  # fmt: skip
 
 
 def _tell_broken_off(
@@ -265,7 +267,7 @@ def _trial(
         f"{live.count} ticks, {live.late} late, {live.predicted} between frames, {live.stale} of them stale; "
         f"poses {ahead:.1f} ms ahead of the newest frame"
     )
-    result = replace(result, notes=(*result.notes, note))
+    result = replace(result, notes=(*result.notes, note, *(event.text for event in live.events)))
     if person.camera is not None:
         from highfive.hil.trials.screen_contact import seen_on_screen  # noqa: PLC0415
 

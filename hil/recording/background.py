@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from queue import Full, Queue
 from types import TracebackType
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.runtime.console import LOGGER, say_aside
+from highfive.hil.session.shown import Shown
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 
@@ -69,9 +70,9 @@ class BackgroundRecorder:
         """See :meth:`SessionRecorder.record_event`."""
         self._give(lambda: self._recorder.record_event(event, at_ns, **about), always=True)
 
-    def record_shown(self, report: Mapping[str, Any]) -> None:
+    def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
         """See :meth:`SessionRecorder.record_shown`."""
-        self._give(lambda: self._recorder.record_shown(report))
+        self._give(lambda: self._recorder.record_shown(page, shown, bound_ns))
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`SessionRecorder.record_log`."""

@@ -24,6 +24,7 @@ from highfive.hil.recording import messages, schemas, viewer_messages
 from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
 from highfive.hil.recording.sink import Sink
 from highfive.hil.runtime.clock import utc_ns
+from highfive.hil.session.shown import Shown
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, versions
@@ -210,14 +211,11 @@ class SessionRecorder:
         """
         self._add("/event", self._end if at_ns is None else self._at(at_ns), {"event": event, **about})
 
-    def record_shown(self, report: Mapping[str, Any]) -> None:
-        """What a page drew: ``page``, ``headset``, and ``rows`` of picture, pose, for when that holds and when the
-        picture was seen (ms of the session's clock), and how many poses the page was not sent so far."""
-        for frame, pose, holds_ms, shown_ms, dropped in report["rows"]:
-            shown_ns = round(1e6 * shown_ms)
-            about = {"page": report["page"], "headset": report["headset"], "frame": int(frame), "pose": int(pose)}
-            times = {"pose_ns": round(1e6 * holds_ms), "shown_ns": shown_ns}
-            self._add("/shown", self._at(shown_ns), {**about, **times, "dropped": int(dropped)})
+    def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
+        """A picture that a page says it has shown, and how far off that page's clock may be; times of the session's."""
+        about = {"page": page, "frame": shown.frame, "dropped": shown.dropped, "bound_ns": bound_ns}
+        times = {"pose_ns": shown.pose_ns, "display_ns": shown.display_ns}
+        self._add("/shown", self._at(shown.display_ns), {**about, **times})
 
     def record_log(self, level: str, text: str) -> None:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
+from highfive.hil.session.kinds import PEOPLE, POSES
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
 from highfive.hil.session.synchroniser import Synchroniser
 from highfive.hil.sim.playout import PlayOut, PlayState
@@ -41,6 +42,7 @@ def run_trial(
     """
     session.reset()
     synchroniser = Synchroniser()
+    avatar, person = synchroniser.open("avatar", POSES), synchroniser.open("person", PEOPLE)
     ticks: list[Tick] = []
     states: list[PlayState] = []
     tick_ms: list[float] = []
@@ -48,11 +50,11 @@ def run_trial(
         start = time.perf_counter_ns()
         tick = session.step(begins.frame, begins.time_ns)
         tick_ms.append(1e-6 * (time.perf_counter_ns() - start))
-        synchroniser.add(tick.time_ns, tick.pose)
-        synchroniser.add_person(tick.person)
+        avatar.add(tick.time_ns, tick.pose)
+        person.add(tick.person.time_ns, tick.person)
         moment = synchroniser.at(tick.time_ns)
         play = playout.step if states else playout.reset
-        states.append(play(moment.pose, moment.person, moment.time_ns))
+        states.append(play(moment.of(avatar).value, moment.of(person).value, moment.time_ns))
         ticks.append(tick)
         watch(tick)
         keep(begins, tick, states[-1], tick_ms[-1])

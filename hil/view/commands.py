@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 _MOST_NAMES, _LONGEST_NAME = 32, 64
-_MOST_SHOWN, _SHOWN_NUMBERS = 128, 5
 
 
 @dataclass(frozen=True)
@@ -60,21 +59,6 @@ def _weights(value: Any) -> dict[str, float] | None:
     return known if len(known) == len(value) and sum(known.values()) > 1e-6 else None
 
 
-def _shown(value: Any) -> dict[str, Any] | None:
-    """``page`` (a name of its own), ``headset``, and ``rows`` of five numbers: what it drew, picture by picture."""
-    if not isinstance(value, dict) or value.keys() != {"page", "headset", "rows"}:
-        return None
-    rows, number = value["rows"], _number(-1e15, 1e15)
-    if not (_name(value["page"]) and isinstance(value["headset"], bool) and isinstance(rows, list)):
-        return None
-    if not 0 < len(rows) <= _MOST_SHOWN:
-        return None
-    right = all(isinstance(row, list) and len(row) == _SHOWN_NUMBERS for row in rows) and all(
-        number(one) is not None for row in rows for one in row
-    )
-    return value if right else None
-
-
 COMMANDS: dict[str, Callable[[Any], Any] | None] = {
     "style": _weights,
     "cell": _name,
@@ -88,7 +72,6 @@ COMMANDS: dict[str, Callable[[Any], Any] | None] = {
     "seek": _number(0.0, 1e6),
     "speed": _number(0.01, 4.0),
     "step": _whole(-1000, 1000),
-    "shown": _shown,
 }
 """Name → what checks its value, giving None for one that is wrong; None where there is no value."""
 

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import secrets
 import select
+from collections import deque
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -15,6 +16,7 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.view.access import new_key
 from highfive.hil.view.commands import Command
 from highfive.hil.view.mailbox import mailboxes
+from highfive.hil.view.page_shown import PageShown, page_shown
 from highfive.hil.view.server import ServerOptions, run_server
 from highfive.hil.view.wire import PoseMessage, encode_poses, encode_text
 from highfive.model.errors import HighFiveError
@@ -22,6 +24,7 @@ from highfive.model.errors import HighFiveError
 PORT = 8150
 """Where the page is, unless something else is there."""
 _START_S, _CLOSE_S = 30.0, 3.0
+_MOST_SHOWN = 4096  # pictures that are kept: half a minute of a headset
 
 
 class LivePage:
@@ -63,6 +66,7 @@ class LivePage:
         self.pages = 0
         """How many look on."""
         self._commands: list[Command] = []
+        self._shown: deque[PageShown] = deque(maxlen=_MOST_SHOWN)
         self._count = 0
         run = secrets.token_hex(8)
         for chosen in (PORT, 0) if port is None else (port,):
@@ -107,6 +111,15 @@ class LivePage:
         asked, self._commands = self._commands, []
         return asked
 
+    def shown(self) -> list[PageShown]:
+        """What pages have shown since the last call, as they say: each picture, for when its pose was, and when it was
+        seen. The oldest are dropped where nobody asks.
+        """
+        self._note_all()
+        told = list(self._shown)
+        self._shown.clear()
+        return told
+
     def wait_for_page(self, seconds: float) -> bool:
         """Waits until somebody looks on; False if nobody does within ``seconds``."""
         end = self._clock.now() + round(1e9 * seconds)
@@ -149,6 +162,8 @@ class LivePage:
             self.pages = int(message["count"])
         elif message["kind"] == "command":
             self._commands.append(Command(message["name"], message["value"]))
+        elif message["kind"] == "shown":
+            self._shown.extend(page_shown(message["page"], message["bound_ms"], message["pictures"]))
 
     def _note_all(self) -> None:
         for message in self._take():

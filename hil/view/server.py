@@ -32,6 +32,7 @@ from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import parse_command
 from highfive.hil.view.mailbox import Mailbox
+from highfive.hil.view.page_shown import parse_shown
 from highfive.hil.view.pages import POLICY, TYPES, WEBCAM_POLICY, File, page_files, refusal
 from highfive.hil.view.skin_file import skin_file
 from highfive.hil.view.webcam_files import net_files
@@ -91,6 +92,7 @@ class _Page:
     """One that looks on."""
 
     connection: ServerConnection
+    number: int
     owed: deque[int] = field(default_factory=deque)
     last: int = -1
     texts: deque[str] = field(default_factory=deque)
@@ -123,6 +125,7 @@ class _Server:
         self._worn: _Page | None = None  # the headset that is tracked, and when it last sent something
         self._worn_at = 0  # ns
         self._pages: set[_Page] = set()
+        self._came = 0  # pages so far
         self._newest: bytes | None = None
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
         self._done = asyncio.Event()
@@ -213,7 +216,8 @@ class _Server:
         return (await asyncio.shield(self._made)).get(path)
 
     async def _look_on(self, connection: ServerConnection) -> None:
-        page = _Page(connection)
+        self._came += 1
+        page = _Page(connection, self._came)
         page.tell(encode_text("hello", version=VERSION, credit=CREDIT, **self._options.about))
         for text in self._kept.values():
             page.tell(text)
@@ -257,7 +261,7 @@ class _Server:
             return
 
     def _hear(self, page: _Page, message: str | bytes) -> None:
-        """An acknowledgement (4 bytes), what a headset or a camera tracks, a question, or a command.
+        """An acknowledgement (4 bytes), what a headset or a camera tracks, what was shown, a question, or a command.
 
         All else is dropped.
         """
@@ -274,6 +278,11 @@ class _Server:
         if self._options.about.get("webcam") and _asks_for_camera(message):
             self._camera = self._camera or page  # one at a time: two people's hands are never mixed
             page.tell(encode_text("camera", granted=self._camera is page))
+            return
+        shown = parse_shown(message)
+        if shown is not None:  # a later one says more than it would: nothing waits for it
+            text = encode_text("shown", page=page.number, bound_ms=shown[0], pictures=shown[1])
+            self._mailbox.put_newest(text.encode())
             return
         command = parse_command(message)
         if command is not None:

@@ -20,6 +20,7 @@ from highfive.hil.view.commands import Command
 from highfive.hil.view.ellipsoid import ellipsoid
 from highfive.hil.view.interruption import Interruption
 from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.page_shown import PageShown
 from highfive.hil.view.wire import PoseMessage
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.errors import HighFiveError
@@ -45,9 +46,9 @@ class SessionView:
     def __init__(
         self, page: LivePage, session: Session, playout: PlayOut, scene: Scene, *,
         arm: Callable[[], tuple[Array, Array] | None] | None = None, clock: Clock = MACHINE,
-        shown: Callable[[Mapping[str, Any]], None] = lambda report: None,
+        shown: Callable[[PageShown], None] = lambda picture: None,
     ) -> None:  # fmt: skip
-        """Of a session that plays in ``playout``; ``shown`` is given what pages report of what they drew.
+        """Of a session that plays in ``playout``; ``shown`` is given each picture that a page says it has shown.
 
         With an ``arm``, of which it gives the joints (J,), rad, as measured and as wanted, a high five is never broken
         off for a wish.
@@ -98,6 +99,8 @@ class SessionView:
             Interruption: somebody wants another high five, or the end.
         """
         self._obey()
+        for picture in self._page.shown():
+            self._shown(picture)
         data, markers = self._playout.data, tick.markers
         self._latest = PoseMessage(
             0, self._begins_ns, self._captured_ns, 0, 1.0, 1e-9 * tick.time_ns,
@@ -156,8 +159,6 @@ class SessionView:
                 self.cell = command.value
             case "next" | "again" | "end":
                 self._wish = command.name
-            case "shown":
-                self._shown(command.value)
             case _:  # what only recordings know; the emergency stop was pulled already
                 pass
 

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.sources.live import Link, LiveSource
+from highfive.mocap_bridge.sources.merged import MergedSource
+from highfive.mocap_bridge.sources.merged_address import merged_part, parts_of
 from highfive.mocap_bridge.sources.registry import examples, is_known, scheme_named
 from highfive.mocap_bridge.sources.scheduler import THREADS, Now, Scheduler
-from highfive.mocap_bridge.sources.scheme import FILE, Address, Scheme
+from highfive.mocap_bridge.sources.scheme import FILE, MERGED, Address, Scheme
 from highfive.mocap_bridge.sources.source import C3DSource, Source
 from highfive.mocap_bridge.sources.tap import Tap, tapped
 from highfive.model.errors import HighFiveError
+
+MERGES = "vicon://192.168.10.1+qtm://192.168.10.2?at=1.2,0.4,0,90"
+"""How systems that see one person are joined."""
 
 WEBCAM = "webcam"
 """The camera of whoever has the live page of ``highfive simulate`` open; ``webcam?hand=left`` follows a left hand."""
@@ -33,6 +39,8 @@ def parse_address(text: str) -> Address:
     Raises:
         HighFiveError: an unknown scheme or option, no host, a port or value that is none.
     """
+    if len(parts := parts_of(text)) > 1:
+        return _merged(text, parts)
     name, _, options = text.strip().partition("?")
     if name.lower() == "headset":  # there is one page: its headset needs no further name
         text = f"headset://page{options and '?' + options}"
@@ -60,6 +68,19 @@ def parse_address(text: str) -> Address:
     if len(dict(options)) != len(options):
         raise HighFiveError(f"address {text!r} gives an option twice")
     return Address(scheme, host, port or kind.port, {k: _checked(text, kind, k, v) for k, v in options})
+
+
+def _merged(text: str, parts: tuple[str, ...]) -> Address:
+    """The address of several systems, of which each has been looked at."""
+    seen = set[str]()
+    for part in parts:
+        address = parse_address(merged_part(part).address)
+        if address.scheme in (FILE, WEBCAM, "headset"):
+            raise HighFiveError(f"{part!r} is not merged with another: expected systems of the network, as in {MERGES}")
+        if str(address) in seen:
+            raise HighFiveError(f"address {text!r} names {address} twice; name each system once")
+        seen.add(str(address))
+    return Address(MERGED, text.strip())
 
 
 def _host(text: str, rest: str, kind: Scheme) -> tuple[str, int, str]:
@@ -97,6 +118,8 @@ def connector(address: Address, now: Now = THREADS.now) -> Callable[[], Link]:
     needed."""
     if address.scheme == FILE:
         raise HighFiveError(f"{address} is no live system")
+    if address.scheme == MERGED:
+        raise HighFiveError(f"{address} is of several systems; connect to each of them")
     if address.scheme == WEBCAM:
         raise HighFiveError("a webcam is seen by the live page alone: highfive simulate --source webcam")
     return scheme_named(address.scheme).connector(address, now)
@@ -129,7 +152,17 @@ def open_source(
             raise HighFiveError(f"{address} is a recording already; recording goes with a live system")
         recording = read_c3d(address.host).person(person)
         return C3DSource(recording, rate_hz or recording.rate_hz, start_ns=scheduler.now())
-    connect = connector(address, scheduler.now) if connects is None else connects(address)
+    connects = connects or partial(connector, now=scheduler.now)
+    if address.scheme == MERGED:
+        parts = [merged_part(part) for part in parts_of(address.host)]
+        addresses = [parse_address(part.address) for part in parts]
+        connecting = [connects(one) for one in addresses]  # all of them are known before the first thread runs
+        systems = [
+            (LiveSource(str(one), connect, part.person or person, rate_hz or 120.0, scheduler), part.placed)
+            for one, connect, part in zip(addresses, connecting, parts, strict=True)
+        ]
+        return MergedSource(str(address), systems, tap, scheduler)
+    connect = connects(address)
     if tap is not None:
         connect = tapped(connect, tap, scheduler.now)
     return LiveSource(str(address), connect, person, rate_hz or 120.0, scheduler)

@@ -18,6 +18,7 @@ from highfive.mocap_bridge.sources.frame_check import check_frame, checked_rate
 from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
 from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.sources.stamp_clock import StampClock
+from highfive.mocap_bridge.sources.steady_time import ClockEstimate, SteadyTime
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, spans
 from highfive.model.errors import HighFiveError
@@ -99,6 +100,8 @@ class LiveSource:
         self._number: int | None = None  # of the newest frame that came, whether it could be used or not
         self._received = self._lost = self._refused = self._impossible = 0
         self._stamps = StampClock()
+        self._steady = SteadyTime(self._stamps)
+        self._resynchronised = 0, 0
         self._stamped: int | None = None
         self._period_ns = 1e9 / rate_hz  # of the frames, by their stamps
         self._came = 0, 0  # frames, and when the newest of them arrived, ns: read together
@@ -126,12 +129,28 @@ class LiveSource:
         """From frame to frame by the system's stamps, averaged over some tens of them, ns."""
         return self._period_ns
 
+    @property
+    def title(self) -> str:
+        """The system's address, for messages."""
+        return self._title
+
+    @property
+    def stamps(self) -> ClockEstimate:
+        """The system's clock by the arrivals of its frames; the source keeps it up to date."""
+        return self._stamps
+
+    @property
+    def resynchronised(self) -> tuple[int, int]:
+        """How often the system's clock, or this one, was set, and by how much that moved the frames' times, ns."""
+        return self._resynchronised
+
     def captured(self, frame: MarkerFrame) -> int:
-        """When the cameras saw a frame, ns of this process's monotonic clock.
+        """When the cameras saw a frame, ns of this process's monotonic clock; it does not go back from frame to frame,
+        unless a clock was set (:attr:`resynchronised`).
 
         What the least delay of network and system is beyond what the system reports of it, nobody here can know.
         """
-        stamp = frame.source_time_ns if frame.own_clock else self._stamps.local(frame.source_time_ns)
+        stamp = frame.source_time_ns if frame.own_clock else self._steady.foreseen(frame.source_time_ns)
         return stamp - frame.latency_ns
 
     def wait(self, seen: MarkerFrame | None, timeout_s: float) -> MarkerFrame | None:
@@ -243,7 +262,7 @@ class LiveSource:
         if newest is None:
             return
         self._came = self._received, now
-        self._stamps.update(newest.source_time_ns, now)
+        self._follow_clock(newest.source_time_ns, now)
         try:
             newest = replace(self._of_person(newest), arrival_time_ns=now)
         except HighFiveError as error:
@@ -255,6 +274,14 @@ class LiveSource:
         with self._changed:
             self._newest, self._trouble, self._hopeless = newest, "", False
             self._changed.notify_all()
+
+    def _follow_clock(self, stamp_ns: int, now: int) -> None:
+        """Learns of the system's clock; where one was set, by how much."""
+        self._stamps.update(stamp_ns, now)
+        foreseen = self._steady.foreseen(stamp_ns)
+        time_ns = self._steady.local(stamp_ns)
+        if self._stamps.resets != self._resynchronised[0]:
+            self._resynchronised = self._stamps.resets, time_ns - foreseen
 
     def _pace(self, frame: MarkerFrame, step: int) -> None:
         """Averages the period of the frames; a gap in their numbers does not count."""

@@ -5,6 +5,8 @@ exchanged with the sender, what has to be added to get this machine's LSL clock;
 monotonic clock differ by a constant, which is measured when the connection is made. The sum of the three is the
 ``source_time_ns`` of a frame: on one machine the age of a frame is right to some 0.02 ms, over a network to the
 asymmetry of its delays (below 1 ms). The library renews the estimate every two seconds; it is taken over gradually.
+Where a stream states its ``compensated_lag``, its stamps are when the cameras saw; otherwise they are known to be of
+some time before the sample arrived, and no more.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ TYPE = "MoCap"
 _MOST = 512  # samples that are taken at once
 _KEPT_S = 1  # what is older is dropped by the library
 _RENEWED_S = 1.0  # how often the clock offset is requested
+_EARLY_S, _OLD_S = 0.002, 1.0  # of a sample when it comes: no more than clocks are off, and no older
 _SLEW = 0.02  # share of the way to a new clock offset that is gone a time
 _configured = threading.Lock()
 _FILES = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
@@ -110,9 +113,10 @@ class LslLink:
         self._layout = parse_description(full.as_xml(), full.channel_count())
         rate = full.nominal_srate()
         self._rate_hz = float(rate) if 0.0 < rate < 1e6 else 0.0
+        self._captured = self._layout.captured
         self._counter = counter
         counter.set_rate(self._rate_hz)
-        self._to_monotonic_s = _clock_minus_lsl(self._clock)
+        self._to_monotonic_s = clock_minus_lsl(self._clock)
         self._correction = self._newest_correction = self._inlet.time_correction(timeout_s)
         self._renewed = self._clock()
         self._inlet.open_stream(timeout_s)
@@ -139,6 +143,9 @@ class LslLink:
         column = self._layout.frame_column
         stated = np.full(len(points), np.nan) if column < 0 else np.asarray(samples)[:, column].astype(float)
         nothing = np.zeros((0, 3))
+        times = checked_times(np.asarray(stamps)) + offset
+        # Whoever puts stamps back may do so on another clock than LSL's: then they are as good as any other stamps.
+        self._captured &= bool(np.all((times < arrival + _EARLY_S) & (times > arrival - _OLD_S)))
         return [
             MarkerFrame(
                 names=self._layout.names,
@@ -150,8 +157,9 @@ class LslLink:
                 unlabelled=nothing,
                 counted=column >= 0,
                 impossible=int(impossible[k]),
+                own_clock=self._captured,
             )
-            for k, time_s in enumerate(checked_times(np.asarray(stamps)) + offset)
+            for k, time_s in enumerate(times)
         ]
 
     def close(self) -> None:
@@ -169,7 +177,7 @@ class LslLink:
         return self._correction + self._to_monotonic_s
 
 
-def _clock_minus_lsl(clock: Callable[[], float]) -> float:
+def clock_minus_lsl(clock: Callable[[], float]) -> float:
     """This process's clock minus LSL's, s: of several readings the one that took least time."""
     readings = []
     for _ in range(9):

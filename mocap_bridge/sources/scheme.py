@@ -14,6 +14,9 @@ from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 FILE = "file"
 """Scheme of an address that is the path of a C3D file."""
 
+MERGED = "merged"
+"""Scheme of an address that is of several systems: :mod:`highfive.mocap_bridge.sources.merged_address`."""
+
 UP: Mapping[str, tuple[str, ...]] = MappingProxyType({"up": ("y", "z")})
 """The option of protocols that do not say which axis points up."""
 
@@ -24,7 +27,8 @@ class Address:
 
     Attributes:
         scheme: name of a protocol, see :mod:`highfive.mocap_bridge.sources.registry`, or :data:`FILE`.
-        host: name or number of the machine; of a protocol that names streams the stream; of a file its path.
+        host: name or number of the machine; of a protocol that names streams the stream; of a file its path; of several
+            systems the whole address.
         port: TCP or UDP port; 0 where there is none.
         options: what followed the question mark.
     """
@@ -36,7 +40,7 @@ class Address:
 
     def __str__(self) -> str:
         """The address as it is written; :func:`highfive.mocap_bridge.sources.address.parse_address` reads it back."""
-        if self.scheme == FILE:
+        if self.scheme in (FILE, MERGED):
             return self.host
         host = f"[{self.host}]" if self.port and ":" in self.host else self.host if self.port else quote(self.host, "")
         port = f":{self.port}" if self.port else ""

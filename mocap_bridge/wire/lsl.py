@@ -52,6 +52,8 @@ class Layout:
         factors: (M, 3) m for one unit of each channel.
         frame_column: channel that holds the frame number, or -1.
         channels: channels a sample has.
+        captured: samples are stamped with when the cameras saw them: XDF's ``acquisition/compensated_lag`` is the lag
+            that time stamps have already been put back by.
     """
 
     names: tuple[str, ...]
@@ -59,6 +61,7 @@ class Layout:
     factors: Array
     frame_column: int
     channels: int
+    captured: bool = False
 
 
 def parse_description(xml: str, channels: int) -> Layout:
@@ -99,6 +102,7 @@ def parse_description(xml: str, channels: int) -> Layout:
         factors=np.array([[axes[a][1] for a in "xyz"] for axes in whole.values()]),
         frame_column=frame_column,
         channels=channels,
+        captured=_compensated(xml),
     )
 
 
@@ -116,6 +120,14 @@ def _channels(xml: str, channels: int) -> list[ElementTree.Element]:
     if len(described) > channels:
         raise DescriptionError(f"the stream describes {len(described)} channels, but has {channels}")
     return described
+
+
+def _compensated(xml: str) -> bool:
+    """Whether the sender says by how much it puts its time stamps back; the amount is of no matter then."""
+    try:
+        return math.isfinite(float(ElementTree.fromstring(xml).findtext("desc/acquisition/compensated_lag", "")))
+    except ValueError:
+        return False
 
 
 def _text(channel: ElementTree.Element, name: str) -> str:

@@ -1,6 +1,7 @@
 // The link to the server: the newest poses, texts in order, the host's clock. Reconnects by itself.
 
 const VERSION = 2, HEAD = 40, RETRY_MS = 500, ASK_MS = 1000, KEPT = 10, MOST_WAITING = 3000;
+const SLEW = 0.0005, SET_MS = 20;  // how quickly a better answer is followed, as a fraction, and what says that a clock was set
 
 /** A pose message; times in ms of the host's monotonic clock. */
 export function decodePoses(buffer) {
@@ -21,6 +22,7 @@ export class Connection {
   constructor(listeners) {
     this.listeners = listeners;
     this.answers = [];  // round trip and offset of the last questions for the time
+    this.offset = this.moved = 0;  // what is added to this page's time, ms, and until when it was moved
     this.counts = { poses: 0, lost: 0, latencies: [] };
     this.last = null;
     this.open();
@@ -57,6 +59,11 @@ export class Connection {
   }
 
   ask() { this.send({ kind: "time", asked: performance.now() }); }
+
+  /** Pictures as [number, pose's time, time seen, dropped], ms of the host's clock: the only proof of what was seen. */
+  tellShown(pictures) {
+    if (pictures.length && this.synchronised) this.send({ kind: "shown", bound_ms: this.best().trip / 2, pictures });
+  }
 
   command(name, value) { this.send({ kind: "command", name, value }); }
 
@@ -102,11 +109,19 @@ export class Connection {
     if (this.answers.length && counts.latencies.length < 20000) counts.latencies.push(this.host(now) - poses.sent);
   }
 
-  /** Host time, ms, of a time of performance.now(): by the answer that took least. */
+  /** Host time, ms, of a time of performance.now(): by the answer that took least, which is followed slowly once there are
+   *  many: what is drawn and tracked by it must not leap. */
   host(now) {
     if (!this.answers.length) return now;
-    return now + this.answers.reduce((best, one) => (one.trip < best.trip ? one : best)).offset;
+    const gap = this.best().offset - this.offset, passed = Math.max(now - this.moved, 0);
+    const slow = this.answers.length >= KEPT && Math.abs(gap) < SET_MS;  // else, as at the beginning, at once
+    this.offset += slow ? Math.max(-SLEW * passed, Math.min(gap, SLEW * passed)) : gap;
+    this.moved = Math.max(now, this.moved);
+    return now + this.offset;
   }
+
+  /** The answer that took least: half of its trip is how far its offset can be off. */
+  best() { return this.answers.reduce((best, one) => (one.trip < best.trip ? one : best)); }
 
   get synchronised() { return this.answers.length > 0; }
 }

@@ -17,7 +17,7 @@ const BROKEN = {  // at the top right, and across the picture
   full: ["full", "Too many pages look on already: close one."],
   old: ["old page", "This page is of another version of High Five: reload it."],
 };
-const FROZEN_MS = 250, JUDGED_MS = 2500, CHARTS_MS = 100;
+const FROZEN_MS = 250, JUDGED_MS = 2500, CHARTS_MS = 100, TOLD_MS = 250, MOST_TOLD = 128;
 
 let lasting = "";  // what holds for as long as the page is open
 const notice = (text) => { const place = byId("notice"); place.textContent = text || lasting; place.hidden = !(text || lasting); };
@@ -71,7 +71,6 @@ const heard = {
     controls.begin(text);
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
-    reports.wanted = text.mode === "session";
     byId("partners").hidden = !text.rig;
     notice(text.tracks && !text.space?.rotation && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
     behind = Boolean(text.tracks) && text.hand === "left";
@@ -178,22 +177,10 @@ if (stage) keepClear(["figures", "timeline", "controls", "panels", "caption"].ma
 
 setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);
 
-/** What was on the screen, and when: the host records it. Of each picture its number, the pose that it rests on, for when
- * that holds, when the picture is seen (ms of the host's clock), and how many poses this page was not sent so far. */
-const reports = { wanted: false, page: Math.random().toString(36).slice(2, 10), headset: false, count: 0, rows: [] };
-const MICROS = 1000, REPORT_MS = 250, MOST_REPORTED = 128;
-function report(shownAt) {
-  const { number, holds } = motion.newest, row = [number, Math.round(holds * MICROS) / MICROS, Math.round(shownAt * MICROS) / MICROS];
-  if (reports.rows.length < MOST_REPORTED) reports.rows.push([reports.count, ...row, connection.counts.lost]);
-  reports.count += 1;
-}
-setInterval(() => {
-  const rows = reports.rows.splice(0);
-  if (rows.length) connection.command("shown", { page: reports.page, headset: reports.headset, rows });
-}, REPORT_MS);
-
-const drawn = { frames: 0, since: performance.now(), ages: [], frame: 16, before: 0 };
+const drawn = { frames: 0, since: performance.now(), ages: [], frame: 16, before: 0, number: 0, told: [] };
 function frame(now, seen) {
+  const gap = now - drawn.before;  // a tab that was hidden has dropped nothing
+  const dropped = gap < 1000 ? Math.max(Math.round(gap / drawn.frame) - 1, 0) : 0;
   drawn.frame += 0.1 * (Math.min(now - drawn.before, 50) - drawn.frame);
   drawn.before = now;
   // When this picture is on the screen: a headset says so.
@@ -202,11 +189,10 @@ function frame(now, seen) {
   if (shown && stage) {
     stage.pose(shown.bodies);
     stage.showMarkers(motion.newest.markers, motion.newest.seen);
+    if (drawn.told.length < MOST_TOLD && connection.synchronised) drawn.told.push([drawn.number, shown.holds, time, dropped]);
     if (motion.newest.captured) drawn.ages.push(time - motion.newest.captured);
     if (drawn.ages.length > 600) drawn.ages.shift();
     passContact(motion.newest.time);
-    reports.headset = Boolean(seen);
-    if (reports.wanted && connection.synchronised) report(time);
   }
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
   const status = linked !== "good" ? "" : stale ? "no new poses" : "live";
@@ -217,7 +203,9 @@ function frame(now, seen) {
   if (stage && stage.ready) stage.draw(now);
   if (stage && stage.values) document.body.classList.add("shown");
   drawn.frames += 1;
+  drawn.number += 1;
 }
+setInterval(() => connection.tellShown(drawn.told.splice(0)), TOLD_MS);
 if (stage) {
   stage.renderer.setAnimationLoop(frame);
 } else {

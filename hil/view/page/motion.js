@@ -12,16 +12,16 @@ export class Motion {
     this.shown = new Float32Array(poses.bodies.length);
   }
 
-  /** Bodies (7 floats each) at a time of the host's clock, ms; and how old, ms, the newest pose is then. */
+  /** Bodies (7 floats each) at a time of the host's clock, ms; for when they are; and how old, ms, the newest pose is. */
   at(time) {
     const { before, newest } = this;
     if (!newest) return null;
     const age = time - newest.holds;
     const span = before ? newest.holds - before.holds : 0;
-    if (!before || newest.rate === 0 || span <= 0 || span > LONGEST_GAP) return { bodies: newest.bodies, age };
-    const share = (Math.min(time, newest.holds + FURTHEST) - before.holds) / span;
-    mix(before.bodies, newest.bodies, Math.max(share, 0), this.shown);
-    return { bodies: this.shown, age };
+    if (!before || newest.rate === 0 || span <= 0 || span > LONGEST_GAP) return { bodies: newest.bodies, age, holds: newest.holds };
+    const holds = Math.max(Math.min(time, newest.holds + FURTHEST), before.holds);
+    mix(before.bodies, newest.bodies, (holds - before.holds) / span, this.shown);
+    return { bodies: this.shown, age, holds };
   }
 }
 

@@ -14,6 +14,7 @@ from trial_results import some_results
 
 from highfive.hil.recording.recorder import CHUNK_NS, SessionRecorder
 from highfive.hil.recording.recording import read_recording
+from highfive.hil.session.shown import Shown
 from highfive.hil.trials.summary import SessionSettings
 from highfive.model.errors import HighFiveError
 
@@ -178,6 +179,7 @@ from trial_results import simulated_result
 from highfive.hil.recording.recorder import SessionRecorder
 from recorded_trials import record_trial
 from highfive.hil.sim.scene import build_scene
+from highfive.hil.session.shown import Shown
 from highfive.hil.trials.summary import SessionSettings
 result = simulated_result(build_scene(), 0, "angry", "B2")
 recorder = SessionRecorder(Path(sys.argv[2]), SessionSettings(seed=0, model="m", trials=1))
@@ -204,12 +206,11 @@ def test_what_pages_showed_is_recorded_at_the_time_at_which_it_was_seen(result, 
     path = tmp_path / "shown.mcap"
     with SessionRecorder(path, SETTINGS) as recorder:
         record_trial(recorder, result, from_ns=5_000_000_000)
-        rows = [[0, 12, 5100.0, 5116.25, 0], [1, 14, 5116.7, 5133.0, 1]]
-        recorder.record_shown({"page": "a1", "headset": True, "rows": rows})
+        recorder.record_shown(2, Shown(7, 5_100_000_000, 5_116_250_000), 300_000)
+        recorder.record_shown(2, Shown(9, 5_116_700_000, 5_133_000_000, 1), 300_000)
     first, second = read_recording(path).channels["/shown"]
     assert first.time_ns == 116_250_000 and second.time_ns == 133_000_000
     assert first.data == {
-        "page": "a1", "headset": True, "frame": 0, "pose": 12, "pose_ns": 5_100_000_000, "shown_ns": 5_116_250_000,
-        "dropped": 0,
+        "page": 2, "frame": 7, "pose_ns": 5_100_000_000, "display_ns": 5_116_250_000, "dropped": 0, "bound_ns": 300_000,
     }  # fmt: skip
     assert second.data["dropped"] == 1

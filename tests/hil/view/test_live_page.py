@@ -13,6 +13,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from highfive.hil.drivers.latch import Cause, Latch
+from highfive.hil.session.shown import Shown, shown_figures
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.pages import page_files
 from highfive.hil.view.server import CREDIT, MOST_A_SECOND
@@ -143,6 +144,36 @@ def test_commands_reach_the_host_and_nothing_else_does(page: LivePage) -> None:
         assert texts_until(link, "time")["asked"] == 12.5
         asked = page.commands()
         assert [(one.name, one.value) for one in asked] == [("style", {"angry": 1.0})]
+
+
+def test_what_pages_have_shown_reaches_the_host_by_page_and_nothing_like_it_does(page: LivePage) -> None:
+    wrong = (
+        [], [[1, 2.0, 3.0]], [[1, 2.0, 3.0, -1]], [[1, None, 3.0, 0]], [[1.5, 2.0, 3.0, 0]], [[True, 2.0, 3.0, 0]],
+        [[1, 1e300, 3.0, 0]], [[1, 2.0, 3.0, 0]] * 1000, "no", {"a": 1}, [["1", 2.0, 3.0, 0]],
+    )  # fmt: skip
+    with live(page) as one, live(page) as other:
+        for pictures in wrong:
+            one.send(json.dumps({"kind": "shown", "bound_ms": 0.5, "pictures": pictures}))
+        one.send(json.dumps({"kind": "shown", "bound_ms": -1.0, "pictures": [[1, 2.0, 3.0, 0]]}))
+        one.send(json.dumps({"kind": "shown", "pictures": [[1, 2.0, 3.0, 0]]}))
+        one.send(
+            json.dumps({"kind": "shown", "bound_ms": 0.25, "pictures": [[7, 1000.5, 1008.25, 0], [8, 1016, 1024.5, 2]]})
+        )
+        other.send(json.dumps({"kind": "shown", "bound_ms": 1, "pictures": [[0, 1000.0, 1010.0, 0]]}))
+        told, end = [], time.monotonic() + 10.0
+        while len(told) < 3 and time.monotonic() < end:
+            told += page.shown()
+    by_page = {number: [one for one in told if one.page == number] for number in {one.page for one in told}}
+    assert sorted(map(len, by_page.values())) == [1, 2]
+    both = next(found for found in by_page.values() if len(found) == 2)
+    assert [one.shown for one in both] == [
+        Shown(7, 1_000_500_000, 1_008_250_000, 0), Shown(8, 1_016_000_000, 1_024_500_000, 2)
+    ]  # fmt: skip
+    assert both[0].bound_ns == 250_000
+    assert shown_figures([one.shown for one in both]) == {
+        "pictures": 2, "dropped": 2, "late_ms": {"p50": 8.125, "p95": pytest.approx(8.4625)},
+    }  # fmt: skip
+    assert page.shown() == []
 
 
 def test_the_emergency_stop_is_pulled_by_the_server_itself(page: LivePage, estop: Latch) -> None:

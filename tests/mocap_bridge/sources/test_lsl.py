@@ -152,3 +152,28 @@ def test_streams_that_are_none() -> None:
         del outlet
     with pytest.raises(HighFiveError, match="markers"):
         LslServer((), 120.0, "Empty")
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_stamps_that_are_put_back_are_when_the_cameras_saw(stated: bool) -> None:
+    name = f"Put back {stated}"
+    info = pylsl.StreamInfo(name, "MoCap", 3, 100.0, pylsl.cf_double64, name)
+    channels = info.desc().append_child("channels")
+    for axis in "XYZ":
+        channels.append_child("channel").append_child_value("label", f"RFIN_{axis}")
+    if stated:
+        info.desc().append_child("acquisition").append_child_value("compensated_lag", "0.05")
+    outlet, late_ns = pylsl.StreamOutlet(info), list[int]()
+    source = LiveSource(name, lambda: connect_lsl(name))
+    try:
+        frame, until = None, time.monotonic() + 8.0
+        while len(late_ns) < 20 and time.monotonic() < until:
+            outlet.push_sample([0.1, 0.2, 1.0], pylsl.local_clock() - 0.05)
+            newer = source.wait(frame, 0.01)
+            if newer is not None:
+                frame = newer
+                late_ns.append(frame.arrival_time_ns - source.captured(frame))
+    finally:
+        source.close()
+    assert len(late_ns) == 20
+    assert (float(np.median(late_ns)) > 45e6) is stated

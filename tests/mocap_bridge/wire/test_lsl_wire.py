@@ -292,3 +292,20 @@ def test_settings_keep_what_the_user_set_and_stay_on_this_machine() -> None:
     assert "10.0.0.7" not in narrow
     assert "ResolveScope = machine" in narrow
     assert "ResolveScope = machine" in library_settings("no [ settings at all", local_only=True)
+
+
+@pytest.mark.parametrize(
+    ("stated", "captured"),
+    [
+        ("<acquisition><compensated_lag>0.008</compensated_lag></acquisition>", True),
+        ("<acquisition><compensated_lag>0</compensated_lag></acquisition>", True),
+        ("<acquisition><compensated_lag>unknown</compensated_lag></acquisition>", False),
+        ("<acquisition><compensated_lag>nan</compensated_lag></acquisition>", False),
+        ("<acquisition/>", False),
+        ("", False),
+    ],
+)
+def test_who_states_the_lag_of_stamps_has_put_them_back(stated: str, captured: bool) -> None:
+    labels = "".join(f"<channel><label>RFIN_{axis}</label></channel>" for axis in "XYZ")
+    xml = f"<info><desc><channels>{labels}</channels>{stated}</desc></info>"
+    assert parse_description(xml, 3).captured is captured

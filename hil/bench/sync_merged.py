@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from highfive.hil.bench.live_people import BEFORE_S, FrameLink, System, frames_of
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
+from highfive.hil.bench.live_people import BEFORE_S, System, frames_of
 from highfive.hil.bench.sync_hosts import S
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
@@ -45,7 +46,7 @@ def followed(person: Partner, address: str, seed: int) -> tuple[Array, Array]:
     with VirtualClock(seed) as clock:
         begins = clock.now() + S // 10
         links = {
-            name: FrameLink(clock, one.rate_hz, _sent(person, name, address, begins, seed))
+            name: FrameLink(clock, one.rate_hz, SentFrames(_sent(person, name, address, begins, seed)))
             for name, one in SYSTEMS.items()
         }
 

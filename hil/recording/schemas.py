@@ -107,7 +107,8 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
     ),
     "/shown": (
         "high_five.Shown",
-        {"page": _WHOLE, "frame": _WHOLE, "pose_ns": _WHOLE, "display_ns": _WHOLE, "dropped": _WHOLE, "bound_ns": _WHOLE},
+        {"page": _WHOLE, "frame": _WHOLE, "pose_ns": _WHOLE, "display_ns": _WHOLE, "dropped": _WHOLE,
+         "bound_ns": _WHOLE},
     ),
     "/event": (
         "high_five.Event",

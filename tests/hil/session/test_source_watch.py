@@ -5,7 +5,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from highfive.hil.bench.live_people import FrameLink
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.session.source_watch import SourceWatch
@@ -29,7 +29,7 @@ def test_a_clock_that_is_set_is_told_once_and_time_goes_forward_but_for_that(mov
             )
             for k in range(1200)
         ]  # fmt: skip
-        link = FrameLink(clock, 100.0, frames)
+        link = FrameLink(clock, 100.0, SentFrames(frames))
         with closing(LiveSource("lab", lambda: link, None, 100.0, VirtualScheduler(clock))) as source:
             watch, frame, before, back, off = SourceWatch(source, told.append), None, 0, 0, []
             while clock.now() < begins + round(11.9 * S):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from highfive.hil.bench.live_people import FrameLink
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -62,7 +62,8 @@ def watched(
     with VirtualClock(3) as clock:
         begins = clock.now() + 50 * MS
         links: dict[str, Link] = {
-            "vicon": FrameLink(clock, 120.0, first(begins)), "qtm": FrameLink(clock, 100.0, second(begins))
+            "vicon": FrameLink(clock, 120.0, SentFrames(first(begins))),
+            "qtm": FrameLink(clock, 100.0, SentFrames(second(begins))),
         }  # fmt: skip
 
         def connects(address: Address) -> Callable[[], Link]:

@@ -12,9 +12,10 @@ import numpy as np
 
 from highfive.hil.commands.programme import Programme
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.publish.outputs import SessionOutputs
 from highfive.hil.recording.recorded_tick import recorded_tick
 from highfive.hil.recording.recorder import TrialHead
+from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
@@ -53,7 +54,7 @@ def play(
     scene: Scene,
     partners: list[Partner],
     person: LivePerson | None,
-    recorder: BackgroundRecorder,
+    recorder: SessionOutputs,
     bar: Bar,
     watch: ArmWatch | None,
     page: LivePage | None,
@@ -80,7 +81,7 @@ def play(
                 called, number = style_name(style), programme.number
                 try:
                     programme.begin(partner, style)
-                    paced = person is not None or watch is not None or view is not None
+                    paced = recorder.paced or person is not None or watch is not None or view is not None
                     kept = _Kept(recorder, TrialHead(number, partner, called, paced), watch)
                     result, trouble = _trial(number, partner, called, session, playout, person, watch, view, kept)
                 except Interruption as asked:
@@ -117,8 +118,9 @@ def play(
 class _Kept:
     """A high five on its way into the recording, tick by tick."""
 
-    def __init__(self, recorder: BackgroundRecorder, head: TrialHead, watch: ArmWatch | None) -> None:
+    def __init__(self, recorder: SessionOutputs, head: TrialHead, watch: ArmWatch | None) -> None:
         """Begins with the first tick."""
+        self.paced = head.paced
         self._recorder, self._head, self._watch = recorder, head, watch
         self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
         self._begun = False
@@ -152,7 +154,7 @@ def _view(page: LivePage, session: Session, playout: PlayOut, scene: Scene, watc
 
 
 def _tell_broken_off(
-    number: int, trouble: str, recorder: BackgroundRecorder, watch: ArmWatch | None, *, first: bool
+    number: int, trouble: str, recorder: SessionOutputs, watch: ArmWatch | None, *, first: bool
 ) -> None:
     """A high five that was broken off.
 
@@ -191,7 +193,7 @@ def _trial(
     kept: _Kept,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
-    if person is None and watch is None and view is None:
+    if not kept.paced:
         return run_trial(number, partner, session, playout, keep=kept), ""
     try:
         if watch is not None:
@@ -231,9 +233,8 @@ def _trial(
 def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None) -> Iterable[TickInput]:
     """The partner's recording at the pace of the clock; the arm's, where there is one."""
     source = C3DSource(partner.recording, RATE_HZ)
-    if watch is not None:
-        from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
+    if watch is None and view is not None:
+        return as_captured(view.in_time(source))
+    from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
 
-        return as_captured(at_their_time(source, watch.loop.clock))
-    assert view is not None
-    return as_captured(view.in_time(source))
+    return as_captured(at_their_time(source, MACHINE if watch is None else watch.loop.clock))

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options
 from highfive.hil.commands.play_trials import Played, play
+from highfive.hil.commands.session_outputs import check_output_options, open_outlets, open_publishers, session_outputs
 from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
@@ -73,6 +74,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     options = with_page(options) if worn else options
     with ExitStack() as stack:
         check_live_options(options, live)
+        check_output_options(options)
         if options.view is not None and options.arm is not None and options.arm.port == "virtual":
             raise HighFiveError(
                 "--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated"
@@ -92,6 +94,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             net_files()  # are they there?
         model, scene, watch, page, person = _model(options, bar), build_scene(), None, None, None
         with ExitStack() as parts:
+            publishers = open_publishers(options, parts)
             if worn:  # the page is what tracks her
                 watch = _arm_watch(options, bar, load_marker_set(SCHEME), parts)
                 page = _page(options, model, watch, parts)
@@ -107,15 +110,18 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
                 person = live_person(options, parts, wiring, worn_set(options), page)
             partners = partners_of(options, model, bar, person)
             settings = _settings(options, len(partners))
+            publishers += open_outlets(options, partners[0].marker_set.names, person, parts)
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
             session = _session(options, model, scene, partners[0], person)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)
-            paced = person is not None or watch is not None or page is not None
-            recorder = BackgroundRecorder(SessionRecorder(folder / "session.mcap", settings), paced=paced)
-            played = play(options, session, scene, partners, person, recorder, bar, watch, page)
+            recorded = SessionRecorder(folder / "session.mcap", settings)
+            paced = publishers or options.record_lsl or person is not None or watch is not None or page is not None
+            recorder = BackgroundRecorder(recorded, paced=bool(paced))
+            outputs = session_outputs(options, recorder, publishers)
+            played = play(options, session, scene, partners, person, outputs, bar, watch, page)
             if page is not None:
                 page.tell("over", message=f"The session is over: {folder / 'report.html'}")
         lag = 0.0 if watch is None else watch.loop.retarget.settings.lag

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
+from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
@@ -67,6 +68,10 @@ class BackgroundRecorder:
     def record_event(self, event: str, at_ns: int | None = None, **about: Any) -> None:
         """See :meth:`SessionRecorder.record_event`."""
         self._give(lambda: self._recorder.record_event(event, at_ns, **about), always=True)
+
+    def record_stream(self, samples: StreamSamples) -> None:
+        """See :meth:`SessionRecorder.record_stream`; the first ones of a stream, which name its channels, always."""
+        self._give(lambda: self._recorder.record_stream(samples), always=samples.begins)
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`SessionRecorder.record_log`."""

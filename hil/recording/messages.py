@@ -30,6 +30,11 @@ def known(value: float) -> float | None:
     return round(value, 5) if np.isfinite(value) else None
 
 
+def number(value: Any) -> float | None:
+    """All of a number of somebody else's, as JSON can hold it; None for NaN and infinity."""
+    return value if np.isfinite(value) else None
+
+
 def pose(pose: Pose) -> dict[str, Any]:
     """For ``/avatar`` and ``/generated``."""
     return {"root": rounded(pose.root_in_world), "quaternions": rounded(pose.quaternions)}

@@ -49,7 +49,7 @@ class SessionRecording:
     Attributes:
         settings: of the session, as :class:`highfive.hil.trials.summary.SessionSettings` names them, and the versions.
         joints: names of the skeleton's joints.
-        channels: messages of each topic, in order.
+        channels: messages of each topic, in order; ``/lsl/NAME`` is what was recorded beside the session.
         complete: the file was closed; otherwise its end is missing and this is all up to the last whole chunk.
     """
 
@@ -100,8 +100,8 @@ def read_recording(path: Path | str) -> SessionRecording:
                 raise HighFiveError(f"{path} is empty; a recording of a session starts with its settings")
             reader = StreamReader(file, validate_crcs=True, record_size_limit=size)
             with suppress(*_CUT_SHORT):
-                for message in _messages(reader, channels):
-                    channels[message[0]].append(RecordedMessage(*message[1:]))
+                for topic, time_ns, data in _messages(reader, frozenset(channels)):
+                    channels.setdefault(topic, []).append(RecordedMessage(time_ns, data))
                 complete = True
     except OSError as error:
         raise HighFiveError(f"cannot read the recording {path}: {error.strerror or error}") from None
@@ -125,11 +125,14 @@ _CUT_SHORT = (
 
 
 def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[tuple[str, int, dict[str, Any]]]:
-    """Topic, time and content of each message on ``topics``; rows are rows, and points have their names."""
+    """Topic, time and content of each message on ``topics`` and of every other program's stream; rows are rows, and
+    points and channels have their names.
+    """
     found: dict[int, tuple[str, str]] = {}
     names: list[str] = []
+    labels: dict[str, list[str]] = {}
     for record in reader.records:
-        if isinstance(record, Channel) and record.topic in topics:
+        if isinstance(record, Channel) and (record.topic in topics or record.topic.startswith(schemas.STREAMS)):
             found[record.id] = record.topic, record.message_encoding
         elif isinstance(record, Message) and record.channel_id in found:
             topic, encoding = found[record.channel_id]
@@ -138,6 +141,8 @@ def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[tuple[s
                 if topic in schemas.TOPICS and isinstance(data, dict):
                     data = schemas.restored(topic, data)
                     names = data.get("markers", names) if topic == "/trial" else names
+                elif topic not in topics and isinstance(data, dict):
+                    data["labels"] = labels[topic] = data.get("labels", labels.get(topic, []))
             elif topic == MARKERS:
                 data = {"names": names, **cloud_points(record.data)}
             else:

@@ -103,7 +103,7 @@ class LslLink:
         self._rate_hz = float(rate) if 0.0 < rate < 1e6 else 0.0
         self._counter = counter
         counter.set_rate(self._rate_hz)
-        self._to_monotonic_s = _monotonic_minus_lsl()
+        self._to_monotonic_s = monotonic_minus_lsl()
         self._correction = self._newest_correction = self._inlet.time_correction(timeout_s)
         self._renewed = time.monotonic()
         self._inlet.open_stream(timeout_s)
@@ -160,7 +160,7 @@ class LslLink:
         return self._correction + self._to_monotonic_s
 
 
-def _monotonic_minus_lsl() -> float:
+def monotonic_minus_lsl() -> float:
     """Monotonic clock minus LSL's clock, s: of several readings the one that took least time."""
     readings = []
     for _ in range(9):

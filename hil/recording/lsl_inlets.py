@@ -29,7 +29,7 @@ _SEARCH_S, _PAUSE_S = 1.2, 1.8
 """A search takes so long, and the next one comes so much later. The library asks this machine's ports one by one only
 after half a second; and it asks from ports of the range in which streams announce themselves: three searches without a
 pause leave none for a stream that begins."""
-_STEP_S, _OPEN_S, _KEPT_S, _MOST = 0.05, 5.0, 60, 4096
+_STEP_S, _OPEN_S, _KEPT_S, _MOST = 0.05, 3.0, 60, 4096
 
 
 class StreamTaker(Protocol):
@@ -60,10 +60,10 @@ class LslInlets:
             thread.start()
 
     def close(self) -> None:
-        """Returns once all is handed over that has come."""
+        """Returns once all is handed over that has come; one that is just being opened is left at its next step."""
         self._closing.set()
         for thread in self._threads:
-            thread.join(2.0 * _OPEN_S)
+            thread.join(_OPEN_S + 1.0)
 
     def _search(self) -> None:
         wanted = " or ".join(f"name='{name}'" for name in self._streams)
@@ -125,6 +125,8 @@ class _Stream:
         full = inlet.info(_OPEN_S)
         count, text = full.channel_count(), full.channel_format() == pylsl.cf_string
         labels = channel_labels(full.as_xml(), count)
+        if self._closing.is_set():
+            return
         inlet.open_stream(_OPEN_S)
         to_ours, renewed = inlet.time_correction(_OPEN_S) + monotonic_minus_lsl(), self._clock.now()
         kind = f"{counted(count, 'channel')}, {'text' if text else 'numbers'}, type {full.type() or '(none)'}"
@@ -146,6 +148,8 @@ class _Stream:
                     to_ours = inlet.time_correction(0.0) + monotonic_minus_lsl()
 
     def _tell(self, event: str, what: str, level: int = logging.INFO) -> None:
+        if self._closing.is_set():  # what becomes of it is the session's no more
+            return
         say_aside(f"the LSL stream {self._name} {what}", level)
         self._taker.record_event(event, self._clock.now(), detail=f"{self._name} {what}")
 

@@ -5,6 +5,7 @@ Units: m, rad, s, ns where a name says so. Quaternions are w, x, y, z, each join
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +33,7 @@ def known(value: float) -> float | None:
 
 def number(value: Any) -> float | None:
     """All of a number of somebody else's, as JSON can hold it; None for NaN and infinity."""
-    return value if np.isfinite(value) else None
+    return value if math.isfinite(value) else None
 
 
 def pose(pose: Pose) -> dict[str, Any]:

@@ -52,7 +52,7 @@ class PublishBenchOptions:
 
 @dataclass
 class Heard:
-    """What a program got: stamps (s) and channel labels of each LSL stream, whole VMC frames, ``/tf`` of Foxglove."""
+    """What a program got: stamps (s) and channel labels of each LSL stream; VMC frames and Foxglove's ``/markers``."""
 
     stamps: dict[str, list[float]] = field(default_factory=dict)
     labels: dict[str, list[str]] = field(default_factory=dict)
@@ -119,6 +119,7 @@ def _hear_foxglove(port: int, heard: Heard, over: threading.Event) -> None:
     from websockets.sync.client import connect  # noqa: PLC0415
     from websockets.typing import Subprotocol  # noqa: PLC0415
 
+    markers = 0
     with connect(f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_queue=None) as link:
         while not over.is_set():
             try:
@@ -126,11 +127,12 @@ def _hear_foxglove(port: int, heard: Heard, over: threading.Event) -> None:
             except TimeoutError:
                 continue
             if isinstance(data, bytes):
-                heard.foxglove += 1
+                heard.foxglove += data[1] == markers
                 continue
             for channel in json.loads(data).get("channels", []):
-                if channel["topic"] == "/tf":
-                    wanted = [{"id": 1, "channelId": channel["id"]}]
+                markers = channel["id"] if channel["topic"] == "/markers" else markers
+                if channel["topic"] in ("/tf", "/markers", "/skeleton"):
+                    wanted = [{"id": channel["id"], "channelId": channel["id"]}]
                     link.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
 
@@ -254,4 +256,4 @@ def print_publish(result: dict[str, Any]) -> None:
     if result["foxglove"] is None:
         print("Foxglove                not installed: pip install 'high-five[foxglove]'")
     else:
-        print(f"Foxglove's transforms   {result['foxglove']['messages']}, {result['foxglove']['left_out']} left out")
+        print(f"Foxglove's markers      {result['foxglove']['messages']}, {result['foxglove']['left_out']} left out")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
@@ -11,6 +12,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from highfive.hil.publish.publisher import SessionEvent
 from highfive.hil.recording import schemas, viewer_messages
 from highfive.hil.recording.recorded_tick import RecordedTick
+from highfive.hil.recording.recorder import DRAWN_EVERY
 from highfive.model.errors import HighFiveError
 
 BACKLOG = 8
@@ -63,16 +65,16 @@ class FoxglovePublisher:
         said = json.dumps(schemas.schema_of(_EVENT)).encode()
         schema = foxglove.Schema(name=schemas.TOPICS[_EVENT][0], encoding="jsonschema", data=said)
         self._channels[_EVENT] = foxglove.Channel(_EVENT, schema=schema, message_encoding="json", context=context)
-        self._transforms = viewer_messages.Transforms()
+        self._transforms, self._count = viewer_messages.Transforms(), 0
 
     def tick(self, tick: RecordedTick) -> None:
-        """The bodies' places, the markers and the bones, of those that somebody looks at."""
+        """The markers and, as often as a recording has them, the bodies' places and bones: what somebody looks at."""
         at, played, person = tick.at_ns, tick.played, tick.person
-        makers = {
-            "/tf": lambda: self._transforms.body(at, played, person),
-            "/markers": lambda: viewer_messages.point_cloud(at, tick.markers),
-            "/skeleton": lambda: viewer_messages.skeleton(at, played, person),
-        }
+        makers: dict[str, Callable[[], Any]] = {"/markers": lambda: viewer_messages.point_cloud(at, tick.markers)}
+        if self._count % DRAWN_EVERY == 0:
+            makers["/tf"] = lambda: self._transforms.body(at, played, person)
+            makers["/skeleton"] = lambda: viewer_messages.skeleton(at, played, person)
+        self._count += 1
         for topic, make in makers.items():
             if self._channels[topic].has_sinks():
                 self._channels[topic].log(make().SerializeToString(), log_time=at)

@@ -45,7 +45,7 @@ EARLY = 1000
 """Chunks of other programs' streams that are kept until the first high five begins; of more the oldest goes."""
 PAUSE_NS = 1_000_000_000
 """Between two high fives whose clocks both start at 0: those of simulated people, played as fast as it goes."""
-_DRAWN_EVERY = 4
+DRAWN_EVERY = 4
 """Ticks between two skeletons, and two sets of transforms: viewers need no more than 30 a second."""
 
 
@@ -136,7 +136,7 @@ class SessionRecorder:
         self._add("/generated", now, messages.pose(tick.generated))
         self._add("/avatar", now, messages.pose(tick.played))
         self._add_drawn("/markers", now, viewer_messages.point_cloud(now, tick.markers))
-        if number % _DRAWN_EVERY == 0:
+        if number % DRAWN_EVERY == 0:
             self._add_drawn("/tf", now, self._transforms.body(now, tick.played, tick.person))
             self._add_drawn("/skeleton", now, viewer_messages.skeleton(now, tick.played, tick.person))
         if tick.forecast is not None:
@@ -176,7 +176,7 @@ class SessionRecorder:
         for cycle in cycles:
             now = self._at(cycle.state.time_ns)
             self._add("/arm", now, messages.arm_cycle(cycle))
-            if cycle.number % _DRAWN_EVERY == 0:
+            if cycle.number % DRAWN_EVERY == 0:
                 self._add_drawn("/tf", now, self._transforms.arm(now, cycle.state.positions))
 
     def record_played(self, arm: ArmTrial) -> None:

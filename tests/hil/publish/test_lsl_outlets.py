@@ -138,3 +138,16 @@ def test_other_markers_than_announced_are_no_sample(ticks: list[RecordedTick]) -
     with pytest.raises(HighFiveError, match="the person's markers are"):
         publisher.tick(ticks[1])
     publisher.close()
+
+
+def test_who_takes_nothing_holds_nobody_up(ticks: list[RecordedTick]) -> None:
+    publisher = LslPublisher(ticks[0].markers.names, (120.0, 120.0))
+    (info,) = pylsl.resolve_byprop("name", "HighFive-Avatar", timeout=20.0)
+    asleep = pylsl.StreamInlet(info, max_buflen=1, recover=False)
+    asleep.open_stream(20.0)
+    for _ in range(10):  # ten seconds of a session, far more than this inlet keeps
+        for tick in ticks:
+            publisher.tick(tick)
+    values, stamps = asleep.pull_chunk(0.0, 5000, as_numpy=False)
+    assert len(values) == len(stamps) < 1200
+    publisher.close()

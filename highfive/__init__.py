@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from highfive.hil.commands.library import evaluate, train
     from highfive.hil.recording.recording import SessionRecording, read_recording
+    from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader, read_session
     from highfive.hil.session.opening import open_session
     from highfive.hil.session.session import Session, Tick
     from highfive.hil.sim.avatar import Pose, avatar_skeleton
@@ -44,12 +45,12 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "HGPDM", "Address", "Connection", "ContactForecast", "HighFiveError", "HumanArm", "Link",
-    "LinkError", "MarkerFrame", "MarkerSet", "OnlineResponder", "Partner", "PluginError", "Pose", "Reaction",
-    "ReactionModel", "Responder", "Response", "Scheme", "Session", "SessionRecording", "SimpleReaction", "Source",
-    "SourceHealth", "Tick", "TrackedRecording", "Trial", "__version__", "avatar_skeleton", "evaluate", "load_model",
-    "open_session", "open_source", "read_recording", "recorded_partner", "save_model", "simulated_person", "track",
-    "train",
+    "HGPDM", "Address", "Connection", "ContactForecast", "HighFiveError", "HumanArm", "Link", "LinkError",
+    "MarkerFrame", "MarkerSet", "OnlineResponder", "Partner", "PluginError", "Pose", "Reaction", "ReactionModel",
+    "RecordedHighFive", "Responder", "Response", "Scheme", "Session", "SessionReader", "SessionRecording",
+    "SimpleReaction", "Source", "SourceHealth", "Tick", "TrackedRecording", "Trial", "__version__",
+    "avatar_skeleton", "evaluate", "load_model", "open_session", "open_source", "read_recording", "read_session",
+    "recorded_partner", "save_model", "simulated_person", "track", "train",
 ]  # fmt: skip
 
 _WHERE = {
@@ -57,6 +58,9 @@ _WHERE = {
     "train": "hil.commands.library",
     "SessionRecording": "hil.recording.recording",
     "read_recording": "hil.recording.recording",
+    "RecordedHighFive": "hil.recording.session_reader",
+    "SessionReader": "hil.recording.session_reader",
+    "read_session": "hil.recording.session_reader",
     "open_session": "hil.session.opening",
     "Session": "hil.session.session",
     "Tick": "hil.session.session",

@@ -1,12 +1,19 @@
 """Every example runs, and prints what it promises."""
 
+import json
 import runpy
 from pathlib import Path
 
+import matplotlib
 import pytest
+from matplotlib.figure import Figure
 from paths import ROOT
+from recorded_trials import record_trial
+from trial_results import some_results
 
 import highfive
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.trials.summary import SessionSettings
 from highfive.mocap_bridge.files.c3d import write_c3d
 
 EXAMPLES = ROOT / "examples"
@@ -55,12 +62,36 @@ def test_track_file(run, file: Path) -> None:
     assert "elbow flexion from" in run("track_file.py", file)
 
 
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("session") / "session.mcap"
+    with SessionRecorder(path, SessionSettings(seed=3, model="default", trials=2)) as recorder:
+        for result in some_results()[:2]:
+            record_trial(recorder, result)
+    return path
+
+
+def test_read_session(run, session: Path) -> None:
+    out = run("read_session.py", session)
+    assert "recorded with model default, 53 joints" in out
+    assert out.count("the wrist went") == 2 and "met after" in out
+
+
+def test_the_notebook_runs_cell_by_cell(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    matplotlib.use("agg")
+    cells = json.loads((EXAMPLES / "read_session.ipynb").read_text())["cells"]
+    names: dict[str, object] = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []  # no results are kept in the repository
+            source = "".join(cell["source"]).replace("out/session-1/session.mcap", str(session))
+            exec(compile(source, cell["id"], "exec"), names)
+    out = capsys.readouterr().out
+    assert ("neutral" in out and "time" in out) or "pandas" in out
+    figure = names["figure"]
+    assert isinstance(figure, Figure) and len(figure.axes[0].lines) >= 2
+
+
 @pytest.mark.slow
-def test_read_session_and_train_and_score(run, tmp_path: Path, to_learn: Path) -> None:
-    from typer.testing import CliRunner  # noqa: PLC0415
-
-    from highfive.hil.cli.main import app  # noqa: PLC0415
-
-    CliRunner().invoke(app, ["simulate", "--trials", "1", "--no-pictures", "--out", str(tmp_path / "session")])
-    assert "1 high fives" in run("read_session.py", tmp_path / "session" / "session.mcap")
+def test_train_and_score(run, to_learn: Path) -> None:
     assert "hgpdm       palm at contact" in run("train_and_score.py", to_learn)

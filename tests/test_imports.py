@@ -54,12 +54,13 @@ ALLOWED: dict[str, set[str]] = {
     "hil.datasets": MODEL | BRIDGE | {"calibration", "hil.runtime", "hil.sim.avatar"},
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},
     "hil.recording": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials"},
+    "hil.recording.exports": MODEL | BRIDGE | SIM | {"hil.recording"},
     "hil.publish": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials", "hil.recording"},
     "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},
     "hil.report": MODEL | BRIDGE | SIM | ARM
     | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation"},
     "hil.view": MODEL | BRIDGE | SIM
-    | {"hil.drivers.latch", "hil.session", "hil.trials.trial_result", "hil.recording"},
+    | {"hil.drivers.latch", "hil.session", "hil.trials.events", "hil.trials.trial_result", "hil.recording"},
     "hil.commands": MODEL | BRIDGE | SIM | ARM
     | {"calibration", "hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.report"}
     | {"hil.view", "hil.publish"},

@@ -243,14 +243,20 @@ class ArmWatch:
         """(J,) rad as measured last, and as requested last; None before that."""
         return (self._cycles[-1].state.positions, self._ticks[-1].planned) if self._cycles and self._ticks else None
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """When the frames of the first and of the newest tick were there, ns of the loop's clock; 0 before any."""
+        return (self._ticks[0].frame_ns, self._ticks[-1].frame_ns) if self._ticks else (0, 0)
+
     def end(self, emotion: str, cell: str, met: int) -> ArmTrial | None:
-        """What it did; None where it never moved.
+        """What it did; None where that are fewer than :data:`FEWEST` ticks or cycles.
 
         Args:
             emotion, cell: of the trial.
-            met: tick in which the palms met originally, -1 where not known.
+            met: row of the trial, at the model's rate from its first tick on, in which the palms met originally, -1
+                where not known.
         """
-        if not self._ticks or not self._cycles:
+        if len(self._ticks) < FEWEST or len(_meanwhile(self._ticks, self._cycles)) < FEWEST:
             return None
         reference = reference_in(self._session, emotion, cell, met)
         # Rows of the reference come at the model's rate; the ticks of a live person come with the frames.

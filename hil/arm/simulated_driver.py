@@ -30,12 +30,13 @@ class SimulatedDriver:
 
     trouble = ""
 
-    def __init__(self, plant: ArmPlant, full: Array) -> None:
+    def __init__(self, plant: ArmPlant, full: Array, now_ns: int = 1) -> None:
         """At rest.
 
         Args:
             plant: the body.
             full: (J,) rad, error at which each servo gives its full voltage.
+            now_ns: what its clock says first.
         """
         self._plant, self._full = plant, full
         self._count = np.array([count for _, count in measures.SERVOS], float)
@@ -44,7 +45,7 @@ class SimulatedDriver:
         self._positions, self._velocities = plant.step(np.zeros(len(full)), 0.0)
         self._torques = np.zeros(len(full))
         self._command: JointCommand | None = None
-        self._now, self._number = 1, 0
+        self._now, self._number = now_ns, 0
         self._cycles: list[Cycle] = []
         self._cycle(0)
 
@@ -58,7 +59,7 @@ class SimulatedDriver:
         return self._now
 
     def drive(self, command: JointCommand) -> None:
-        """What its servos are distinguished from now on."""
+        """What its servos are commanded from now on."""
         self._command = command
 
     def newest(self) -> Cycle | None:

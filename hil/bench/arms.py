@@ -12,7 +12,8 @@ from highfive.hil.arm.arm_trial import ArmTrial, played_until_stopped
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice
 from highfive.hil.arm.lifecycle import virtual_arm
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import Laws, judge_body, judge_commands, largest
+from highfive.hil.bench.fault_laws import judge_body, judge_commands
+from highfive.hil.bench.laws import Laws, largest
 from highfive.hil.bench.perturbed_arm import drawn_perturbation, perturbed_bus
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.bench.virtual_play import default_planner
@@ -127,10 +128,7 @@ def bench_arms(options: ArmsOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
     """Plays on all arms.
 
     Returns:
-        ``arms``, ``high_fives``; ``error_mm``: ``median``, ``p90``, ``max`` of plate to palm where that was possible;
-        ``by_arm_mm``: of the arms' medians the ``median`` and the ``max``; ``missed``; ``body_closing_speed`` and
-        ``body_face_speed``, m/s; ``worst``: law → value; ``broken``: ``law``, ``arm``, ``value``; ``stopped``: ``arm``
-        and why.
+        what :func:`arms_figures` gives.
 
     Raises:
         HighFiveError: no arm is asked for.
@@ -140,7 +138,22 @@ def bench_arms(options: ArmsOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
     references = reference_trajectories(model, tuple(EMOTIONS), CELLS, options.seed, bar)
     four = [tuple(it for it in references if it.cell == cell) for cell in CELLS]
     jobs = [ArmJob(options.first + number, four[number % len(four)]) for number in range(options.arms)]
-    played = list(parallel_map(play_with, jobs, lambda total: bar("arms", total)))
+    return arms_figures(jobs, list(parallel_map(play_with, jobs, lambda total: bar("arms", total))))
+
+
+def arms_figures(jobs: Sequence[ArmJob], played: Sequence[ArmPlayed]) -> dict[str, Any]:
+    """The figures of all arms.
+
+    Args:
+        jobs: the arms.
+        played: what each did.
+
+    Returns:
+        ``arms``, ``high_fives``; ``error_mm``: ``median``, ``p90``, ``max`` of plate to palm where that was possible;
+        ``by_arm_mm``: of the arms' medians the ``median`` and the ``max``; ``missed``; ``body_closing_speed`` and
+        ``body_face_speed``, m/s; ``worst``: law → value; ``broken``: ``law``, ``arm``, ``value``; ``stopped``: ``arm``
+        and why.
+    """
     able = [[it for it in one.outcomes if it.possible] for one in played]
     errors = 1e3 * np.array([it.error for one in able for it in one])
     medians = 1e3 * np.array([np.median([it.error for it in one]) for one in able if one])

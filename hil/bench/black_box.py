@@ -30,6 +30,7 @@ class BlackBox:
         positions, velocities: (J,) rad and rad/s of the body.
         powered: (J,) bool, torque is on in every servo of the joint.
         trips: watchdogs that have tripped; a servo whose watchdog trips makes its place its goal.
+        watched: servos with torque on whose watchdog runs.
     """
 
     bus: EmulatedBus
@@ -41,6 +42,7 @@ class BlackBox:
     velocities: list[Array] = field(default_factory=list)
     powered: list[list[bool]] = field(default_factory=list)
     trips: list[int] = field(default_factory=list)
+    watched: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Finds the servos."""
@@ -61,11 +63,14 @@ class BlackBox:
     def _look_at_registers(self) -> None:
         """Goals and torque; where no register has changed, as in most rows, they are those of the row before."""
         registers = [s.values[name] for s in self._servos for name in ("goal_position", "goal_current")]
-        registers += [s.values["torque_enable"] for servos in self._all for s in servos]
+        registers += [
+            s.values[name] for servos in self._all for s in servos for name in ("torque_enable", "bus_watchdog")
+        ]
         if registers == self._registers and self.goals:
             self.goals.append(self.goals[-1])
             self.allowed.append(self.allowed[-1])
             self.powered.append(self.powered[-1])
+            self.watched.append(self.watched[-1])
             return
         self._registers = registers
         self.goals.append(
@@ -73,10 +78,13 @@ class BlackBox:
         )
         self.allowed.append([to_si(s.table["goal_current"], s.values["goal_current"]) for s in self._servos])
         self.powered.append([all(s.values["torque_enable"] for s in servos) for servos in self._all])
+        running = [s.values["torque_enable"] and s.values["bus_watchdog"] > 0 for servos in self._all for s in servos]
+        self.watched.append(sum(map(bool, running)))
 
     def clear(self) -> None:
         """Forgets what was."""
-        for rows in (self.times, self.goals, self.allowed, self.positions, self.velocities, self.powered, self.trips):
+        rows_of = (self.times, self.goals, self.allowed, self.positions, self.velocities)
+        for rows in (*rows_of, self.powered, self.trips, self.watched):
             rows.clear()
 
     def last_change_ns(self, since_ns: int) -> int:
@@ -98,6 +106,16 @@ class BlackBox:
         changed = ((np.diff(goals, axis=0) != 0.0) & ~stays[1:]).any(axis=1) & ~own
         changed &= (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
         return 1e-6 * float(times[1:][changed].max(initial=since_ns) - since_ns)
+
+    def stopped_after_ms(self, since_ns: int) -> float | None:
+        """When the last servo that was driven had been stopped by its own watchdog, ms after ``since_ns``; None where
+        no watchdog ran then, NaN where one runs still."""
+        times, watched = np.array(self.times), np.array(self.watched)
+        after = times >= since_ns
+        if not after.any() or not watched[after][0]:
+            return None
+        stopped = np.flatnonzero(watched[after] == 0)
+        return 1e-6 * float(times[after][stopped[0]] - since_ns) if len(stopped) else np.nan
 
     def stands_since_ns(self, slower: float = STANDS) -> int:
         """Since when every joint of the body has been slower than that, rad/s."""

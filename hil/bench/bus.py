@@ -10,6 +10,7 @@ import numpy as np
 
 from highfive.hil.bench.arm_faults import driver_figures
 from highfive.hil.bench.benched_bus import BenchedBus, machine_bus
+from highfive.hil.bench.wakes import percentiles, sleeping_process
 from highfive.hil.drivers.bus.control_table import load_table
 from highfive.hil.drivers.bus.instruction_packets import sync_read, sync_write
 from highfive.hil.drivers.bus.packet import PacketError
@@ -44,7 +45,8 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
 
     Returns:
         What :func:`client_figures` and :func:`highfive.hil.bench.arm_faults.driver_figures` give; ``limit_hz``, which
-        the line allows; ``servos``, ``baud_rate``, ``seconds``.
+        the line allows; ``servos``, ``baud_rate``, ``seconds``; ``sleeper_late_ms`` (``p50``, ``p99``, ``max``): how
+        late the machine woke, meanwhile, a process that only sleeps, with the driver's priority and period.
 
     Raises:
         HighFiveError: the emulator does not start, or nothing comes back.
@@ -54,15 +56,18 @@ def bench_bus(options: BusBenchOptions, bar: Bar) -> dict[str, Any]:
     if len(servos) < options.servos:
         raise HighFiveError(f"the rig has {len(servos)} servos; {options.servos} were requested")
     advance = bar("bus", 2)
-    with machine_bus() as bus:
-        figures = client_figures(bus, rig.baud_rate, servos, options.seconds, advance)
+    with sleeping_process() as wakes:
+        with machine_bus() as bus:
+            figures = client_figures(bus, rig.baud_rate, servos, options.seconds, advance)
+        driver = driver_figures(rig, options.seconds, options.trials, bar)
     return {
         **figures,
         "limit_hz": round(limit_hz(servos, rig.baud_rate), 1),
         "servos": len(servos),
         "baud_rate": rig.baud_rate,
         "seconds": options.seconds,
-        **driver_figures(rig, options.seconds, options.trials, bar),
+        **driver,
+        "sleeper_late_ms": percentiles(wakes),
     }
 
 
@@ -115,6 +120,11 @@ def print_bus_bench(result: dict[str, Any]) -> None:
     )
     print(f"  emergency stop to the last goal: {result['estop_ms']:.1f} ms at worst")
     print(f"  process killed to servos stopped by their watchdogs: {result['watchdog_ms']:.0f} ms")
+    wakes = result["sleeper_late_ms"]
+    print(
+        f"  the machine itself: a process that only sleeps wakes {wakes['p50']:.2f} (p50), {wakes['p99']:.2f} (p99), "
+        f"{wakes['max']:.2f} ms (max) late"
+    )
 
 
 def _address(name: str) -> int:

@@ -37,7 +37,7 @@ from highfive.hil.bench.virtual_play import VirtualPlay, default_planner, play_v
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
-from highfive.hil.runtime.threads import parallel_map
+from highfive.hil.runtime.threads import parallel_map, quick_switching
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import Check
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -246,7 +246,7 @@ def played_by(player: str, references: Sequence[ReferenceTrajectory], bar: Bar) 
         return [Played(trial.met) for trial in trials], _commanded(trials)
     results: list[Played] = []
     while len(results) < len(references):  # one that was stopped counts as it is; the arm is then made ready again
-        with ready_arm(ArmOptions()) as loop:
+        with quick_switching(), ready_arm(ArmOptions()) as loop:
             while len(results) < len(references) and not loop.trouble:
                 it = references[len(results)]
                 trial = played_until_stopped(it, loop)

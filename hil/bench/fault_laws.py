@@ -2,51 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import pairwise
-
 import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.black_box import STANDS, BlackBox
-from highfive.hil.bench.fault_schedule import FaultSchedule
+from highfive.hil.bench.laws import COUNT, PERSON_FIRST, ROUNDING, Laws
+from highfive.hil.bench.motion_laws import judge_wire_motion
 from highfive.hil.drivers.bus.cycle_ring import Mode
-from highfive.hil.drivers.bus.rig import COUNTS
 from highfive.hil.safety.envelope import LATE_TICK
 from highfive.hil.safety.limits import MECHANICAL, Limits
-from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED
 
-ESTOP_MS, HELD_MS = 20.0, 100.0
-"""From an emergency stop to the last goal; from when nobody leads the arm any more to the last goal."""
-
-
-_FIRST = {Rule.CONTACT_SPEED, Rule.FACE_ZONE, Rule.POSITION}
-_FEWEST, _ROUNDING = 3, 1.02  # ticks; the ticks' own times jitter by some µs
-_COUNT = 2.0 * np.pi / COUNTS
-_LONG_S = 0.15  # a stall of so long has to be noticed
+_FEWEST = 3  # ticks
 _SETTLED = 150  # rows of the box, ms, at its end in which the body stands
-
-
-@dataclass
-class Laws:
-    """The worst value of each law that was judged, and those that were broken.
-
-    Attributes:
-        worst: law → value.
-        broken: law and value.
-    """
-
-    worst: dict[str, float] = field(default_factory=dict)
-    broken: list[tuple[str, float]] = field(default_factory=list)
-
-    def judge(self, law: str, value: float, most: float) -> None:
-        """``value`` may be ``most`` at most; NaN is no value that is right."""
-        self.worst[law] = max(self.worst.get(law, -np.inf), float(value))
-        if not value <= most:
-            self.broken.append((law, float(value)))
 
 
 def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:
@@ -62,49 +32,69 @@ def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -
     goals = np.array([it.sent.positions for it in sent if it.sent is not None])
     if len(goals):
         beyond = np.maximum(goals - limits.highest, limits.lowest - goals)
-        laws.judge("wire: position beyond its limit, rad", beyond.max() - limits.feed_forward.largest, _COUNT)
-    steps = [0.0]
-    for before, then in pairwise(trial.cycles):
-        if before.sent is not None and then.sent is not None and before.mode is then.mode is Mode.DRIVING:
-            seconds = 1e-9 * (then.begun_ns - before.begun_ns)
-            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * _COUNT
-            steps.append(float((np.abs(then.sent.positions - before.sent.positions) / most).max()))
-    laws.judge("wire: speed, of what is allowed", max(steps), 1.0)
+        laws.judge("wire: position beyond its limit, rad", beyond.max() - limits.feed_forward.largest, COUNT)
+    laws.judge("wire: speed, of what is allowed", _fastest_step(trial, limits), 1.0)
+    judge_wire_motion(laws, trial, limits, arm)
     _judge_references(laws, trial, limits, arm)
+
+
+def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
+    """Largest step from one command to the next, of what is allowed in the time between them.
+
+    A cycle that repeats a command is none of its own; the next step is then no larger than one of a late tick, unless
+    the driver stood still: then goals make up for that time in one step (docs/safety.md).
+    """
+    found, before, since_s, last_s, stood = 0.0, None, 0.0, 0.0, False
+    late = LATE_TICK * limits.timing.period_s
+    for cycle in trial.cycles:
+        if cycle.sent is None or cycle.mode is not Mode.DRIVING:
+            before = None
+            continue
+        now_s = 1e-9 * cycle.begun_ns
+        stood = stood or now_s - last_s > late
+        step = None if before is None else np.abs(cycle.sent.positions - before.positions)
+        if step is not None and step.any():
+            seconds = now_s - since_s if stood else min(now_s - since_s, late)
+            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * COUNT
+            found = max(found, float((step / most).max()))
+        if step is None or step.any():
+            before, since_s, stood = cycle.sent, now_s, False
+        last_s = now_s
+    return found
 
 
 def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:
     """Where the joints were to be, without what goals lead it by, and without the rounding of the servos' counts."""
-    pairs = zip(trial.ticks, trial.plates, strict=True)
     follow = [
-        (tick, reference, plate)
-        for tick, plate in pairs
+        (tick, reference)
+        for tick in trial.ticks
         if (reference := tick.report.reference) is not None and tick.report.state not in HALTED
     ]
     if len(follow) < _FEWEST:
         return
-    ticks, references = [it for it, _, _ in follow], np.array([it for _, it, _ in follow])
+    ticks, references = [it for it, _ in follow], np.array([it for _, it in follow])
     times, period = 1e-9 * np.array([it.report.time_ns for it in ticks]), limits.timing.period_s
     steps = np.clip(np.diff(times), 0.5 * period, LATE_TICK * period)  # what a tick moves by after a pause
     velocities = np.diff(references, axis=0) / steps[:, None]
-    laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), _ROUNDING)
-    # Person and position come before acceleration: near them an arm slows down as fast as it has to.
-    first = np.array([bool(it.report.acted & _FIRST) or it.report.fraction < 1.0 for it in ticks])
+    laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), ROUNDING)
+    first = np.array([bool(it.report.acted & PERSON_FIRST) or it.report.fraction < 1.0 for it in ticks])
     whole = np.diff(times) > 0.5 * period  # of two ticks in a hurry neither tells a velocity
     judged = whole[1:] & whole[:-1] & ~first[2:] & ~first[1:-1]
     change = np.abs(np.diff(velocities, axis=0)) / steps[1:, None] / limits.acceleration
-    laws.judge("reference: acceleration, of what is allowed", float(change[judged].max(initial=0.0)), _ROUNDING)
+    laws.judge("reference: acceleration, of what is allowed", float(change[judged].max(initial=0.0)), ROUNDING)
     none = np.full(3, np.nan)
     heads = np.array([none if it.goal.head is None else it.goal.head for it in ticks])
     palms = [it.goal.person for it in ticks]
     hands = np.array([none if it is None else it.position for it in palms])
     speeds = np.array([none if it is None else it.velocity for it in palms])
     points = np.array([arm.points(pose)[0] for pose in references])
-    bodies = np.array([it.position for _, _, it in follow])
+    said = np.array([it.begun_ns + it.took_ns for it in trial.cycles])  # the line begins where servos were said to be
+    newest = np.searchsorted(said, [it.report.time_ns for it in ticks], side="right") - 1
+    bodies = np.array([arm.points(trial.cycles[max(number, 0)].state.positions)[0][0] for number in newest])
     closing = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
-    laws.judge("reference: closing speed near the hand, m/s", closing, limits.contact.speed * _ROUNDING)
+    laws.judge_near("reference: closing speed near the hand, m/s", closing, limits.contact.speed * ROUNDING)
     face = face_speed(times, points, heads, limits.face)
-    laws.judge("reference: speed near the head, m/s", face, limits.face.speed * _ROUNDING)
+    laws.judge_near("reference: speed near the head, m/s", face, limits.face.speed * ROUNDING)
 
 
 def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
@@ -122,41 +112,3 @@ def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
         laws.judge("body: speed, of what is allowed", float(moving.max()), 1.25)
     if powered[-_SETTLED:].all():
         laws.judge("body: speed in the end, rad/s", float(velocities[-_SETTLED:].max()), STANDS)
-
-
-def judge_times(laws: Laws, schedule: FaultSchedule, box: BlackBox, begun_ns: int, pulled_ns: int | None) -> None:
-    """When the last goal went out after the arm was stopped, or nobody led it any more.
-
-    Args:
-        laws: added to.
-        schedule: what went wrong.
-        box: what the servos were commanded.
-        begun_ns: from when the schedule's times count.
-        pulled_ns: when the emergency stop was pulled; None where it was not.
-    """
-    standstills = schedule.of("driver stall", "machine stall")
-    if pulled_ns is not None:
-        away = [it for it in standstills if _meets(it.at_s, it.lasts_s, 1e-9 * (pulled_ns - begun_ns), 0.05)]
-        if not away:
-            laws.judge("emergency stop to the last goal, ms", box.commanded_after_ms(pulled_ns), ESTOP_MS)
-    for it in schedule.of("host killed", "driver killed"):
-        at = begun_ns + round(1e9 * it.at_s)
-        if at < box.times[-1]:
-            others = [one for one in standstills if one.at_s + one.lasts_s > it.at_s]
-            if not others:
-                laws.judge(f"{it.kind} to the last goal, ms", box.commanded_after_ms(at), HELD_MS)
-    for it in schedule.of("host stall", "machine stall", "stall", "burst"):
-        if it.lasts_s > _LONG_S and len(schedule.happenings) == 1:
-            at = begun_ns + round(1e9 * it.at_s)
-            commanded = box.commanded_after_ms(at, at + round(1e9 * it.lasts_s) - 1)
-            laws.judge("nobody leads the arm to the last goal, ms", commanded, HELD_MS)
-
-
-def _meets(start: float, lasts: float, other: float, other_lasts: float) -> bool:
-    return start < other + other_lasts and other < start + lasts + other_lasts
-
-
-def largest(worst: list[dict[str, float]]) -> dict[str, float]:
-    """Of several runs."""
-    laws = {law for one in worst for law in one}
-    return {law: max(one[law] for one in worst if law in one) for law in laws}

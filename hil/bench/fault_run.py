@@ -1,13 +1,16 @@
-"""One high five with the emulated rig in which things go wrong, in virtual time."""
+"""A session of one high five with the emulated rig in which things go wrong, in virtual time.
+
+The session is the product's: a live source follows the person, its frames begin the ticks of a live trial, the arm
+takes part in it, goes back to where it rests, what it did is recorded, and it is let go of. Nothing in it goes by the
+time of day: the one place that reads it compares the age of a registration of the room, in days, which an emulated arm
+has not; so no schedule sets the host's clock, only the source's.
+"""
 
 from __future__ import annotations
 
-import resource
-import signal
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,37 +18,47 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import Laws, judge_body, judge_commands, judge_times
-from highfive.hil.bench.fault_schedule import BUS, FULL_DISK, FaultSchedule, Happening
-from highfive.hil.bench.faulty_frames import faulty_frames
+from highfive.hil.bench.fault_laws import judge_body, judge_commands
+from highfive.hil.bench.fault_recording import judge_recording, record
+from highfive.hil.bench.fault_schedule import (
+    BUS,
+    DEATHS,
+    FOLLOWING,
+    FULL_DISK,
+    PHASES,
+    RETURNING,
+    STOPS,
+    SWITCHING_ON,
+    FaultSchedule,
+    Happening,
+)  # fmt: skip
+from highfive.hil.bench.fault_times import DRIVERLESS, judge_times
+from highfive.hil.bench.faulty_camera import FaultyCamera
+from highfive.hil.bench.frame_link import FrameLink
+from highfive.hil.bench.laws import Laws
+from highfive.hil.bench.live_people import here, parts
+from highfive.hil.bench.motion_laws import judge_body_motion
+from highfive.hil.bench.session_phases import Occurrence, SessionPhases
 from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.drivers.latch import Cause, Latch
 from highfive.hil.recording.recorder import SessionRecorder
-from highfive.hil.recording.recording import read_recording
 from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
+from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.safety.limits_file import load_limits
-from highfive.hil.session.session import RATE_HZ, Session
-from highfive.hil.sim.scene import build_scene
+from highfive.hil.session.session import RATE_HZ, Session, TickInput
+from highfive.hil.trials.live_partner import LiveTrial
+from highfive.hil.trials.live_settings import LiveSettings
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings
-from highfive.hil.trials.trial import as_captured
-from highfive.mocap_bridge.frames import MarkerFrame
-from highfive.mocap_bridge.sources.source import C3DSource
-from highfive.model import DEFAULT_MODEL
+from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.model.errors import HighFiveError
-from highfive.model.hgpdm.store import load_model
-from highfive.model.hgpdm.trained import HGPDM
 
-BEFORE_S, AFTER_S = 1.8, 0.6
-"""Of a high five what is played: so long before and after the contact, s."""
-
-LASTS_S = BEFORE_S + AFTER_S
-_LONGEST_S, _BOOTED_S = 30.0, 0.4
+_LIVE = LiveSettings(longest=PHASES[FOLLOWING])
+_LONGEST_S, _BOOTED_S = 40.0, 0.4  # s, of a session in which nothing stands still
 _LOOKED_ON_S = 1.2  # a joint whose horn slips at the very end settles by the servo's integral, which takes longest
-_FULL_BYTES = 20_000  # of a recording that the disk takes
 
 
 @dataclass(frozen=True)
@@ -62,101 +75,154 @@ class FaultRun:
     Attributes:
         laws: what was found.
         said: why the arm was stopped, one line a reason.
+        occurred: what of the schedule came to pass.
+        box: what the servos were commanded, and where the body was.
+        trial: what the arm did; None where it did not follow.
     """
 
-    def __init__(self, job: FaultJob) -> None:
-        """Not begun."""
-        self._schedule, self._partner = job.schedule, job.partner
-        first = max(0, job.partner.contact_frame - round(BEFORE_S * RATE_HZ))
-        source = C3DSource(job.partner.recording, RATE_HZ)
-        last = min(len(source), first + round(LASTS_S * RATE_HZ))
-        self._frames: list[MarkerFrame] = [source.frame(number) for number in range(first, last)]
-        start = self._frames[0].source_time_ns
-        self._due_ns = [frame.source_time_ns - start for frame in self._frames]
-        self._contact = job.partner.contact_frame - first
-        self.laws, self.said = Laws(), list[str]()
-        self._begun_ns: int | None = None
-        self._trial: ArmTrial | None = None
-        self._host: VirtualTask | None = None
+    def __init__(self, job: FaultJob, folder: Path) -> None:
+        """Not begun; the session is recorded in an empty ``folder``."""
+        self._schedule, self._partner, self._path = job.schedule, job.partner, folder / "arm.mcap"
+        self.laws, self.said, self.occurred = Laws(), list[str](), list[Occurrence]()
+        self.box = BlackBox(make_bus(emulator_options(ArmOptions())), load_rig())
+        self.trial: ArmTrial | None = None
+        self._watch: ArmWatch | None = None
+        self._recorded = False
+        self._room: int | None = None  # bytes that the disk still takes
+        self._camera: FaultyCamera | None = None
+        self._host: list[VirtualTask] = []  # the process's tasks
 
     def run(self) -> None:
         """From switching on to looking on after the end, and once more with all mended."""
         with VirtualClock(self._schedule.seed) as clock:
-            bus = make_bus(emulator_options(ArmOptions()))
-            box, estop = BlackBox(bus, load_rig()), Latch(clock)
-            virtual = VirtualRig(clock, bus, box.look)
-            self._host = host = clock.start("host", lambda: self._play(virtual, estop))
+            virtual, estop = VirtualRig(clock, self.box.bus, self.box.look), Latch(clock)
+            phases, scheduler = SessionPhases(clock), VirtualScheduler(clock)
+            host = clock.start("host", lambda: self._play(virtual, estop, phases, scheduler))
+            self._host = scheduler.tasks  # of the same process: its source's
+            self._host.append(host)
             for happening in self._schedule.happenings:
-                clock.start(happening.kind, lambda it=happening: self._happen(it, virtual, estop))
-            end = clock.now() + round(1e9 * _LONGEST_S)
+                clock.start(happening.kind, lambda it=happening: self._happen(it, virtual, estop, phases))
+            longest = _LONGEST_S + sum(it.lasts_s for it in self._schedule.happenings)
+            end = clock.now() + round(1e9 * longest)
             while host.alive and clock.now() < end:
                 clock.wait_until(clock.now() + 10_000_000)
             self.laws.judge("the program does not end", float(host.alive), 0.0)
-            clock.wait_until(clock.now() + round(1e9 * _LOOKED_ON_S))
-            self._judge_errors(virtual)
-            if self._begun_ns is not None:
-                judge_times(self.laws, self._schedule, box, self._begun_ns, estop.pulled_ns)
-            limits = load_limits()
-            judge_body(self.laws, box, limits)
-            if self._trial is not None:
-                judge_commands(self.laws, self._trial, limits, default_planner().arm)
-                self._record(self._trial)
+            lasting = [it.until_ns for it in self.occurred if it.happening.kind in BUS]
+            clock.wait_until(max([clock.now(), *lasting]) + round(1e9 * _LOOKED_ON_S))
+            if self.trial is None and self._watch is not None:
+                self.trial = self._done(self._watch)  # of a host that was killed
+            self._judge_errors(host, virtual)
+            self._judge(estop)
             self._start_again(virtual)
 
-    def _play(self, virtual: VirtualRig, estop: Latch) -> None:
+    def _play(self, virtual: VirtualRig, estop: Latch, phases: SessionPhases, scheduler: VirtualScheduler) -> None:
         """What a session does; ends as that does when it is interrupted."""
-        session = _session(self._partner)
-        session.reset()
-        with virtual_arm(virtual, retarget=default_planner(), estop=estop, has_host=self._has_host) as loop:
-            watch = ArmWatch(loop)
-            watch.begin()
-            self._begun_ns = virtual.clock.now()
-            frames = faulty_frames(self._frames, self._due_ns, self._schedule, virtual.clock)
-            try:
-                for begins in watch.inputs(as_captured(frames)):
-                    watch.watch(session.step(begins.frame, begins.time_ns))
-                contact = self._contact
-            except KeyboardInterrupt:
-                contact = -1  # it may not have come so far
-            if loop.trouble:
-                self.said.append(loop.trouble)
-            self._trial = watch.end(self._partner.emotion, self._partner.cell, contact)
+        try:
+            phases.begin(SWITCHING_ON)
+            clock, session = virtual.clock, _session(self._partner)
+            session.reset()
+            self._camera = FaultyCamera(self._partner, self._schedule, phases.begun, clock.now())
+            link = FrameLink(clock, RATE_HZ, self._camera)
+            about = SessionSettings(seed=self._schedule.seed, model="none", trials=1)
+            with (
+                closing(LiveSource("simulated", lambda: link, None, RATE_HZ, scheduler)) as source,
+                SessionRecorder(self._path, about) as recorder,
+                virtual_arm(virtual, retarget=default_planner(), estop=estop, has_host=self._has_host) as loop,
+            ):
+                source.first()
+                self._watch = watch = ArmWatch(loop)
+                watch.begin()
+                phases.begin(FOLLOWING)
+                live = LiveTrial(source, here(), clock, settings=_LIVE)
+                try:
+                    for begins in watch.inputs(_followed_by(live, phases)) if live.begins() else ():
+                        tick = session.step(begins.frame, begins.time_ns)
+                        live.watch(tick)
+                        watch.watch(tick)
+                finally:
+                    self.said += [line for line in (loop.trouble, live.trouble) if line]
+                self.trial = self._done(watch)
+                if self.trial is not None:
+                    self._recorded = True
+                    record(recorder, self.trial, self._room)
+        finally:
+            phases.end()
+
+    def _done(self, watch: ArmWatch) -> ArmTrial | None:
+        """What the arm did; the frame of the contact is found by its time, if it came so far."""
+        contact_ns = None if self._camera is None else self._camera.contact_ns
+        first, last = watch.span_ns
+        met = (
+            -1
+            if contact_ns is None or not first <= contact_ns <= last
+            else round(1e-9 * (contact_ns - first) * RATE_HZ)
+        )
+        return watch.end(self._partner.emotion, self._partner.cell, met)
 
     def _has_host(self) -> bool:
-        return self._host is None or self._host.alive
+        return all(task.alive for task in self._host[:1])
 
-    def _happen(self, it: Happening, virtual: VirtualRig, estop: Latch) -> None:
+    def _happen(self, it: Happening, virtual: VirtualRig, estop: Latch, phases: SessionPhases) -> None:
         """Waits until it is time, and lets it happen."""
-        clock, host = virtual.clock, self._host
-        assert host is not None
-        while self._begun_ns is None:
-            if not host.alive:
-                return
-            clock.wait_until(clock.now() + 1_000_000)
-        if it.kind in BUS:
-            virtual.bus.add_faults([it.bus_fault()], self._begun_ns - virtual.since_ns(0))
+        begun = phases.wait(it.phase)
+        if begun is None:
             return
-        at = self._begun_ns + round(1e9 * it.at_s)
+        clock, host = virtual.clock, self._host[0]
+        at = begun + round(1e9 * it.at_s)
+        until = at + round(1e9 * it.lasts_s)
+        if it.kind in BUS:
+            virtual.bus.add_faults([it.bus_fault()], begun - virtual.since_ns(0))
+            self.occurred.append(Occurrence(it, at, until))  # it comes even where the session is over before
+            return
         clock.wait_until(at)
-        until, driver = clock.now() + round(1e9 * it.lasts_s), None if virtual.arm is None else virtual.arm.task
+        driver = None if virtual.arm is None else virtual.arm.task
+        if it.kind not in (*DEATHS, *STOPS):
+            self.occurred.append(Occurrence(it, at, until))
         if it.kind in ("host stall", "machine stall"):
-            host.hold(until)
+            for task in self._host:
+                task.hold(until)
         if it.kind in ("driver stall", "machine stall") and driver is not None:
             driver.hold(until)
-        elif it.kind == "host killed":
-            host.kill()
-        elif it.kind == "driver killed" and driver is not None:
-            driver.kill()
-        elif it.kind == "emergency stop":
-            estop.pull()
-        elif it.kind == "Ctrl-C":
-            estop.pull(Cause.SIGNAL)
-            host.interrupt(KeyboardInterrupt())
+        elif it.kind == FULL_DISK:
+            self._room = round(it.amount)
+        elif it.kind in (*DEATHS, *STOPS):
+            first = driver if it.kind == "driver killed" else host
+            if first is None or not first.alive:
+                return
 
-    def _judge_errors(self, virtual: VirtualRig) -> None:
+            def end() -> None:
+                now = clock.now()
+                self.occurred.append(Occurrence(it, now, now))
+                if it.kind in STOPS:
+                    estop.pull(Cause.SIGNAL if it.kind == "Ctrl-C" else Cause.PROGRAM)
+                if it.kind == "Ctrl-C":
+                    host.interrupt(KeyboardInterrupt())
+                if it.kind in ("host killed", "machine killed"):
+                    for task in self._host:
+                        task.kill()
+                if it.kind in ("driver killed", "machine killed") and driver is not None:
+                    driver.kill()
+
+            if it.looks:
+                first.after_looks(it.looks, end)
+            else:
+                end()
+
+    def _judge(self, estop: Latch) -> None:
+        limits, planner = load_limits(), default_planner()
+        judge_times(self.laws, self.occurred, self.box, self.trial, estop.pulled_ns)
+        judge_body(self.laws, self.box, limits)
+        if self.trial is not None:
+            judge_commands(self.laws, self.trial, limits, planner.arm)
+            led = [it.at_ns for it in self.occurred if it.happening.kind in (*BUS, *DRIVERLESS)]
+            until_ns = min(led, default=self.box.times[-1])
+            judge_body_motion(self.laws, self.trial, self.box, limits, planner.arm, until_ns)
+            if self._recorded:
+                judge_recording(self.laws, self.trial, self._path)
+
+    def _judge_errors(self, host: VirtualTask, virtual: VirtualRig) -> None:
         """Nothing ends by an error that is none of ours, and each of ours is one line."""
-        host, arm = self._host, virtual.arm
-        error = None if host is None else host.error
+        arm, error = virtual.arm, host.error
         if isinstance(error, HighFiveError):
             self.said.append(str(error))
         strange = error is not None and not isinstance(error, (HighFiveError, KeyboardInterrupt))
@@ -169,26 +235,9 @@ class FaultRun:
         self.laws.judge("the driver ends by an unexpected error", float(broken), 0.0)
         long = max((line.count("\n") for line in self.said), default=0)
         self.laws.judge("lines that a reason takes beyond one", float(long), 0.0)
-        stopped = self._trial is not None and self._trial.broken_off
-        self.laws.judge("stopped without a reason", float(stopped and not self.said), 0.0)
-
-    def _record(self, trial: ArmTrial) -> None:
-        """Every tick and cycle is in the recording; where the disk is full, what came before is."""
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "arm.mcap"
-            full = bool(self._schedule.of(FULL_DISK))
-            about = SessionSettings(seed=self._schedule.seed, model="none", trials=2)
-            try:
-                with SessionRecorder(path, about) as recorder:
-                    recorder.record_played(trial)
-                    if full:
-                        with _full_disk(path.stat().st_size + _FULL_BYTES):
-                            recorder.record_played(trial)
-            except HighFiveError as error:
-                self.said.append(str(error))
-            found = read_recording(path).channels
-            lost = max(len(trial.ticks) - len(found["/safety"]), len(trial.cycles) - len(found["/arm"]))
-            self.laws.judge("recorded messages that are lost", float(max(0, lost)), 0.0)
+        stopped = self.trial is not None and self.trial.broken_off
+        silent = stopped and not self.said and not any(it.happening.kind in (*DEATHS, *STOPS) for it in self.occurred)
+        self.laws.judge("stopped without a reason", float(silent), 0.0)
 
     def _start_again(self, virtual: VirtualRig) -> None:
         """With all mended and the servos switched off and on the arm can be used again."""
@@ -216,21 +265,10 @@ class FaultRun:
             loop.begin()
 
 
-@contextmanager
-def _full_disk(size: int) -> Iterator[None]:
-    """Files cannot grow beyond that, bytes, as on a disk that is full."""
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
-
-
-@cache
-def _model() -> HGPDM:
-    return load_model(DEFAULT_MODEL)
+def _followed_by(live: LiveTrial, phases: SessionPhases) -> Iterator[TickInput]:
+    """A trial's inputs, after which the way back begins."""
+    yield from live
+    phases.begin(RETURNING)
 
 
 _sessions: dict[str, Session] = {}
@@ -239,12 +277,14 @@ _sessions: dict[str, Session] = {}
 def _session(partner: Partner) -> Session:
     """One for each emotion: it takes a while to make."""
     if partner.emotion not in _sessions:
-        _sessions[partner.emotion] = Session(_model(), {partner.emotion: 1.0}, partner.marker_set, build_scene())
+        model, scene = parts()
+        _sessions[partner.emotion] = Session(model, {partner.emotion: 1.0}, partner.marker_set, scene)
     return _sessions[partner.emotion]
 
 
 def run_schedule(job: FaultJob) -> tuple[Laws, Sequence[str]]:
     """The laws as they were kept, and what was said."""
-    run = FaultRun(job)
-    run.run()
+    with TemporaryDirectory() as folder:
+        run = FaultRun(job, Path(folder))
+        run.run()
     return run.laws, run.said

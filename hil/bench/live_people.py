@@ -16,6 +16,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from highfive.calibration.placement import Placement
+from highfive.hil.arm.arm_trial import ArmWatch
+from highfive.hil.arm.contact_outcome import ContactOutcome
+from highfive.hil.bench.clocked_twin import clocked_loop
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
+from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -26,6 +31,7 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner, simulated_partner
 from highfive.hil.trials.trial import run_trial
@@ -76,6 +82,7 @@ class LiveFelt:
         error: m, of the played palm from the true one when they first touched; NaN where they did not.
         time_error: s, by how much that was later than the person's own contact.
         palm_speed: over the true one, of the tracked palm while it moved; NaN where it was never seen moving.
+        arm: how the twin's plate met the palm, and why it was stopped, '' where it was not; None where none took part.
     """
 
     emotion: str
@@ -84,27 +91,7 @@ class LiveFelt:
     error: float
     time_error: float
     palm_speed: float
-
-
-class FrameLink:
-    """One connection to the system: hands over each frame when it arrives."""
-
-    def __init__(self, clock: VirtualClock, rate_hz: float, frames: Sequence[MarkerFrame]) -> None:
-        """Of all ``frames``, in the order of their arrivals."""
-        self._clock, self.rate_hz, self._frames, self._next = clock, rate_hz, frames, 0
-
-    def receive(self, timeout_s: float) -> Sequence[MarkerFrame]:
-        """Those that have arrived."""
-        until = self._clock.now() + round(1e9 * timeout_s)
-        due = self._frames[self._next].arrival_time_ns if self._next < len(self._frames) else until
-        self._clock.wait_until(min(due, until))
-        begin = self._next
-        while self._next < len(self._frames) and self._frames[self._next].arrival_time_ns <= self._clock.now():
-            self._next += 1
-        return self._frames[begin : self._next]
-
-    def close(self) -> None:
-        """Nothing to let go of."""
+    arm: tuple[ContactOutcome, str] | None = None
 
 
 def people(emotions: Sequence[str], cells: Sequence[str], seed: int, bar: Bar) -> list[Partner]:
@@ -144,11 +131,12 @@ def frames_of(person: Partner, system: System, begins_ns: int, rng: np.random.Ge
 
 @dataclass(frozen=True)
 class LiveJob:
-    """One high five before a system."""
+    """One high five before a system, in which the twin may take part."""
 
     person: Partner
     system: System
     seed: int
+    twin: bool = False
 
 
 @cache
@@ -165,15 +153,22 @@ def play(job: LiveJob) -> LiveFelt:
     with VirtualClock(job.seed) as clock:
         begins = clock.now() + 100_000_000
         frames = frames_of(person, system, begins, np.random.default_rng(job.seed))
-        link = FrameLink(clock, system.rate_hz, frames)
+        link = FrameLink(clock, system.rate_hz, SentFrames(frames))
         with closing(LiveSource("simulated", lambda: link, None, system.rate_hz, VirtualScheduler(clock))) as source:
             zero = begins + round(1e9 * BEFORE_S)
             clock.wait_until(zero + round(1e6 * system.latency_ms))
-            return meet(person, session, source, clock, zero)
+            arm = ArmWatch(clocked_loop(default_planner(), clock)) if job.twin else None
+            return meet(person, session, source, clock, zero, arm=arm)
 
 
 def meet(
-    person: Partner, session: Session, source: LiveSource, clock: VirtualClock, zero: int, latency_ns: int = 0
+    person: Partner,
+    session: Session,
+    source: LiveSource,
+    clock: VirtualClock,
+    zero: int,
+    latency_ns: int = 0,
+    arm: ArmWatch | None = None,
 ) -> LiveFelt:
     """One high five with whom a source follows in virtual time, beside her true palm.
 
@@ -184,18 +179,24 @@ def meet(
         clock: of all.
         zero: ns of that clock.
         latency_ns: made up for beyond what the source reports.
+        arm: takes part; None for none.
     """
     trial = LiveTrial(source, here(), clock, latency_ns)
     inputs, ticks = list[TickInput](), list[Tick]()
 
+    if arm is not None:
+        arm.begin()
+
     def noted() -> Any:
-        for begins in trial:
+        for begins in trial if arm is None else arm.inputs(trial):
             inputs.append(begins)
             yield begins
 
     def watch(tick: Tick) -> None:
         ticks.append(tick)
         trial.watch(tick)
+        if arm is not None:
+            arm.watch(tick)
 
     result = run_trial(0, person, session, KinematicPlayOut(parts()[1]), noted(), watch)
     shown = 1e-9 * np.array([begins.at_ns - zero for begins in inputs], dtype=float)  # after the person began
@@ -203,14 +204,18 @@ def meet(
     truth = CubicSpline(np.arange(len(person.palm)) / RATE_HZ, person.palm)
     end = (len(person.palm) - 1) / RATE_HZ
     palm_speed = _palm_speed(ticks, shown, truth, end)
-    met = result.contact.met_time_ns
-    if met is None:
-        return LiveFelt(person.emotion, person.cell, False, np.nan, np.nan, palm_speed)
-    at = next(i for i, tick in enumerate(ticks) if tick.time_ns == met)
+    by_arm = None if arm is None else _by_arm(arm, person)
+    if result.contact.met_time_ns is None:
+        return LiveFelt(person.emotion, person.cell, False, np.nan, np.nan, palm_speed, by_arm)
+    at = contact_tick(result)
     error = float(np.linalg.norm(result.palm[at] - truth(min(shown[at], end))))
-    return LiveFelt(
-        person.emotion, person.cell, True, error, float(shown[at]) - person.contact_frame / RATE_HZ, palm_speed
-    )
+    late = float(shown[at]) - person.contact_frame / RATE_HZ
+    return LiveFelt(person.emotion, person.cell, True, error, late, palm_speed, by_arm)
+
+
+def _by_arm(arm: ArmWatch, person: Partner) -> tuple[ContactOutcome, str] | None:
+    trial = arm.end(person.emotion, person.cell, -1)
+    return None if trial is None else (trial.met, arm.loop.trouble)
 
 
 def here() -> Placement:

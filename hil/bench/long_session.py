@@ -12,7 +12,8 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, arm_summary, played_until_stopped
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import Laws, judge_body, judge_commands
+from highfive.hil.bench.fault_laws import judge_body, judge_commands
+from highfive.hil.bench.laws import Laws
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.drivers.bus.rig import load_rig

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from highfive.hil.bench.live_people import LiveJob, System, figures, people, play, shown_pair
+from highfive.hil.bench.contact import contact_figures
+from highfive.hil.bench.live_people import LiveFelt, LiveJob, System, figures, people, play, shown_pair
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -20,11 +22,12 @@ LEAST_MS, DELAY_MS, DROP, DRIFT_PPM = 1.0, 0.5, 0.01, 100.0
 
 @dataclass(frozen=True)
 class RatesOptions:
-    """What is played: every emotion at these cells, at each rate."""
+    """What is played: every emotion at these cells, at each rate; and whether the twin of the arm plays too."""
 
     rates: tuple[float, ...] = RATES
     cells: tuple[str, ...] = CELLS
     seed: int = 0
+    twin: bool = False
 
 
 def bench_rates(options: RatesOptions, bar: Bar) -> dict[str, Any]:
@@ -47,6 +50,7 @@ def bench_rates(options: RatesOptions, bar: Bar) -> dict[str, Any]:
             person,
             System(rate, latency_ms=LEAST_MS, delay_ms=DELAY_MS, drop=DROP, drift_ppm=DRIFT_PPM),
             options.seed + number,
+            options.twin,
         )
         for rate in options.rates
         for number, person in enumerate(persons)
@@ -54,7 +58,15 @@ def bench_rates(options: RatesOptions, bar: Bar) -> dict[str, Any]:
     felt = list(parallel_map(play, jobs, lambda total: bar("high fives", total)))
     count = len(persons)
     rows = [felt[i * count : (i + 1) * count] for i in range(len(options.rates))]
-    return {f"{rate:g}": figures(row) for rate, row in zip(options.rates, rows, strict=True)}
+    return {f"{rate:g}": figures(row) | _of_twin(row) for rate, row in zip(options.rates, rows, strict=True)}
+
+
+def _of_twin(felt: Sequence[LiveFelt]) -> dict[str, Any]:
+    """As ``bench contact`` gives them, and why the twin was stopped; nothing where it did not play."""
+    played = [one.arm for one in felt if one.arm is not None]
+    if not played:
+        return {}
+    return {"twin": contact_figures([met for met, _ in played]) | {"stopped": [why for _, why in played if why]}}
 
 
 def print_rates(result: dict[str, Any]) -> None:
@@ -66,3 +78,10 @@ def print_rates(result: dict[str, Any]) -> None:
             f"{rate:>4} Hz  {row['touched']:>3} of {row['trials']:<3}  {shown_pair(row['contact_error_mm'], 'mm', 2)}"
             f"      {shown_pair(row['time_error_ms'], 'ms', 1)}    {speed}"
         )
+    for rate, row in result.items():
+        if twin := row.get("twin"):
+            print(
+                f"{rate:>4} Hz  twin: plate to tracked palm {shown_pair(twin['error_mm'], 'mm', 2)}, "
+                f"{twin['time_error_median_ms']} ms, {len(twin['missed'])} missed, {len(twin['unreachable'])} not "
+                f"possible, {len(twin['stopped'])} stopped"
+            )

@@ -1,6 +1,7 @@
 """How long the emulated rig takes to stop, in virtual time: from an event at any phase of the cycle to the last motion.
 
-The arm swings, as fast as it may near nobody; then something happens. What counts is what the servos were commanded
+The arm swings, as fast as it may near nobody (:func:`stopped_by`), or plays a high five (:func:`stopped_in_high_five`);
+then something happens. What counts is what the servos were commanded
 (:class:`~highfive.hil.bench.black_box.BlackBox`): when a goal last changed.
 """
 
@@ -24,7 +25,7 @@ from highfive.hil.drivers.bus.rig import Rig, load_rig
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualArm, VirtualRig
-from highfive.hil.drivers.values import Array, JointCommand
+from highfive.hil.drivers.values import JointCommand
 from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
 from highfive.hil.safety.people import Sighting
 from highfive.hil.safety.states import State
@@ -33,8 +34,12 @@ PERIOD_NS = 8_333_333
 SWING, SWING_HZ = np.array([0.25, 0.08, 0.25, 0.12, 0.25, 0.25]), 0.8  # rad
 CURRENT = 2.0  # A
 _BEFORE_NS, _AFTER_NS = 150_000_000, 250_000_000
-_DEAD = 4  # the servo that dies
 _LOOKED_AT = 24  # ticks after the event
+_LOOK_NS = 500_000
+
+ENGAGING = -1
+"""Before the first tick: the limp arm has been watched, and is being switched on and checked."""
+_ENGAGING_NS = (1_500_000_000, 2_000_000_000)  # after the session has begun with the arm
 
 
 @dataclass(frozen=True)
@@ -43,12 +48,15 @@ class Stopped:
 
     Attributes:
         changed_ms: until a goal last changed, ms after it.
+        commanded_ms: the same without what servos make their goal by themselves, as they are switched on or their
+            watchdog trips.
         stood_ms: until the body stood, ms after it.
         mode: of the driver in the end.
         trips: watchdogs that have tripped.
     """
 
     changed_ms: float
+    commanded_ms: float
     stood_ms: float
     mode: Mode
     trips: int
@@ -94,11 +102,6 @@ def stall_host(it: Swinging) -> None:
     it.host.hold(it.virtual.clock.now() + 10**10)
 
 
-def kill_servo(it: Swinging) -> None:
-    """One servo goes silent."""
-    it.virtual.bus.set_faults(parse_faults([f"dead={_DEAD}"]), it.virtual.now())
-
-
 def stopped_by(happening: Happening, phase: float, rig: Rig | None = None) -> Stopped:
     """What comes of ``happening`` at that phase, 0 to 1, of the driver's cycle.
 
@@ -123,8 +126,12 @@ def stopped_by(happening: Happening, phase: float, rig: Rig | None = None) -> St
         at = clock.now()
         happening(it)
         clock.wait_until(at + _AFTER_NS)
-        changed, stood = box.last_change_ns(at) - at, max(0, box.stands_since_ns() - at)
-        return Stopped(1e-6 * changed, 1e-6 * stood, arm.mode, bus.watchdog_trips)
+        return _stopped(box, arm, bus.watchdog_trips, at)
+
+
+def _stopped(box: BlackBox, arm: VirtualArm, trips: int, at: int) -> Stopped:
+    changed, stood = box.last_change_ns(at) - at, max(0, box.stands_since_ns() - at)
+    return Stopped(1e-6 * changed, box.commanded_after_ms(at), 1e-6 * stood, arm.mode, trips)
 
 
 def _swing(it: Swinging) -> None:
@@ -138,21 +145,61 @@ def _swing(it: Swinging) -> None:
         clock.wait_until(due)
 
 
-def dead_servo_ms(reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float) -> float:
+def stopped_in_high_five(
+    happening: Happening, reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float
+) -> Stopped:
+    """What comes of ``happening`` in that tick of a high five, and that phase of it, 0 to 1.
+
+    The host plans, keeps the arm safe and commands it as in a session; :data:`ENGAGING` for a tick is the time in which
+    it has the arm switched on and checked, and the phase is one of that time.
+    """
+    with VirtualClock() as clock:
+        bus = make_bus(emulator_options(ArmOptions()))
+        box = BlackBox(bus, load_rig())
+        virtual = VirtualRig(clock, bus, box.look)
+        hosts: list[VirtualTask] = []
+        at: list[int] = []
+        first, last = _ENGAGING_NS
+
+        def play() -> None:
+            has_host = lambda: all(host.alive for host in hosts)  # noqa: E731
+            with virtual_arm(virtual, retarget=retarget, has_host=has_host) as loop:
+                if tick == ENGAGING:
+                    at.append(clock.now() + round(first + phase * (last - first)))
+                loop.play(marked())
+
+        def marked() -> Iterator[PalmGoal]:
+            for number, goal in enumerate(reference.goals):
+                if number == tick:
+                    at.append(clock.now() + round(phase * PERIOD_NS))
+                yield goal
+
+        host = clock.start("host", play)
+        hosts.append(host)
+        while not at and host.alive:
+            clock.wait_until(clock.now() + _LOOK_NS)
+        assert at and virtual.arm is not None, host.error
+        clock.wait_until(at[0])
+        happened = clock.now()
+        happening(Swinging(virtual, virtual.arm, host))
+        clock.wait_until(happened + _AFTER_NS)
+        return _stopped(box, virtual.arm, bus.watchdog_trips, happened)
+
+
+def dead_servo_ms(reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float, servo: int = 4) -> float:
     """ms from a servo's death, in that tick of a high five and that phase of it, until the envelope stops the arm."""
+
+    def die(virtual: VirtualRig, at: int) -> None:
+        virtual.clock.wait_until(at)
+        virtual.bus.set_faults(parse_faults([f"dead={servo}"]), virtual.now())
 
     def goals(virtual: VirtualRig) -> Iterator[PalmGoal]:
         for number, goal in enumerate(reference.goals):
             if number == tick:
-                virtual.clock.start("fault", partial(_die, virtual, virtual.clock.now() + round(phase * PERIOD_NS)))
+                virtual.clock.start("fault", partial(die, virtual, virtual.clock.now() + round(phase * PERIOD_NS)))
             yield goal
 
     return _until(goals, retarget, lambda states: State.STOPPING in states, tick, phase)
-
-
-def _die(virtual: VirtualRig, at: int) -> None:
-    virtual.clock.wait_until(at)
-    virtual.bus.set_faults(parse_faults([f"dead={_DEAD}"]), virtual.now())
 
 
 def hold_ms(reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float) -> float:
@@ -185,8 +232,3 @@ def _until(
                 if reached({one.report.state}):
                     return 1e-6 * (one.report.time_ns - begun)
     return float("inf")
-
-
-def largest(times: Array) -> float:
-    """ms, rounded as it is shown."""
-    return round(float(times.max()), 1)

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from highfive.hil.bench.live_people import System, frames_of, here, people
+from highfive.hil.bench.wakes import percentiles, sleeps
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ, Session
@@ -161,7 +162,7 @@ def _paced(session: Session, person: Partner, seconds: float, bar: Bar) -> dict[
     advance = bar("paced", round(seconds))
     session.reset()
     took, late_ms, wakes, ended = list[float](), list[float](), list[float](), threading.Event()
-    sleeper = threading.Thread(target=_sleeps, args=(wakes, ended), daemon=True)
+    sleeper = threading.Thread(target=sleeps, args=(wakes, ended), daemon=True)
     with closing(LiveSource("paced", lambda: _Paced(frames), None)) as source:
         source.first()
         sleeper.start()
@@ -185,10 +186,10 @@ def _paced(session: Session, person: Partner, seconds: float, bar: Bar) -> dict[
         sleeper.join()
     return {
         "ticks": len(late_ms),
-        "arrival_to_pose_ms": _percentiles(took),
-        "tick_ms": _percentiles(late_ms),
+        "arrival_to_pose_ms": percentiles(took),
+        "tick_ms": percentiles(late_ms),
         "late": late,
-        "sleeper_late_ms": _percentiles(wakes),
+        "sleeper_late_ms": percentiles(wakes),
     }
 
 
@@ -200,20 +201,6 @@ def _again_and_again(frames: Sequence[MarkerFrame], seconds: float) -> Iterator[
             at = round(number * period)
             yield replace(frame, number=number, source_time_ns=at, arrival_time_ns=at)
             number += 1
-
-
-def _sleeps(wakes: list[float], ended: threading.Event) -> None:
-    due = time.monotonic_ns()
-    while not ended.is_set():
-        due += round(1e9 / RATE_HZ)
-        time.sleep(max(1e-9 * (due - time.monotonic_ns()), 0.0))
-        wakes.append(1e-6 * (time.monotonic_ns() - due))
-        due = max(due, time.monotonic_ns() - round(1e9 / RATE_HZ))
-
-
-def _percentiles(values: Sequence[float]) -> dict[str, float]:
-    p50, p99 = np.percentile(values, [50, 99])
-    return {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(max(values), 3)}
 
 
 def print_tick(result: dict[str, Any]) -> None:

@@ -17,18 +17,22 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from highfive.calibration.placement import Placement, place_before_camera
-from highfive.hil.bench.live_people import FrameLink, parts
+from highfive.hil.bench.frame_link import FrameLink, SentFrames
+from highfive.hil.bench.live_people import parts
 from highfive.hil.bench.webcam_recorded import STEP, RecordedClip, load_clips
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
+from highfive.hil.session.reach import SEEN_LATE
 from highfive.hil.session.session import RATE_HZ, Session, TickInput
 from highfive.hil.sim.contact_check import ON_THE_PALM
 from highfive.hil.sim.playout import KinematicPlayOut
+from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.screen_contact import across_view
 from highfive.hil.trials.trial import run_trial
+from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.files.recording import make_recording
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
@@ -126,15 +130,30 @@ def _placed(clip: RecordedClip, options: WebcamBenchOptions) -> tuple[Placement,
 
 def play(clip: RecordedClip, options: WebcamBenchOptions, placement: Placement, marker_set: MarkerSet) -> ScreenFelt:
     """One high five as a live session plays it."""
+    result, shown_s, camera = played(clip, options, placement, marker_set)
+    if result.contact.met_time_ns is None:
+        return ScreenFelt(clip.emotion, clip.cell, False, np.nan, np.nan)
+    at = contact_tick(result)
+    truth = CubicSpline(np.arange(len(clip.palm)) / RATE_HZ, placement.apply(clip.palm @ TO_ROOM.T + camera))
+    true = truth(float(np.clip(_in_clip(shown_s[at], clip, options), 0.0, (len(clip.palm) - 1) / RATE_HZ)))
+    across = float(across_view(result.palm[at], true, placement.apply(camera)))
+    return ScreenFelt(clip.emotion, clip.cell, True, across, float(shown_s[at]) - clip.contact_frame / RATE_HZ)
+
+
+def played(
+    clip: RecordedClip, options: WebcamBenchOptions, placement: Placement, marker_set: MarkerSet
+) -> tuple[TrialResult, Array, Array]:
+    """What came of it, when each tick's pose was shown (T,), s after the clip began, and the camera in the frames' room
+    (3,), m."""
     model, scene = parts()
-    session = Session(model, {clip.emotion: 1.0}, marker_set, scene, tracking=WEBCAM)
+    session = Session(model, {clip.emotion: 1.0}, marker_set, scene, tracking=WEBCAM, reach=SEEN_LATE)
     nothing = make_recording(RATE_HZ, MARKERS, np.zeros((0, len(MARKERS), 3)), np.zeros((0, len(MARKERS)), dtype=bool))
     partner = Partner("webcam", clip.emotion, clip.cell, False, nothing, marker_set, -1, None, None)
     inputs = list[TickInput]()
     with VirtualClock(0) as clock:
         begins = clock.now() + 100_000_000
         frames, camera = frames_of(clip, options, begins)
-        link = FrameLink(clock, RATE_HZ / STEP / options.every, frames)
+        link = FrameLink(clock, RATE_HZ / STEP / options.every, SentFrames(frames))
         with closing(LiveSource("webcam", lambda: link, None, link.rate_hz, VirtualScheduler(clock))) as source:
             zero = begins + round(1e9 * BEFORE_S)
             clock.wait_until(zero + round(1e6 * options.latency_ms))
@@ -146,15 +165,7 @@ def play(clip: RecordedClip, options: WebcamBenchOptions, placement: Placement, 
                     yield one
 
             result = run_trial(0, partner, session, KinematicPlayOut(scene), noted(), trial.watch)
-    met = result.contact.met_time_ns
-    if met is None:
-        return ScreenFelt(clip.emotion, clip.cell, False, np.nan, np.nan)
-    at = int(np.argmin(np.abs(1e9 * result.times - met)))
-    truth = CubicSpline(np.arange(len(clip.palm)) / RATE_HZ, placement.apply(clip.palm @ TO_ROOM.T + camera))
-    shown = 1e-9 * (inputs[at].at_ns - zero)
-    true = truth(float(np.clip(_in_clip(shown, clip, options), 0.0, (len(clip.palm) - 1) / RATE_HZ)))
-    across = float(across_view(result.palm[at], true, placement.apply(camera)))
-    return ScreenFelt(clip.emotion, clip.cell, True, across, shown - clip.contact_frame / RATE_HZ)
+    return result, 1e-9 * np.array([one.at_ns - zero for one in inputs], dtype=float), camera
 
 
 def _in_clip(seconds: float, clip: RecordedClip, options: WebcamBenchOptions) -> float:

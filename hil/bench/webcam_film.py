@@ -17,7 +17,7 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.rendering import Image
 from highfive.hil.sim.scene import Scene, build_scene
-from highfive.mocap_bridge.sources.camera_person import TO_ROOM
+from highfive.mocap_bridge.sources.camera_person import TO_ROOM, looking_up
 from highfive.model.geometry.rotations import Array
 
 STANDS_AT = 0.98
@@ -30,25 +30,28 @@ EARS_ABOVE_HEAD = 0.07
 """m, of the middle of the ears over the joint."""
 AFTERWARDS = 90
 """Frames of 120 Hz that are filmed after contact."""
-_SEED = 20
+SEED, CHOICE_SEED = 20, 21
+"""Of the people on whom figures are measured, and of those on whom settings are chosen."""
 _SENSOR_NOISE = 3.0  # of 255, standard deviation of a pixel
 
 
 @dataclass(frozen=True)
 class FilmCamera:
-    """A camera that looks level at the person, from where the avatar stands or behind it.
+    """A camera that looks towards the person, from where the avatar stands or behind it.
 
     Attributes:
         size: width and height, pixels.
         field_of_view: across the picture, °.
         distance: from the person, m.
         height: over the floor, m.
+        tilt: by which it looks up, °.
     """
 
     size: tuple[int, int] = (1280, 720)
     field_of_view: float = 70.0
     distance: float = 2.0
     height: float = 1.25
+    tilt: float = 0.0
 
     @property
     def place(self) -> Array:
@@ -57,12 +60,12 @@ class FilmCamera:
 
     def seen(self, points: Array) -> Array:
         """Points (..., 3), m, of that world in the camera's axes."""
-        return (points - self.place) @ TO_ROOM
+        return (points - self.place) @ TO_ROOM @ looking_up(self.tilt)
 
 
-def filmed_pair(emotion: str, cell: str) -> PairTrial:
+def filmed_pair(emotion: str, cell: str, seed: int = SEED) -> PairTrial:
     """The pair whose person is filmed. She is of the avatar's size, as skins are."""
-    rng = np.random.default_rng([_SEED, list(EMOTIONS).index(emotion), CELLS.index(cell)])
+    rng = np.random.default_rng([seed, list(EMOTIONS).index(emotion), CELLS.index(cell)])
     return simulate_pair(emotion, cell, 0, rng, avatar_skeleton())
 
 
@@ -93,8 +96,8 @@ class Film:
         self._option.geomgroup[3] = 0
         self._option.sitegroup[:] = 0
         self._view = mujoco.MjvCamera()
-        self._view.lookat[:] = camera.place + np.array([camera.distance, 0.0, 0.0])
-        self._view.distance, self._view.azimuth, self._view.elevation = camera.distance, 0.0, 0.0
+        self._view.lookat[:] = camera.place + camera.distance * (TO_ROOM @ looking_up(camera.tilt))[:, 2]
+        self._view.distance, self._view.azimuth, self._view.elevation = camera.distance, 0.0, camera.tilt
         self._data = self._scene.make_data()
 
     def pictures(self, trial: PairTrial, step: int, noise: np.random.Generator) -> Iterator[tuple[int, bytes]]:

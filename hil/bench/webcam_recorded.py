@@ -17,6 +17,12 @@ from highfive.mocap_bridge.wire.landmarks import HAND, POSE, HandLandmarks, Land
 from highfive.model.geometry.rotations import Array
 
 RECORDED = Path(__file__).parent / "webcam_landmarks.npz"
+"""36 high fives, on which figures are measured and nothing is chosen."""
+CHOICE = Path(__file__).parent / "webcam_choice.npz"
+"""18 of other people, half of the emotions at each cell, on which the settings were chosen."""
+TILTED = {degrees: Path(__file__).parent / f"webcam_tilted_{degrees}.npz" for degrees in (-10, 15)}
+"""Two high fives of those others each, seen by a camera on a high screen that looks down, and one of a laptop on a
+table that looks up, by so many degrees."""
 STEP = 8
 """Frames of 120 Hz from picture to picture: 15 Hz."""
 _BODY = np.array([0, 7, 8, *range(11, 21), 23, 24])

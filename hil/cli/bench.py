@@ -165,15 +165,26 @@ def bench_tick(
     _run(json, lambda bar: bench.tick(seconds, seed, bar))
 
 
+@app.command("recording")
+def bench_recording(
+    hours: Annotated[float, typer.Option(help="Of a session, by the recording's own clock.")] = 8.0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Record a long session, and kill some: memory, megabytes an hour, seconds that are lost."""
+    _run(json, lambda bar: bench.recording(hours, seed, bar))
+
+
 @app.command("rates")
 def bench_rates(
     rate: Annotated[list[float] | None, typer.Option(help="Only this rate, Hz; may be given again.")] = None,
     cell: Cells = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Let the twin of the arm meet them too.")] = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Let simulated people come in at 30 to 500 Hz, in virtual time: do palms meet as they do at 120 Hz?"""
-    _run(json, lambda bar: bench.rates(rate, cell, seed, bar))
+    _run(json, lambda bar: bench.rates(rate, cell, twin, seed, bar))
 
 
 @app.command("latency")

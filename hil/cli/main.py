@@ -12,6 +12,7 @@ import typer
 from typer.exceptions import TyperException
 
 from highfive.hil.cli import bench as cli_bench
+from highfive.hil.cli import files as cli_files
 from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
@@ -28,6 +29,7 @@ app = typer.Typer(
 
 app.add_typer(cli_model.app)
 app.add_typer(cli_mocap.app)
+app.add_typer(cli_files.app)
 app.add_typer(cli_bench.app, name="bench")
 app.add_typer(cli_rig.app, name="rig")
 
@@ -173,7 +175,9 @@ def simulate(
         place=place,
         latency_ms=latency,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
-        view=PageOptions(port, not no_open, https) if view or source == "webcam" else None,
+        view=PageOptions(port, not no_open, https)
+        if view or (source or "").partition("?")[0].strip().lower() == "webcam"
+        else None,
         webcam=WebcamOptions(height, fov, camera),
         publish=published(publish),
         publish_network=publish_network,
@@ -187,8 +191,14 @@ def simulate(
         print_json(summary)
     else:
         print_session(summary, folder)
-    early = summary["interrupted"] or summary["unrecorded"]
-    if early or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"]):
+    replayed = summary["replayed"]
+    other = replayed is not None and replayed["same"] < replayed["ticks"]
+    if (
+        summary["interrupted"]
+        or summary["unrecorded"]
+        or other
+        or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"])
+    ):
         raise typer.Exit(1)
 
 

@@ -127,12 +127,19 @@ def tick(seconds: float, seed: int, bar: Bar) -> Measured:
     return Measured(bench_tick(TickOptions(seconds=seconds, seed=seed), bar), print_tick)
 
 
-def rates(rates_hz: list[float] | None, cells: list[str] | None, seed: int, bar: Bar) -> Measured:
+def recording(hours: float, seed: int, bar: Bar) -> Measured:
+    """A long recording, and killed ones; see :mod:`highfive.hil.bench.recording`."""
+    from highfive.hil.bench.recording import RecordingOptions, bench_recording, print_recording
+
+    return Measured(bench_recording(RecordingOptions(hours, seed), bar), print_recording)
+
+
+def rates(rates_hz: list[float] | None, cells: list[str] | None, twin: bool, seed: int, bar: Bar) -> Measured:
     """Live systems of any rate; see :mod:`highfive.hil.bench.rates`."""
     from highfive.hil.bench.rates import RATES, RatesOptions, bench_rates, print_rates
     from highfive.hil.sim.people.grid import CELLS
 
-    options = RatesOptions(tuple(rates_hz or RATES), tuple(cells or CELLS), seed)
+    options = RatesOptions(tuple(rates_hz or RATES), tuple(cells or CELLS), seed, twin)
     return Measured(bench_rates(options, bar), print_rates)
 
 

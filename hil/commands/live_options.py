@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.mocap_bridge.sources.address import WEBCAM
+from highfive.mocap_bridge.sources.address import WEBCAM, parse_address
 from highfive.mocap_bridge.sources.camera_settings import CameraSettings
 from highfive.model.errors import HighFiveError
 
@@ -33,6 +33,11 @@ def check_live_options(options: SimulateOptions, live: bool) -> None:
         raise HighFiveError("--place and --registration both say where the person stands; give one")
 
 
+def sees_webcam(options: SimulateOptions) -> bool:
+    """The person comes from a webcam."""
+    return options.source is not None and parse_address(options.source).scheme == WEBCAM
+
+
 def check_webcam_options(options: SimulateOptions) -> None:
     """What a webcam is good for, and what goes with one only.
 
@@ -40,7 +45,7 @@ def check_webcam_options(options: SimulateOptions) -> None:
         HighFiveError: something is not, or does not.
     """
     webcam = options.webcam
-    if options.source != WEBCAM:
+    if not sees_webcam(options):
         given = (("--camera", webcam.video), ("--height", webcam.height), ("--fov", webcam.field_of_view))
         for name, value in given:
             if value is not None:

@@ -13,6 +13,7 @@ import numpy as np
 from highfive.hil.commands.programme import Programme
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.publish.outputs import SessionOutputs
+from highfive.hil.recording.background import said_in
 from highfive.hil.recording.recorded_tick import recorded_tick
 from highfive.hil.recording.recorder import TrialHead
 from highfive.hil.runtime.clock import MACHINE
@@ -32,9 +33,14 @@ from highfive.model.plugins import PluginError
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
+    from highfive.hil.recording.replay import Replay
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.view.live_page import LivePage
     from highfive.hil.view.session_view import SessionView
+
+WHOLE = 144
+"""High fives whose every tick is kept for figures and film: four times the grid. Of more, a long session keeps the
+figures only; the recording has all of them."""
 
 # What only an arm or the live page need is imported where it is needed: it takes seconds.
 
@@ -58,23 +64,27 @@ def play(
     bar: Bar,
     watch: ArmWatch | None,
     page: LivePage | None,
+    replay: Replay | None = None,
 ) -> Played:
     """Plays the partners in order; Ctrl-C, a broken-off high five or a stopped arm ends the session early.
+
+    The high fives of a ``replay`` begin with what the recorded ones began with.
 
     Raises:
         HighFiveError: not even the first high five could be played.
     """
     played = Played()
     results = played.results
-    with recorder, quick_switching():
+    with recorder, said_in(recorder), quick_switching():
         try:
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
             advance = bar("high fives", len(partners))
             view = None if page is None else _view(page, session, playout, scene, watch)
-            programme = Programme(options, partners, view)
+            programme = Programme(options, partners, view, () if replay is None else replay.styles)
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
             gc.freeze()
+            recorder.record_event("session_start")
             while programme:
                 partner, style = programme.take()
                 session.set_style(style)
@@ -82,8 +92,11 @@ def play(
                 try:
                     programme.begin(partner, style)
                     paced = recorder.paced or person is not None or watch is not None or view is not None
-                    kept = _Kept(recorder, TrialHead(number, partner, called, paced), watch)
-                    result, trouble = _trial(number, partner, called, session, playout, person, watch, view, kept)
+                    head = TrialHead(number, partner, called, style, session.corrects, paced)
+                    kept = _Kept(recorder, head, watch, session, replay)
+                    result, trouble = _trial(
+                        number, partner, called, session, playout, person, watch, view, kept, replay
+                    )
                 except Interruption as asked:
                     recorder.record_event("trial_broken_off", trial=number, detail=f"{asked.wish} was asked for")
                     programme.follow(asked.wish, partner)
@@ -96,7 +109,7 @@ def play(
                 result = replace(result, style=programme.style_name(style))
                 arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
                 kept.end(result)
-                results.append(result)
+                results.append(result if len(results) < WHOLE else result.condensed())
                 if arm is not None:
                     played.arm[number] = arm
                 advance()
@@ -111,6 +124,7 @@ def play(
         except KeyboardInterrupt:
             return replace(played, interrupted=True)
         finally:
+            recorder.record_event("session_end")
             gc.unfreeze()
     return replace(played, interrupted=programme.ended)
 
@@ -118,10 +132,19 @@ def play(
 class _Kept:
     """A high five on its way into the recording, tick by tick."""
 
-    def __init__(self, recorder: SessionOutputs, head: TrialHead, watch: ArmWatch | None) -> None:
+    def __init__(
+        self,
+        recorder: SessionOutputs,
+        head: TrialHead,
+        watch: ArmWatch | None,
+        session: Session,
+        replay: Replay | None,
+    ) -> None:
         """Begins with the first tick."""
         self.paced = head.paced
         self._recorder, self._head, self._watch = recorder, head, watch
+        self._session, self._replay = session, replay
+        self._asked = session.weights, session.corrects
         self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
         self._begun = False
 
@@ -135,6 +158,12 @@ class _Kept:
         for event in happened if self._begun else ["trial_start", *happened]:
             self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
         self._begun = True
+        if (asked := (self._session.weights, self._session.corrects)) != self._asked:
+            self._asked = asked
+            about = {"weights": dict(asked[0]), "corrects": asked[1], **self._about}
+            self._recorder.record_event("answer_changed", begins.at_ns, style=style_name(asked[0]), **about)
+        if self._replay is not None:
+            self._replay.check(self._head.number, tick)
 
     def end(self, result: TrialResult) -> None:
         """It is over, and judged."""
@@ -191,10 +220,12 @@ def _trial(
     watch: ArmWatch | None,
     view: SessionView | None,
     kept: _Kept,
+    replay: Replay | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
     if not kept.paced:
-        return run_trial(number, partner, session, playout, keep=kept), ""
+        recorded = None if replay is None else replay.inputs(number, session)
+        return run_trial(number, partner, session, playout, recorded, keep=kept), ""
     try:
         if watch is not None:
             watch.begin()
@@ -213,7 +244,7 @@ def _trial(
     if live is None:
         return run_trial(number, partner, session, playout, inputs, seen, kept), ""
     assert person is not None
-    person.say(f"high five {number + 1}, {style}: raise the right hand")
+    person.say(f"high five {number + 1}, {style}: raise the {person.hand} hand")
     result = run_trial(number, partner, session, playout, inputs, seen, kept) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble

@@ -24,9 +24,15 @@ class Programme:
         ended: somebody before the page ended the session.
     """
 
-    def __init__(self, options: SimulateOptions, partners: Sequence[Partner], view: SessionView | None) -> None:
-        """All of ``partners``; ``view`` is the page, where there is one."""
-        self._options, self._queue, self._view = options, deque(partners), view
+    def __init__(
+        self,
+        options: SimulateOptions,
+        partners: Sequence[Partner],
+        view: SessionView | None,
+        styles: Sequence[Mapping[str, float]] = (),
+    ) -> None:
+        """All of ``partners``; ``view`` is the page, where there is one; ``styles`` of each, where they are given."""
+        self._options, self._queue, self._view, self._styles = options, deque(partners), view, styles
         self.number, self.ended = 0, False
 
     def __bool__(self) -> bool:
@@ -40,7 +46,8 @@ class Programme:
         if cell is not None and cell != partner.cell and cell in CELLS:
             partner = simulated_partners(1, (partner.emotion,), (cell,), self._options.seed + self.number)[0]
         asked = None if view is None else view.weights
-        return partner, asked or self._options.style or {partner.emotion: 1.0}
+        usual = self._styles[self.number] if self._styles else {partner.emotion: 1.0}
+        return partner, asked or self._options.style or usual
 
     def begin(self, partner: Partner, style: Mapping[str, float]) -> None:
         """Tells the page; waits as long as it says pause.

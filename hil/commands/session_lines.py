@@ -33,11 +33,27 @@ def print_session(summary: dict[str, Any], folder: Path) -> None:
             print(f"  {label + ':':<26}{summary[key]}")
     if summary["arm"]:
         _print_arm(summary["arm"])
+    if summary["replayed"] is not None:
+        _print_replayed(summary["replayed"])
     if summary["interrupted"]:
         print("  interrupted; the report covers the trials until then")
     for warning in summary["warnings"]:
         STDERR.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     print(f"Open {folder / 'report.html'}")
+
+
+def _print_replayed(replayed: dict[str, Any]) -> None:
+    """Whether a session that was played again came out the same, for people."""
+    ticks, same, first = replayed["ticks"], replayed["same"], replayed["first_difference"]
+    if first is None:
+        print(f"  played again:             {ticks} ticks, each pose the same to the last bit")
+    else:
+        print(
+            f"  played again:             {same} of {ticks} ticks the same; others, by up to "
+            f"{replayed['largest_mm']:.2f} mm, from high five {first['trial'] + 1}, {first['time_s']:.3f} s, on"
+        )
+    for line in replayed["differs"]:
+        print(f"    {line}")
 
 
 def _spread(extent: dict[str, float], count: int, digits: int, unit: str) -> str:

@@ -31,8 +31,8 @@ def published(text: str | None) -> tuple[Wanted, ...]:
     return () if text is None else parse_wanted(text)
 
 
-def check_output_options(options: SimulateOptions) -> None:
-    """What does not go together.
+def check_output_options(options: SimulateOptions, *, again: bool = False) -> None:
+    """What does not go together; ``again`` where a recorded session is played again.
 
     Raises:
         HighFiveError: something does not.
@@ -40,6 +40,8 @@ def check_output_options(options: SimulateOptions) -> None:
     check_stream_names(options.record_lsl)
     if options.publish_network and not options.publish:
         raise HighFiveError("--publish-network says who may hear what --publish sends; add --publish")
+    if again and (options.publish or options.record_lsl):
+        raise HighFiveError("a recorded session is played as fast as it goes: leave out --publish and --record-lsl")
     if (options.publish or options.record_lsl) and options.arm is not None and options.arm.port == "virtual":
         said = "--publish sends" if options.publish else "--record-lsl records"
         raise HighFiveError(f"{said} what goes at the pace of the clock; --rig virtual does not: --rig emulated")

@@ -13,16 +13,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
-from highfive.hil.commands.live_options import check_live_options
+from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.play_trials import Played, play
+from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_outputs import check_output_options, open_outlets, open_publishers, session_outputs
 from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.replay import SUFFIX, Replay
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
+from highfive.hil.session.reach import SEEN_LATE
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene
@@ -30,7 +34,7 @@ from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
-from highfive.mocap_bridge.sources.address import WEBCAM, is_live
+from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.tracking.filter_settings import HEADSET
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
@@ -45,6 +49,9 @@ if TYPE_CHECKING:
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.trials.live_wiring import LiveWiring
     from highfive.hil.view.live_page import LivePage
+
+RECORDING = "session.mcap"
+"""In a session's folder."""
 
 # What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
@@ -70,15 +77,11 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             cannot be written.
     """
     live = options.source is not None and is_live(options.source)
+    again = options.source is not None and not live and options.source.endswith(SUFFIX)
     worn = live and wears_headset(options)
     options = with_page(options) if worn else options
     with ExitStack() as stack:
-        check_live_options(options, live)
-        check_output_options(options)
-        if options.view is not None and options.arm is not None and options.arm.port == "virtual":
-            raise HighFiveError(
-                "--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated"
-            )
+        _check(options, live, again)
         stack.enter_context(results_folder(folder, options.overwrite))
         if options.arm is not None:
             from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
@@ -88,7 +91,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             check_arm(arm)
             options = replace(options, arm=arm)
             stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
-        if options.source == WEBCAM:
+        if sees_webcam(options):
             from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
 
             net_files()  # are they there?
@@ -99,7 +102,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
                 watch = _arm_watch(options, bar, load_marker_set(SCHEME), parts)
                 page = _page(options, model, watch, parts)
                 wiring = headset_wiring(options, page, wiring)
-            if options.source == WEBCAM:  # who is seen by the page is there after the page
+            if sees_webcam(options):  # who is seen by the page is there after the page
                 from highfive.hil.commands.webcam_session import webcam_person  # noqa: PLC0415
 
                 page = _page(options, model, None, parts)
@@ -108,24 +111,38 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
                 from highfive.hil.commands.live_session import live_person  # noqa: PLC0415
 
                 person = live_person(options, parts, wiring, worn_set(options), page)
-            partners = partners_of(options, model, bar, person)
+            replay = replay_of(options, _name(options)) if again else None
+            partners = partners_of(options, model, bar, person) if replay is None else replay.partners(options.trials)
             settings = _settings(options, len(partners))
             publishers += open_outlets(options, partners[0].marker_set.names, person, parts)
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
-            session = _session(options, model, scene, partners[0], person)
+            clock = MACHINE if wiring is None else wiring.clock
+            clock = clock if watch is None else watch.loop.clock
+            session = _session(options, model, scene, partners[0], person, clock, replay)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts)
-            recorded = SessionRecorder(folder / "session.mcap", settings)
             paced = publishers or options.record_lsl or person is not None or watch is not None or page is not None
-            recorder = BackgroundRecorder(recorded, paced=bool(paced))
+            recorder = BackgroundRecorder(
+                SessionRecorder(folder / RECORDING, settings, session.chain), paced=bool(paced)
+            )
             outputs = session_outputs(options, recorder, publishers)
-            played = play(options, session, scene, partners, person, outputs, bar, watch, page)
+            played = play(options, session, scene, partners, person, outputs, bar, watch, page, replay)
             if page is not None:
                 page.tell("over", message=f"The session is over: {folder / 'report.html'}")
-        lag = 0.0 if watch is None else watch.loop.retarget.settings.lag
-        return _report(options, played, recorder.trouble, settings, folder, bar, lag)
+        lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
+        return _report(options, played, recorder.trouble, replayed, settings, folder, bar, lag)
+
+
+def _check(options: SimulateOptions, live: bool, again: bool) -> None:
+    """That the options go together."""
+    check_live_options(options, live)
+    check_output_options(options, again=again)
+    if again:
+        check_replay_options(options)
+    if options.view is not None and options.arm is not None and options.arm.port == "virtual":
+        raise HighFiveError("--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated")
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
@@ -149,12 +166,12 @@ def _page(options: SimulateOptions, model: HGPDM | ReactionModel, watch: ArmWatc
     from highfive.hil.commands.page import open_page  # noqa: PLC0415
 
     assert options.view is not None
-    webcam = options.source == WEBCAM
+    webcam = sees_webcam(options)
     cells = list(options.cells or CELLS) if options.source is None else []
     about = {"mode": "session", "title": _shown(options.source), "emotions": list(model.emotions), "cells": cells}
     worn = wears_headset(options)
-    if worn:
-        about |= {"tracks": True, "hand": hand_of(options)}
+    if worn or webcam:
+        about |= {"tracks": worn, "hand": hand_of(options)}
     estop = None if watch is None else watch.loop.estop
     about |= {"arm": estop is not None, "rig": estop is not None, "webcam": webcam}
     opened = None
@@ -178,6 +195,7 @@ def _report(
     options: SimulateOptions,
     played: Played,
     unrecorded: str,
+    replayed: dict[str, Any] | None,
     settings: SessionSettings,
     folder: Path,
     bar: Bar,
@@ -193,16 +211,23 @@ def _report(
 
         trials = list(played.arm.values())
         arm, drawings = arm_summary(trials, lag), draw_arm(trials, lag)
-    summary = summarise(played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, arm=arm)
+    summary = summarise(
+        played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm
+    )
     strips, film = _pictures(options, played, folder, bar)
     write_report(folder, summary, played.results, settings, strips, film, drawings)
     return summary
 
 
+def _name(options: SimulateOptions) -> str:
+    """Of the model."""
+    return options.model if isinstance(options.model, str) else options.model.name
+
+
 def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
     return SessionSettings(
         seed=options.seed,
-        model=options.model if isinstance(options.model, str) else options.model.name,
+        model=_name(options),
         trials=trials,
         style=None if options.style is None else dict(options.style),
         corrected=options.correct,
@@ -243,11 +268,16 @@ def _shown(source: str | None) -> str:
 
 
 def _session(
-    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None
-) -> Session:
+    options: SimulateOptions, model: HGPDM | ReactionModel, scene: Scene, partner: Partner, person: LivePerson | None,
+    clock: Clock, replay: Replay | None,
+) -> Session:  # fmt: skip
     style = options.style or {partner.emotion: 1.0}
     worn = wears_headset(options)
     settings, tracking = (UNSEEN_AT_REST, HEADSET) if worn else (None, None if person is None else person.tracking)
+    reach = SEEN_LATE if sees_webcam(options) else None
+    if replay is not None:
+        settings, tracking, reach = replay.pose, replay.tracking, replay.reach
     return Session(
-        model, style, partner.marker_set, scene, correct=options.correct, settings=settings, tracking=tracking
-    )
+        model, style, partner.marker_set, scene,
+        correct=options.correct, settings=settings, tracking=tracking, reach=reach, clock=clock,
+    )  # fmt: skip

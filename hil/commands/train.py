@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from highfive.hil.datasets.training_data import SolvedPair, load_trials
 from highfive.hil.evaluation.training_progress import training_bars
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, counted, say_aside
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.sim.avatar import avatar_skeleton
@@ -52,7 +52,7 @@ class TrainOptions:
         return self.out.with_name(f"{self.out.name.removesuffix('.safetensors')}.checkpoint.npz")
 
 
-def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
+def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, Any]:
     """Solves the markers, trains, saves; returns the figures of the training.
 
     Raises:
@@ -64,7 +64,7 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
     preset = preset_named(options.preset)
     if options.iterations is not None:
         preset = preset.with_iterations(options.iterations)
-    start = time.monotonic()
+    start = clock.now()
     pairs = load_trials(
         options.data,
         options.human,
@@ -77,7 +77,7 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
     if len(pairs) < FEW:
         advice = "places and people that are not among them will be answered poorly"
         say_aside(f"{counted(len(pairs), 'trial')} to learn from: {advice}")
-    solved = time.monotonic()
+    solved = clock.now()
     model = training.train(
         [pair.trial for pair in pairs],
         preset,
@@ -111,8 +111,8 @@ def train(options: TrainOptions, bar: Bar) -> dict[str, Any]:
         "marker_rms_mm": {name: round(1e3 * value, 3) for name, value in rms.items()},
         "marker_rms_mm_all": round(1e3 * float(np.sqrt(np.mean(np.square(list(rms.values()))))), 3),
         "seed": model.settings["seed"],
-        "solving_seconds": round(solved - start, 1),
-        "seconds": round(time.monotonic() - start, 1),
+        "solving_seconds": round(1e-9 * (solved - start), 1),
+        "seconds": round(1e-9 * (clock.now() - start), 1),
     }
 
 

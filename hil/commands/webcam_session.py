@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack, closing
 
 from highfive.calibration.placement import Placement, place_before_camera
+from highfive.hil.commands.headset_session import hand_of
 from highfive.hil.commands.live_options import camera_settings
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.clock import MACHINE
@@ -40,7 +41,7 @@ def webcam_person(options: SimulateOptions, page: LivePage, stack: ExitStack) ->
     Raises:
         HighFiveError: no picture comes, or nobody stands as she should for so long as :data:`PATIENCE_S`.
     """
-    source = WebcamSource(page, CameraPerson(camera_settings(options)))
+    source = WebcamSource(page, CameraPerson(camera_settings(options), left=hand_of(options) == "left"))
     stack.enter_context(closing(source))
 
     def say(message: str) -> None:
@@ -53,7 +54,7 @@ def webcam_person(options: SimulateOptions, page: LivePage, stack: ExitStack) ->
     def place(watched: Recording, marker_set: MarkerSet) -> Placement:
         return place_before_camera(watched, marker_set, source.person.camera_in_room)
 
-    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING, place=place)
+    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING, place=place, hand=hand_of(options))
     person.camera = person.placement.apply(source.person.camera_in_room)
     return person
 

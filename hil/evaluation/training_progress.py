@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 
+from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Advance, Bar
 from highfive.model.gp.optimise import Progress, ProgressCallback
 
@@ -20,9 +20,10 @@ class TrainingCount:
     its own steps: what comes after the stage that it is in is not known yet.
     """
 
-    def __init__(self, bar: Bar, total: int, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic):
-        """Of ``total`` models; ``say`` gets a line for each, ``clock`` is in s."""
-        self._bar, self._total, self._say, self._clock = bar, total, say, clock
+    def __init__(self, bar: Bar, total: int, say: Callable[[str], None], now: Callable[[], int] = MACHINE.now):
+        """Of ``total`` models; ``say`` gets a line for each, ``now`` is a clock, ns."""
+        self._bar, self._total, self._say = bar, total, say
+        self._clock = lambda: 1e-9 * now()
         self._number = 0
         self._took: list[float] = []  # s, of models that were trained and not found ready
         self._began: float | None = None

@@ -20,7 +20,8 @@ from highfive.hil.publish.lsl_streams import (
 from highfive.hil.publish.publisher import SessionEvent
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.runtime.clock import MACHINE, Clock
-from highfive.mocap_bridge.sources.lsl import configure, monotonic_minus_lsl
+from highfive.mocap_bridge.sources.lsl import clock_minus_lsl, configure
+from highfive.mocap_bridge.sources.scheduler import in_seconds
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -57,7 +58,7 @@ class LslPublisher:
             HighFiveError: the library cannot make a stream.
         """
         configure(local_only)
-        self._to_lsl_s = -monotonic_minus_lsl()
+        self._to_lsl_s = -clock_minus_lsl(in_seconds(clock.now))
         self._clock = clock
         self._markers = tuple(markers)
         self._person = _outlet(person_stream(markers, rates_hz[0], lag_s))

@@ -79,6 +79,10 @@ class SessionOutputs:
         self._recorder.record_event(event, at_ns, **about)
         self._publish(event, at_ns if at_ns is not None else self._end_ns or self._clock.now(), about)
 
+    def record_log(self, level: str, text: str) -> None:
+        """See :meth:`BackgroundRecorder.record_log`; from any thread."""
+        self._recorder.record_log(level, text)
+
     def record_stream(self, samples: StreamSamples) -> None:
         """See :meth:`BackgroundRecorder.record_stream`; from any thread."""
         self._recorder.record_stream(samples)

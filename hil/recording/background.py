@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from queue import Full, Queue
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
-from highfive.hil.runtime.console import say_aside
+from highfive.hil.runtime.console import LOGGER, say_aside
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 
@@ -126,3 +127,36 @@ class BackgroundRecorder:
         except HighFiveError as error:
             self.trouble = str(error)
             say_aside(f"{error}; the session goes on without a recording", logging.WARNING)
+
+
+class KeepsLog(Protocol):
+    """What is said to the user goes there."""
+
+    def record_log(self, level: str, text: str) -> None:
+        """See :meth:`SessionRecorder.record_log`."""
+        ...
+
+
+class _Said(logging.Handler):
+    """Hands on what is said to the user."""
+
+    def __init__(self, recorder: KeepsLog) -> None:
+        super().__init__()
+        self._recorder = recorder
+
+    def emit(self, record: logging.LogRecord) -> None:
+        level = (
+            "ERROR" if record.levelno >= logging.ERROR else "WARNING" if record.levelno >= logging.WARNING else "INFO"
+        )
+        self._recorder.record_log(level, record.getMessage())
+
+
+@contextmanager
+def said_in(recorder: KeepsLog) -> Iterator[None]:
+    """What is said to the user meanwhile is in the recording, too."""
+    handler = _Said(recorder)
+    LOGGER.addHandler(handler)
+    try:
+        yield
+    finally:
+        LOGGER.removeHandler(handler)

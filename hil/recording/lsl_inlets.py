@@ -19,7 +19,8 @@ import pylsl
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import counted, say_aside
-from highfive.mocap_bridge.sources.lsl import configure, monotonic_minus_lsl
+from highfive.mocap_bridge.sources.lsl import clock_minus_lsl, configure
+from highfive.mocap_bridge.sources.scheduler import in_seconds
 from highfive.mocap_bridge.wire.lsl import channel_labels, checked_times
 
 RENEWED_NS = 2_000_000_000
@@ -128,7 +129,8 @@ class _Stream:
         if self._closing.is_set():
             return
         inlet.open_stream(_OPEN_S)
-        to_ours, renewed = inlet.time_correction(_OPEN_S) + monotonic_minus_lsl(), self._clock.now()
+        from_lsl, renewed = clock_minus_lsl(in_seconds(self._clock.now)), self._clock.now()
+        to_ours = inlet.time_correction(_OPEN_S) + from_lsl
         kind = f"{counted(count, 'channel')}, {'text' if text else 'numbers'}, type {full.type() or '(none)'}"
         if self._known is not None and self._known != (count, text):
             self._tell("lsl_changed", f"is another than before: {kind}", logging.WARNING)
@@ -145,7 +147,7 @@ class _Stream:
             if self._clock.now() - renewed > RENEWED_NS:
                 renewed = self._clock.now()
                 with contextlib.suppress(pylsl.util.TimeoutError):  # none newer
-                    to_ours = inlet.time_correction(0.0) + monotonic_minus_lsl()
+                    to_ours = inlet.time_correction(0.0) + from_lsl
 
     def _tell(self, event: str, what: str, level: int = logging.INFO) -> None:
         if self._closing.is_set():  # what becomes of it is the session's no more

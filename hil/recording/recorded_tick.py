@@ -52,11 +52,11 @@ class RecordedTick:
         """When the person was seen as in ``sighting``, on the session's clock, ns."""
         return self.at_ns if self.sighting is None else self.at_ns - self.time_ns + self.sighting.markers.time_ns
 
-    @property
-    def digest(self) -> str:
-        """Of every bit of the requested pose: two ticks with the same one are the same."""
-        content = self.corrected.root_in_world.tobytes() + self.corrected.hinges.tobytes()
-        return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+def pose_digest(pose: Pose) -> str:
+    """Of every bit of a pose: two with the same one are the same."""
+    content = pose.root_in_world.tobytes() + pose.hinges.tobytes()
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 
 def recorded_tick(begins: TickInput, tick: Tick, played: Pose, tick_ms: float) -> RecordedTick:

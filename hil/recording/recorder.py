@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,9 +22,10 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from highfive.hil.recording import messages, schemas, viewer_messages
-from highfive.hil.recording.recorded_tick import RecordedTick
+from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
 from highfive.hil.recording.sink import Sink
 from highfive.hil.recording.stream_samples import StreamSamples
+from highfive.hil.runtime.clock import utc_ns
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, versions
@@ -56,13 +56,17 @@ class TrialHead:
     Attributes:
         number: counted from 0.
         partner: who raises the hand.
-        style: in which the avatar answers.
+        style: in which the avatar answers, in words.
+        weights: the same by emotion.
+        corrects: the hand is corrected.
         paced: it goes at the pace of the clock.
     """
 
     number: int
     partner: Partner
     style: str
+    weights: Mapping[str, float]
+    corrects: bool = True
     paced: bool = False
 
 
@@ -75,12 +79,19 @@ class SessionRecorder:
     its own (:class:`highfive.hil.recording.background.BackgroundRecorder`).
     """
 
-    def __init__(self, path: Path, settings: SessionSettings, utc_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(
+        self,
+        path: Path,
+        settings: SessionSettings,
+        chain: Mapping[str, Any] | None = None,
+        utc_ns: Callable[[], int] = utc_ns,
+    ) -> None:
         """Starts the file with the session's settings.
 
         Args:
             path: of the file.
             settings: of the session.
+            chain: of :class:`highfive.hil.session.session.Session`, where there is one.
             utc_ns: what time it is, ns since 1970.
 
         Raises:
@@ -112,7 +123,7 @@ class SessionRecorder:
         }
         about = {"settings": {**asdict(settings), "versions": versions()}, "joints": list(avatar_skeleton().names)}
         units = "m, rad, s; quaternions w x y z, relative to the parent joint"
-        self._add("/session", 0, {"format": FORMAT, **about, "units": units})
+        self._add("/session", 0, {"format": FORMAT, **about, "chain": chain, "units": units})
         self._flush()
 
     def _register(self, topic: str, name: str, fields: Mapping[str, schemas.Field]) -> int:
@@ -145,7 +156,8 @@ class SessionRecorder:
             "/tick", now,
             {"trial": self._trial, "phase": tick.phase, "weight": round(tick.weight, 5),
              "time_to_contact": messages.known(tick.expected), "latency_ms": messages.known(tick.tick_ms),
-             "time_ns": tick.time_ns, "at_ns": tick.at_ns, "framed": tick.frame is not None, "digest": tick.digest},
+             "time_ns": tick.time_ns, "at_ns": tick.at_ns, "framed": tick.frame is not None,
+             "digest": pose_digest(tick.corrected)},
         )  # fmt: skip
         self._count += 1
         self._ended(now)
@@ -162,7 +174,8 @@ class SessionRecorder:
         self._add(
             "/trial", now,
             {"trial": head.number, "title": partner.title, "simulated": partner.simulated, "emotion": partner.emotion,
-             "style": head.style, "cell": partner.cell, "notes": list(partner.notes), "paced": head.paced,
+             "style": head.style, "weights": dict(head.weights), "corrects": head.corrects, "cell": partner.cell,
+             "notes": list(partner.notes), "paced": head.paced,
              "marker_set": partner.marker_set.name, "markers": list(tick.markers.names), "host_ns": tick.at_ns,
              "utc": utc},
         )  # fmt: skip
@@ -200,7 +213,7 @@ class SessionRecorder:
         Args:
             event: its name; see docs/recordings.md.
             at_ns: when.
-            about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``.
+            about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``, ``weights``, ``corrects``.
         """
         self._add("/event", self._end if at_ns is None else self._at(at_ns), {"event": event, **about})
 
@@ -224,6 +237,11 @@ class SessionRecorder:
     def record_log(self, level: str, text: str) -> None:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
         self._add_drawn("/log", self._end, viewer_messages.log(self._end, level, text))
+
+    @property
+    def written(self) -> int:
+        """Bytes that are in the file."""
+        return self._sink.tell()
 
     def close(self) -> None:
         """Writes the index; without it the file is still readable, only slower to open."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,12 +51,14 @@ class SessionRecording:
         joints: names of the skeleton's joints.
         channels: messages of each topic, in order; ``/lsl/NAME`` is what was recorded beside the session.
         complete: the file was closed; otherwise its end is missing and this is all up to the last whole chunk.
+        chain: settings of pose and tracker, by field; None where they were not recorded.
     """
 
     settings: dict[str, Any]
     joints: tuple[str, ...]
     channels: Mapping[str, tuple[RecordedMessage, ...]]
     complete: bool
+    chain: Mapping[str, dict[str, Any]] | None = None
 
     def poses(self, topic: str = "/avatar") -> tuple[Array, tuple[Pose, ...]]:
         """Times (T,), s, and poses of ``/avatar`` or ``/generated``."""
@@ -90,9 +92,30 @@ def read_recording(path: Path | str) -> SessionRecording:
     Raises:
         HighFiveError: there is no such file, or it holds no session. Other values than the session's are not checked.
     """
-    path = Path(path)
     channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in (*schemas.TOPICS, MARKERS)}
-    complete = False
+    messages = recorded_messages(Path(path))
+    while True:
+        try:
+            topic, message = next(messages)
+        except StopIteration as end:
+            complete = bool(end.value)
+            break
+        channels.setdefault(topic, []).append(message)
+    about = channels["/session"][0].data
+    kept = {topic: tuple(messages) for topic, messages in channels.items()}
+    return SessionRecording(about["settings"], tuple(about["joints"]), kept, complete, about.get("chain"))
+
+
+def recorded_messages(path: Path) -> Generator[tuple[str, RecordedMessage], None, bool]:
+    """Topic and message, one after the other as they stand in the file, the session's settings first.
+
+    Returns:
+        whether the file was closed; otherwise its end is missing.
+
+    Raises:
+        HighFiveError: there is no such file, or it holds no session.
+    """
+    begun = complete = False
     try:
         with path.open("rb") as file:
             size = path.stat().st_size
@@ -100,22 +123,27 @@ def read_recording(path: Path | str) -> SessionRecording:
                 raise HighFiveError(f"{path} is empty; a recording of a session starts with its settings")
             reader = StreamReader(file, validate_crcs=True, record_size_limit=size)
             with suppress(*_CUT_SHORT):
-                for topic, time_ns, data in _messages(reader, frozenset(channels)):
-                    channels.setdefault(topic, []).append(RecordedMessage(time_ns, data))
+                for topic, time_ns, data in _messages(reader, (*schemas.TOPICS, MARKERS)):
+                    if not begun and topic == "/session":
+                        begun = _says_settings(data, path)
+                    yield topic, RecordedMessage(time_ns, data)
                 complete = True
     except OSError as error:
         raise HighFiveError(f"cannot read the recording {path}: {error.strerror or error}") from None
-    if not channels["/session"]:
+    if not begun:
         raise HighFiveError(
             f"{path} is not the recording of a session: no readable MCAP chunk with a /session message in it"
         )
-    about = channels["/session"][0].data
+    return complete
+
+
+def _says_settings(about: object, path: Path) -> bool:
+    """That a ``/session`` message says what it has to."""
     if not (
         isinstance(about, dict) and isinstance(about.get("settings"), dict) and isinstance(about.get("joints"), list)
     ):
         raise HighFiveError(f"{path}: /session holds no settings and joints")
-    kept = {topic: tuple(messages) for topic, messages in channels.items()}
-    return SessionRecording(about["settings"], tuple(about["joints"]), kept, complete)
+    return True
 
 
 # What a file that ends anywhere, or is no MCAP at all, makes the library raise.

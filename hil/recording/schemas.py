@@ -54,11 +54,13 @@ _UNWANTED = Field("object", listed=True, properties={"first": _TEXT, "second": _
 TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
     "/session": (
         "high_five.Session",
-        {"format": _WHOLE, "settings": Field("object"), "joints": _NAMES, "units": _TEXT},
+        {"format": _WHOLE, "settings": Field("object"), "chain": Field("object", optional=True), "joints": _NAMES,
+         "units": _TEXT},
     ),
     "/trial": (
         "high_five.Trial",
-        {"trial": _WHOLE, "title": _TEXT, "emotion": _TEXT, "style": _TEXT, "cell": _TEXT, "simulated": _YES,
+        {"trial": _WHOLE, "title": _TEXT, "emotion": _TEXT, "style": _TEXT, "weights": Field("object"), "cell": _TEXT,
+         "corrects": _YES, "simulated": _YES,
          "notes": _NAMES, "marker_set": _TEXT, "markers": _NAMES, "paced": _YES, "host_ns": _WHOLE, "utc": _TEXT},
     ),
     "/frame": (
@@ -106,7 +108,7 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
     "/event": (
         "high_five.Event",
         {"event": _TEXT, "trial": _MAYBE_WHOLE, "emotion": _MAYBE_TEXT, "style": _MAYBE_TEXT, "cell": _MAYBE_TEXT,
-         "detail": _MAYBE_TEXT},
+         "detail": _MAYBE_TEXT, "weights": Field("object", optional=True), "corrects": Field("boolean", optional=True)},
     ),
 }  # fmt: skip
 """Schema name and fields of each topic."""

@@ -238,7 +238,7 @@ def latency(results: Sequence[TrialResult]) -> Drawing:
 
 
 def _shown(results: Sequence[TrialResult], emotion: str) -> list[TrialResult]:
-    return [r for r in results if style_of(r) == emotion][:_TRACES]
+    return [r for r in results if r.whole and style_of(r) == emotion][:_TRACES]
 
 
 def _around_contact(result: TrialResult) -> tuple[Array, slice]:

@@ -62,3 +62,8 @@ class MachineClock:
 
 MACHINE = MachineClock()
 """The one that is used where no other is passed."""
+
+
+def utc_ns() -> int:
+    """ns since 1970: when in the day a recording was made. Nothing goes by it: it may be set."""
+    return time.time_ns()

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import select
 import signal
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+
+from highfive.hil.runtime.clock import MACHINE, Clock
 
 AGAIN_S = 1.0
 """A Ctrl-C that comes later than this after the first one is another one, s."""
@@ -61,19 +62,19 @@ class EndRequest:
 
 
 @contextmanager
-def until_ended() -> Iterator[EndRequest]:
+def until_ended(clock: Clock = MACHINE) -> Iterator[EndRequest]:
     """What Ctrl-C or SIGTERM sets; another Ctrl-C more than a second later interrupts as ever.
 
     One Ctrl-C may come as two signals, to the process and to its group. It is set up even where whoever started this
     process had switched Ctrl-C off (a shell's ``&`` does).
     """
-    request, when = EndRequest(), time.monotonic()
+    request, when = EndRequest(), clock.now()
 
     def tell(number: int, _: object) -> None:
         nonlocal when
         if not request.is_set():
-            when = time.monotonic()
-        elif number == signal.SIGINT and time.monotonic() - when > AGAIN_S:
+            when = clock.now()
+        elif number == signal.SIGINT and clock.now() - when > AGAIN_S * 1e9:
             raise KeyboardInterrupt
         request.set()
 

@@ -48,6 +48,8 @@ class VirtualTask:
         self._killed = False
         self._interrupt: BaseException | None = None
         self.error: BaseException | None = None
+        self.looks_left = 0
+        self._call: Callable[[], object] | None = None
 
     @property
     def alive(self) -> bool:
@@ -61,6 +63,22 @@ class VirtualTask:
     def interrupt(self, error: BaseException) -> None:
         """Raises ``error`` where it waits, as a signal's handler does."""
         self._interrupt = error
+
+    def after_looks(self, looks: int, call: Callable[[], object]) -> None:
+        """Has ``call`` happen when this task has looked at the clock so often (1 or more): in the midst of what it
+        does between two waits, where :meth:`kill` and :meth:`interrupt` then take effect."""
+        self.looks_left, self._call = looks, call
+
+    def looked(self) -> None:
+        """Called in the task at each look while :attr:`looks_left`.
+
+        Raises:
+            TaskKilled: it was killed at this one; or the error by which it was interrupted.
+        """
+        self.looks_left -= 1
+        if not self.looks_left and self._call is not None:
+            self._call()
+            self.resumed()
 
     def hold(self, until_ns: int) -> None:
         """Keeps it from going on before then, as a machine that stands still does."""
@@ -121,6 +139,8 @@ class VirtualClock:
     def now(self) -> int:
         """ns"""
         self._now += LOOK_NS
+        if self._running.looks_left:
+            self._running.looked()
         return self._now
 
     def wait_until(self, time_ns: int) -> None:

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
 
 _FOR_EVER_NS = 10**18
 
 
 class VirtualScheduler:
-    """Starts tasks of a virtual clock."""
+    """Starts tasks of a virtual clock.
+
+    Attributes:
+        tasks: those that were started, for who lets something happen to the process that they belong to.
+    """
 
     def __init__(self, clock: VirtualClock) -> None:
         """By that clock."""
         self._clock = clock
+        self.tasks: list[VirtualTask] = []
 
     def now(self) -> int:
         """ns"""
@@ -26,7 +31,9 @@ class VirtualScheduler:
 
     def start(self, name: str, run: Callable[[], object]) -> StartedTask:
         """A task that begins once the others wait."""
-        return StartedTask(self._clock, name, run)
+        started = StartedTask(self._clock, name, run)
+        self.tasks.append(started.task)
+        return started
 
 
 class VirtualCondition:
@@ -73,13 +80,17 @@ class _Notice:
 
 
 class StartedTask:
-    """A task whose end can be waited for."""
+    """A task whose end can be waited for.
+
+    Attributes:
+        task: of the clock.
+    """
 
     def __init__(self, clock: VirtualClock, name: str, run: Callable[[], object]) -> None:
         """Started."""
         self._changed, self._ended = VirtualCondition(clock), False
         self._run = run
-        clock.start(name, self._call)
+        self.task = clock.start(name, self._call)
 
     def join(self, timeout: float | None = None) -> None:
         """Waits until it has ended, for so many s at most."""

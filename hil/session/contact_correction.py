@@ -6,7 +6,8 @@ A box-constrained Gauss–Newton solve of
                  + w_q² (|S (q - q_generated)|² + (1 - s) m |S (q - q_generated - last change)|²)
 
 with q inside the joint limits, where s is the fraction of the correction, 0 while no palm is to be met, c keeps hand
-and forearm off the own body (:mod:`highfive.hil.session.own_body`), and the last term keeps the motion smooth. MuJoCo
+and forearm off the own body (:mod:`highfive.hil.session.own_body`), and the last term keeps the motion smooth: m is a
+time over that since the last tick, so that the change fades as quickly whatever the rate. MuJoCo
 gives the kinematics and the box QP (Tassa, Mansard & Todorov 2014, "Control-limited differential dynamic
 programming", sec. III), damped as by Levenberg and Marquardt where a step makes things worse. Clipping a free step to
 the limits instead is no bound: it stalled 30 mm off where the box QP is within 1.
@@ -30,6 +31,8 @@ from highfive.model.settings import Settings, setting
 _JOINT_WEIGHTS = {"thoracic_12": 4.0, "thoracic_8": 4.0, "right_clavicle": 2.5}
 """Of the posture's weight, for joints that move less readily than 1."""
 
+_TICK_S = 1.0 / 120.0  # of the usual rate
+
 
 @dataclass(frozen=True)
 class CorrectionSettings(Settings):
@@ -39,9 +42,10 @@ class CorrectionSettings(Settings):
     normal_weight: float = setting(0.1, "1/rad", least=0.0)
     posture_weight: float = setting(0.006, "1/rad", above=0.0)
     """Times the joint's own weight."""
-    steadiness: float = setting(12.0, least=0.0)
-    """Of the posture's weight at weight 0: what the change may not change from tick to tick. Where the palm leaves a
-    choice, an arm that the model leads through the own body takes some ticks, not one, from one side to the other.
+    steadiness: float = setting(0.1, "s", least=0.0)
+    """Over a tick's time, of the posture's weight at weight 0: what the change may not change from tick to tick. Where
+    the palm leaves a choice, an arm that the model leads through the own body takes so long from one side to the other,
+    not one tick.
     Chosen, as ``own_body``, on simulated high fives of seeds 0, 7, 101 and 202."""
     own_body: float = setting(0.004, above=0.0)
     """How strongly hand and forearm are kept off the own body while no palm is to be met."""
@@ -122,15 +126,21 @@ class ContactCorrection:
         """The right shoulder (3,), m, of the pose that was looked at last."""
         return self._data.xpos[self._shoulder].copy()
 
-    def solve(self, pose: Pose, position: Array, normal: Array, fraction: float = 1.0) -> Correction:
+    def solve(
+        self, pose: Pose, position: Array, normal: Array, fraction: float = 1.0, seconds: float = _TICK_S
+    ) -> Correction:
         """The pose next to ``pose``, off the own body, whose palm is at ``position`` (3,) m and faces ``normal`` (3,).
 
-        ``fraction``, 0 to 1, says how much the palm's place counts; at 0 the pose is only kept off the own body.
+        Args:
+            pose: as it was generated.
+            position, normal: of the palm, in the world.
+            fraction: 0 to 1, how much the palm's place counts; at 0 the pose is only kept off the own body.
+            seconds: since the tick before.
         """
         if self._posed is not pose:
             self._set(pose)
         generated = pose.hinges[self._scene.arm_joints].ravel()
-        before, steady = self._change, (1.0 - fraction) * self.settings.steadiness
+        before, steady = self._change, (1.0 - fraction) * self.settings.steadiness / seconds
         if before is None:
             before, steady = np.zeros_like(generated), 0.0
         # Both terms of the posture are one about a point between what is generated and that with the last change.

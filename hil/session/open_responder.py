@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
@@ -58,6 +58,7 @@ def open_responder(
     style: str | Mapping[str, float] | ArrayLike,
     rate_hz: float,
     patience: Patience | None = PATIENCE,
+    clock: Clock = MACHINE,
 ) -> ContinuousResponder:
     """The model at work in a style, at ``rate_hz`` ticks per second; nothing is left to compile.
 
@@ -66,6 +67,7 @@ def open_responder(
         style: an emotion's name, weights by name, or (K,) weights.
         rate_hz: ticks per second.
         patience: how long a model of somebody else's may take; None lets it take its time.
+        clock: that the session goes by; in virtual time what a model computes takes none.
 
     Raises:
         PluginError: a model of somebody else's raises, or answers with arrays of another shape.
@@ -79,7 +81,7 @@ def open_responder(
         )
     if isinstance(model, HGPDM):
         return Responder(model, style, rate_hz)
-    return _Guarded(model, style_weights(style, model.emotions), rate_hz, patience)
+    return _Guarded(model, style_weights(style, model.emotions), rate_hz, patience, clock)
 
 
 def model_title(model: object) -> str:
@@ -102,7 +104,10 @@ def guarded_rest(model: ReactionModel, style: Array) -> tuple[Array, Array]:
 class _Guarded:
     """A plug-in's responder: what it raises, another shape, and taking too long are named in one line."""
 
-    def __init__(self, model: ReactionModel, style: Array, rate_hz: float, patience: Patience | None) -> None:
+    def __init__(
+        self, model: ReactionModel, style: Array, rate_hz: float, patience: Patience | None, clock: Clock
+    ) -> None:
+        self._clock = clock
         self._title, self._emotions, self._patience = model_title(model), model.emotions, patience
         self._period_s, self._joints = 1.0 / rate_hz, 3 * len(avatar_skeleton())
         self._inner = _called(self._title, "start", lambda: model.start(style, rate_hz))
@@ -128,9 +133,9 @@ class _Guarded:
         _called(self._title, "reset", self._inner.reset)
 
     def step(self, hand_points: Array | None, covariance: Array | None = None) -> Reaction:
-        start = time.perf_counter()
+        start = self._clock.now()
         reaction = _called(self._title, "step", lambda: self._inner.step(hand_points, covariance))
-        self._in_time(time.perf_counter() - start)
+        self._in_time(1e-9 * (self._clock.now() - start))
         self._checked(reaction)
         self._last = reaction
         return reaction

@@ -85,6 +85,10 @@ class ReachSettings(Settings):
     """... and an unfamiliar one only if it comes this near the avatar's shoulder."""
     braking: float = setting(3.0, "m/s²", least=0.0)
     """A hand brakes otherwise than assumed by about this much in each direction: 36 held-out simulated trials."""
+    quickest: float = setting(100.0, "m/s", above=0.0)
+    """A hand that moves faster is not touched yet: the palm waits for it (no hand is, of this), ..."""
+    waiting: float = setting(0.2, "s", least=0.0)
+    """... as if contact were this far away. For sources that see a hand too late to say where it is on its way."""
     late: float = setting(0.3, "s", least=0.0)
     """A clock that says contact was up to this long ago means now; beyond, it is past."""
 
@@ -97,6 +101,11 @@ class ReachSettings(Settings):
     def next_rate(self, rate: float, target: float, dt: float) -> float:
         """The rate ``dt`` s later."""
         return rate + (1.0 - math.exp(-dt / self.smoothing)) * (target - rate)
+
+
+SEEN_LATE = ReachSettings(quickest=0.3)
+"""For who is seen with a delay of some 0.1 s at 15 pictures a second. Chosen on 18 high fives
+(``hil/bench/webcam_choice.npz``)."""
 
 
 @dataclass(frozen=True)
@@ -262,8 +271,10 @@ class Reach:
                 target = s.slowest  # the model will know more when the hands are closer
             elif not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
                 target = -1.0 if self._weight() < 0.5 else s.fastest
-            self._rate = s.next_rate(self._rate, target, dt)
+            self._rate, before = s.next_rate(self._rate, target, dt), self._remaining
             self._remaining -= self._rate * dt
+            if person is not None and _norm(person.velocity) > s.quickest:
+                self._remaining = max(self._remaining, min(before, s.waiting))
             if self._remaining > self._length:
                 self._enter(Phase.IDLE)
             if self._remaining <= 1e-9:

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.open_responder import open_responder
 from highfive.hil.session.paced_responder import PacedResponder
-from highfive.hil.session.reach import Expectation, Reach, ReachTarget
+from highfive.hil.session.reach import Expectation, Reach, ReachSettings, ReachTarget
 from highfive.hil.session.style_timing import timing_of
 from highfive.hil.sim.avatar import Pose, between
 from highfive.hil.sim.scene import Scene
@@ -136,7 +137,12 @@ class TickInput:
 
 
 class Session:
-    """The chain from a marker frame to the pose that is played, at the times at which frames come."""
+    """The chain from a marker frame to the pose that is played, at the times at which frames come.
+
+    Attributes:
+        chain: values of the settings of pose, tracker and reach, by name, each by field.
+        weights: of the style, by emotion.
+    """
 
     def __init__(
         self,
@@ -148,6 +154,8 @@ class Session:
         correct: bool = True,
         settings: PoseSettings | None = None,
         tracking: FilterSettings | None = None,
+        clock: Clock = MACHINE,
+        reach: ReachSettings | None = None,
     ) -> None:
         """Loads nothing and waits for nothing later: what has to be compiled is compiled here.
 
@@ -159,6 +167,8 @@ class Session:
             correct: the hand is corrected.
             settings: of the pose.
             tracking: of the tracker, where markers are not a motion capture system's.
+            clock: by which a model of somebody else's has to keep up.
+            reach: when and how the palm is led to the person's, where that is not usual.
 
         Raises:
             HighFiveError: the model was trained for another skeleton, or the style does not fit it; a model of
@@ -166,13 +176,19 @@ class Session:
         """
         use_one_blas_thread()
         self._settings = settings or PoseSettings()
+        self.chain = {
+            "pose": self._settings.values(),
+            "tracking": (tracking or FilterSettings()).values(),
+            "reach": (reach or ReachSettings()).values(),
+        }
+        self.weights: Mapping[str, float] = dict(style)
         self._tracker = Tracker(marker_set, RATE_HZ, tracking)
         self._arm = HumanArmEstimator(marker_set)
         self._return = ReacquisitionSmoother()
         self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()
-        self._responder = PacedResponder(open_responder(model, style, RATE_HZ), RATE_HZ, self._arm)
+        self._responder = PacedResponder(open_responder(model, style, RATE_HZ, clock=clock), RATE_HZ, self._arm)
         self._timing = timing_of(model)
-        self._reach, self._calm_reach = Reach(), Reach()
+        self._reach, self._calm_reach = Reach(reach), Reach(reach)
         self._correction = ContactCorrection(scene)
         self._correct = correct
         waiting = self._timing.waiting(self._responder.style)
@@ -182,6 +198,7 @@ class Session:
     def set_style(self, style: Mapping[str, float]) -> None:
         """Changes the style weights, at any time."""
         self._responder.set_style(style)
+        self.weights = dict(style)
 
     @property
     def corrects(self) -> bool:
@@ -250,7 +267,7 @@ class Session:
             return Tick(
                 time_ns, markers, person, calm, response, generated, palm, target, generated, palm, 0.0, False, sighting
             )
-        corrected = self._correction.solve(generated, target.position, target.normal, target.weight)
+        corrected = self._correction.solve(generated, target.position, target.normal, target.weight, dt)
         return Tick(
             time_ns, markers, person, calm, response, generated, palm, target,
             corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach, sighting,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from highfive.hil.session.reach import Phase
 from highfive.hil.session.session import RATE_HZ, Tick, tick_times
 from highfive.hil.sim.avatar import Pose
-from highfive.hil.sim.contact_check import ContactReport, common_normal, contact_report
+from highfive.hil.sim.contact_check import common_normal, contact_report
 from highfive.hil.sim.playout import PlayState
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.trial_result import TrialResult
@@ -29,10 +30,16 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
     truth = None if partner.palm is None else TrueMotion(partner.palm, RATE_HZ)
     touched = [i for i, tick in enumerate(ticks) if tick.target.phase is Phase.TOUCH]
     known = partner.contact_frame >= 0
-    met = contact.met_time_ns
-    contact_time = np.nan if met is None else 1e-9 * met
+    met = next((i for i, state in enumerate(states) if state.time_ns == contact.met_time_ns), None)
+    contact_time = np.nan if met is None else float(times[met])
     nearest = next(i for i, state in enumerate(states) if state.time_ns == contact.nearest_time_ns)
-    touch_error, touch_speed = _felt(states, contact, truth)
+    touch_error, touch_speed = _felt(states, met, truth)
+    # A live partner's first tick is some time after her first frame: the result counts from the tick on.
+    contact = replace(
+        contact,
+        met_time_ns=None if met is None else round(1e9 * contact_time),
+        nearest_time_ns=round(1e9 * float(times[nearest])),
+    )
     hinges, generated = _hinge_track([t.pose for t in ticks]), _hinge_track([t.generated for t in ticks])
     fading = np.array([tick.target.phase is Phase.APPROACH for tick in ticks])
     return TrialResult(
@@ -58,6 +65,7 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         other_error=np.nan if partner.other_palm is None else _nearest(partner.other_palm, person_palm),
         speed_change=_speed_change(hinges, times, fading),
         uncorrected_speed_change=_speed_change(generated, times, np.ones_like(fading)),
+        markers_seen=_seen(ticks),
         times=times,
         people=tuple(tick.person for tick in ticks),
         poses=tuple(state.pose for state in states),
@@ -91,10 +99,9 @@ class TrueMotion:
         return float(np.linalg.norm(place - self.at(time_ns)))
 
 
-def _felt(states: Sequence[PlayState], contact: ContactReport, truth: TrueMotion | None) -> tuple[float, float]:
-    """What the person would feel at first touch: distance, m, of the played palm from the true one, and closing speed,
-    m/s; NaN where they did not touch, or nobody knows the true palm."""
-    met = next((i for i, state in enumerate(states) if state.time_ns == contact.met_time_ns), None)
+def _felt(states: Sequence[PlayState], met: int | None, truth: TrueMotion | None) -> tuple[float, float]:
+    """What the person would feel at first touch, in the state ``met``: distance, m, of the played palm from the true
+    one, and closing speed, m/s; NaN where they did not touch, or nobody knows the true palm."""
     if met is None or truth is None:
         return np.nan, np.nan
     state, before = states[met], states[max(met - 1, 0)].time_ns
@@ -103,6 +110,11 @@ def _felt(states: Sequence[PlayState], contact: ContactReport, truth: TrueMotion
     velocity = (truth.at(state.time_ns) - truth.at(before)) / seconds if seconds > 0.0 else np.zeros(3)
     closing = (state.palm.velocity - velocity) @ common_normal(state.palm, state.person_palm)
     return truth.distance(state.palm.position, state.time_ns), float(closing)
+
+
+def _seen(ticks: Sequence[Tick]) -> float:
+    seen = np.array([tick.markers.seen for tick in ticks])
+    return float(seen.mean()) if seen.size else np.nan
 
 
 def _hinge_track(poses: list[Pose]) -> Array:

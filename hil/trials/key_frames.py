@@ -57,7 +57,8 @@ def showpieces(results: Sequence[TrialResult]) -> list[TrialResult]:
     worst; of an even number it is the nearer one of the middle."""
     groups: dict[str, list[TrialResult]] = {}
     for result in results:
-        groups.setdefault(style_of(result), []).append(result)
+        if result.whole:
+            groups.setdefault(style_of(result), []).append(result)
     return [sorted(group, key=_apart)[(len(group) - 1) // 2] for group in groups.values()]
 
 

@@ -46,6 +46,7 @@ class LivePerson:
     Attributes:
         placement: where the person stands.
         say: tells the person what to do.
+        hand: that she is asked to raise.
         tracking: of the session's tracker; None for a motion capture system's.
         camera: (3,) m, of the one camera that sees her, in the world; None of a motion capture system.
     """
@@ -65,6 +66,7 @@ class LivePerson:
         tracking: FilterSettings | None = None,
         place: Callable[[Recording, MarkerSet], Placement] = place_person,
         settings: LiveSettings = LIVE,
+        hand: str = "right",
     ):
         """Waits for the first frame, finds the marker set, and watches the person for ``settings.practice`` s.
 
@@ -82,13 +84,14 @@ class LivePerson:
             tracking: of the session's tracker, where the source is no motion capture system.
             place: finds where the person stands from what was watched.
             settings: how long is waited.
+            hand: that she is asked to raise; a left one comes mirrored.
 
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
         self._source, self._address, self._clock, self._latency_ns = source, address, clock, latency_ns
         self.say, self.tracking, self._place = say, tracking, place
-        self._settings = settings
+        self._settings, self.hand = settings, hand
         first = source.first()
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
@@ -104,7 +107,7 @@ class LivePerson:
     def _placed(self, first: MarkerFrame) -> Placement:
         """Where the person stands, once watched."""
         self.say(
-            f"for {self._settings.practice:g} s now: raise the right hand once, as for a high five; "
+            f"for {self._settings.practice:g} s now: raise the {self.hand} hand once, as for a high five; "
             "there the avatar will meet it"
         )
         watched = self._watched(first)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from highfive.hil.sim.contact_check import ON_THE_PALM
+from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.geometry.rotations import Array
 
@@ -27,7 +28,7 @@ def seen_on_screen(result: TrialResult, camera: Array) -> TrialResult:
     """
     contact = result.contact
     when = contact.nearest_time_ns if contact.met_time_ns is None else contact.met_time_ns
-    at = int(np.argmin(np.abs(1e9 * result.times - when)))
+    at = contact_tick(result)
     across = float(across_view(result.palm[at], result.person_palm[at], camera))
     met = contact.met or across <= ON_THE_PALM
     note = (

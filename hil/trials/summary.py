@@ -84,6 +84,7 @@ def summarise(
     *,
     interrupted: bool = False,
     unrecorded: str = "",
+    replayed: dict[str, Any] | None = None,
     arm: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The JSON object of a session: numbers, strings, lists and objects of them; what is not known is None.
@@ -97,7 +98,8 @@ def summarise(
     real person is answered; ``style`` is what the avatar answered in; ``person_emotion`` is the simulated person's,
     None of a real one. ``arm`` is :func:`highfive.hil.arm.arm_trial.arm_summary`, None where no servo arm took part.
     Trials out of reach and without contact count in all of them. ``warnings`` are sentences for people.
-    ``unrecorded`` says why the recording ends before the session; '' where it does not.
+    ``unrecorded`` says why the recording ends before the session; '' where it does not. ``replayed`` compares with the
+    recording that was played again (:meth:`highfive.hil.recording.replay.Replay.summary`); None where none was.
     """
     unwanted = [entry for result in results for entry in _unwanted(result)]
     out_of_reach = [
@@ -119,6 +121,7 @@ def summarise(
         "physics": settings.physics,
         "rig": settings.arm or None,
         "unrecorded": unrecorded,
+        "replayed": replayed,
         "warnings": [*([unrecorded] if unrecorded else []), *_warnings(results, settings.corrected)],
         **spreads,
         "by_cell": _by_cell(results),
@@ -265,7 +268,7 @@ def _row(result: TrialResult) -> dict[str, Any]:
         "lateral_mm": _number(MM * result.contact.lateral),
         "fade_in_change_rad_s": _number(result.speed_change),
         "uncorrected_change_rad_s": _number(result.uncorrected_speed_change),
-        "markers_seen": _number(float(result.seen.mean())) if result.seen.size else None,
+        "markers_seen": _number(result.markers_seen),
         "unwanted_contacts": len(_unwanted(result)),
         "notes": list(result.notes),
     }

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from highfive.hil.sim.avatar import Pose
 from highfive.hil.sim.contact_check import ContactReport
@@ -15,7 +15,7 @@ from highfive.model.online.contact_forecast import ContactForecast
 
 @dataclass(frozen=True)
 class TrialResult:
-    """One trial: its figures, and the T ticks that they come from.
+    """One trial: its figures, and the T ticks that they come from; none where it was :meth:`condensed`.
 
     Attributes:
         number: counted from 0.
@@ -36,6 +36,7 @@ class TrialResult:
         other_error: m, nearest approach of who met this hand originally, NaN where not known.
         speed_change: largest change of a joint's speed from tick to tick in the fade-in, rad/s.
         uncorrected_speed_change: the same of the generated motion, in the whole trial.
+        markers_seen: share of the markers that were measured, over all ticks; NaN where there are none.
         times: (T,) s.
         people: the live person, a tick each.
         poses, generated: what was played, and what the model had answered.
@@ -45,7 +46,7 @@ class TrialResult:
         expected: (T,) s, time to contact as the model says.
         markers: as tracked, a tick each.
         forecasts: of where and when the palms meet, a tick each; None where no hand approaches.
-        tick_ms: (T,) ms, markers in to corrected pose out.
+        tick_ms: (K,) ms, markers in to corrected pose out, of all ticks; K is T but where it was condensed.
     """
 
     number: int
@@ -68,6 +69,7 @@ class TrialResult:
     other_error: float
     speed_change: float
     uncorrected_speed_change: float
+    markers_seen: float
     times: Float[np.ndarray, " T"]
     people: tuple[HumanArm, ...]
     poses: tuple[Pose, ...]
@@ -80,9 +82,17 @@ class TrialResult:
     expected: Float[np.ndarray, " T"]
     markers: tuple[TrackedMarkers, ...]
     forecasts: tuple[ContactForecast | None, ...]
-    tick_ms: Float[np.ndarray, " T"]
+    tick_ms: Float[np.ndarray, " K"]
 
     @property
-    def seen(self) -> Bool[np.ndarray, "T M"]:
-        """(T, M) whether each marker was measured."""
-        return np.array([one.seen for one in self.markers])
+    def whole(self) -> bool:
+        """Its ticks are there, and can be drawn."""
+        return len(self.poses) > 0
+
+    def condensed(self) -> TrialResult:
+        """Its figures alone, with what each tick took: what a long session keeps of most of its trials."""
+        nothing, none = np.zeros((0, 3)), np.zeros(0)
+        return replace(
+            self, times=none, people=(), poses=(), generated=(), person_palm=nothing, palm=nothing,
+            generated_palm=nothing, other_palm=None, weight=none, expected=none, markers=(), forecasts=(),
+        )  # fmt: skip

@@ -129,7 +129,7 @@ class Browser:
         request = urllib.request.Request(f"{base}/json/new?about:blank", method="PUT")
         with urllib.request.urlopen(request, timeout=_START_S) as answer:
             address = json.load(answer)["webSocketDebuggerUrl"]
-        tab = self._stack.enter_context(connect(address, max_size=None))
+        tab = self._stack.enter_context(connect(address, max_size=None, ping_interval=None))
         self._tab = tab
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")

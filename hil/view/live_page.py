@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import secrets
 import select
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.view.access import new_key
 from highfive.hil.view.commands import Command
 from highfive.hil.view.mailbox import mailboxes
@@ -37,6 +38,7 @@ class LivePage:
         estop: Latch | None = None,
         key: str | None = None,
         tracks: bool = False,
+        clock: Clock = MACHINE,
     ) -> None:
         """Starts the server and waits until it answers.
 
@@ -49,11 +51,12 @@ class LivePage:
             estop: is pulled by the page's button at once.
             key: of the address; None makes a new one.
             tracks: what the page tracks, in a headset or before its camera, comes through :attr:`tracked`.
+            clock: what waiting for the server and for people goes by.
 
         Raises:
             HighFiveError: the port is in use, or the server does not start.
         """
-        self._key = key or new_key()
+        self._key, self._clock = key or new_key(), clock
         self._box, others = mailboxes()
         self.tracked, tracker = mailboxes() if tracks else (None, None)
         """What the page tracks, a message after the other; None where it does not."""
@@ -61,7 +64,7 @@ class LivePage:
         """How many look on."""
         self._commands: list[Command] = []
         self._count = 0
-        run = f"{time.time_ns():x}"
+        run = secrets.token_hex(8)
         for chosen in (PORT, 0) if port is None else (port,):
             options = ServerOptions(host, chosen, self._key, names, {**about, "run": run}, tls)
             self._process = multiprocessing.get_context("spawn").Process(
@@ -106,8 +109,8 @@ class LivePage:
 
     def wait_for_page(self, seconds: float) -> bool:
         """Waits until somebody looks on; False if nobody does within ``seconds``."""
-        end = time.monotonic() + seconds
-        while not self.pages and (left := end - time.monotonic()) > 0.0:
+        end = self._clock.now() + round(1e9 * seconds)
+        while not self.pages and (left := 1e-9 * (end - self._clock.now())) > 0.0:
             select.select([self._box], [], [], left)
             self._note_all()
         return self.pages > 0
@@ -155,8 +158,8 @@ class LivePage:
         return [json.loads(data) for data in self._box.take()]
 
     def _wait_for(self, kinds: tuple[str, ...]) -> dict[str, Any]:
-        end = time.monotonic() + _START_S
-        while (left := end - time.monotonic()) > 0.0 and (self._process.is_alive() or self._ready()):
+        end = self._clock.now() + round(1e9 * _START_S)
+        while (left := 1e-9 * (end - self._clock.now())) > 0.0 and (self._process.is_alive() or self._ready()):
             select.select([self._box], [], [], min(left, 0.2))
             for message in self._take():
                 if message["kind"] in kinds:

@@ -115,15 +115,10 @@ def _trial(
     events = [m.data.get("event") for m in recording.channels["/event"] if first <= m.time_ns < last]
     if len(times) < _SHORTEST or "trial_broken_off" in events:
         return None
-    cast, data, person = Cast.of(scene.model), scene.make_data(), PersonBodies(scene.model, scene.skeleton)
-    bodies, palms = np.empty((len(times), len(cast.names), 7)), np.empty(len(times))
-    for i, time in enumerate(times):
-        arm = _human(people[time], time)
-        scene.set_pose(data, Pose.from_quaternions(np.array(poses[time]["root"]), np.array(poses[time]["quaternions"])))
-        person.put(data, arm)
-        mujoco.mj_kinematics(scene.model, data)
-        bodies[i] = cast.poses(data)
-        palms[i] = np.linalg.norm(data.site_xpos[scene.palm_site] - arm.palm.position)
+    played = [
+        Pose.from_quaternions(np.array(poses[time]["root"]), np.array(poses[time]["quaternions"])) for time in times
+    ]
+    bodies, palms = placed_bodies(scene, played, [person_of(people[time], time) for time in times])
     arm = _arm(recording, times, first, last)
     if arm is not None:
         bodies = np.concatenate([bodies, arm], axis=1)
@@ -143,6 +138,19 @@ def _trial(
         forecasts=tuple(_forecast(forecasts.get(time)) for time in times),
         contact=judged,
     )
+
+
+def placed_bodies(scene: Scene, poses: Sequence[Pose], people: Sequence[HumanArm]) -> tuple[Array, Array]:
+    """(T, B, 7) of the bodies of :class:`Cast`, and (T,) m from palm to palm, of T poses and the person in each."""
+    cast, data, person = Cast.of(scene.model), scene.make_data(), PersonBodies(scene.model, scene.skeleton)
+    bodies, palms = np.empty((len(poses), len(cast.names), 7)), np.empty(len(poses))
+    for i, (pose, human) in enumerate(zip(poses, people, strict=True)):
+        scene.set_pose(data, pose)
+        person.put(data, human)
+        mujoco.mj_kinematics(scene.model, data)
+        bodies[i] = cast.poses(data)
+        palms[i] = np.linalg.norm(data.site_xpos[scene.palm_site] - human.palm.position)
+    return bodies, palms
 
 
 def _arm(recording: SessionRecording, times: Sequence[int], first: int, last: int) -> Array | None:
@@ -187,7 +195,7 @@ def _markers(rows: Sequence[dict[str, Any] | None]) -> tuple[Array, np.ndarray]:
     return points, seen
 
 
-def _human(said: dict[str, Any], time_ns: int) -> HumanArm:
+def person_of(said: dict[str, Any], time_ns: int) -> HumanArm:
     """The person of a ``/person`` message; the fingers go on from wrist to knuckles, across the palm's normal."""
     wrist, knuckles, normal = (np.array(said[name], dtype=float) for name in ("wrist", "knuckles", "palm_normal"))
     along = knuckles - wrist

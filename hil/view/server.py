@@ -13,7 +13,6 @@ import multiprocessing
 import os
 import signal
 import ssl
-import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -26,6 +25,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from highfive.hil.drivers.latch import Cause, Latch
+from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view.access import Access
 from highfive.hil.view.arm_cast import ArmCast
@@ -108,7 +108,7 @@ class _Page:
 
     def floods(self) -> bool:
         """Counts a message; too many have come in this second."""
-        second = int(time.monotonic())
+        second = MACHINE.now() // 1_000_000_000
         if second != self.second:
             self.second, self.messages = second, 0
         self.messages += 1
@@ -121,7 +121,7 @@ class _Server:
     def __init__(self, options: ServerOptions, mailbox: Mailbox, estop: Latch | None, tracked: Mailbox | None) -> None:
         self._options, self._mailbox, self._estop, self._tracked = options, mailbox, estop, tracked
         self._worn: _Page | None = None  # the headset that is tracked, and when it last sent something
-        self._worn_at = 0.0
+        self._worn_at = 0  # ns
         self._pages: set[_Page] = set()
         self._newest: bytes | None = None
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
@@ -252,7 +252,7 @@ class _Server:
                 if data is not None and len(page.owed) < CREDIT and number_of(data) != page.last:
                     page.last = number_of(data)
                     page.owed.append(page.last)
-                    await page.connection.send(stamped(data, time.monotonic_ns()))
+                    await page.connection.send(stamped(data, MACHINE.now()))
         except ConnectionClosed:
             return
 
@@ -283,7 +283,7 @@ class _Server:
             return
         asked = _asked(message)
         if asked is not None:
-            page.tell(encode_text("time", asked=asked, now_ms=1e-6 * time.monotonic_ns()))
+            page.tell(encode_text("time", asked=asked, now_ms=1e-6 * MACHINE.now()))
 
     def _track(self, page: _Page, message: bytes, tracked: Mailbox) -> None:
         """Hands on what one camera or headset tracks; another headset is told that it is not tracked."""
@@ -291,8 +291,8 @@ class _Server:
             tracked.put_newest(message)
         if message[0] != headset.KIND or len(message) != headset.LENGTH:
             return
-        now = time.monotonic()
-        if self._worn is None or now - self._worn_at > RELEASED_S:
+        now = MACHINE.now()
+        if self._worn is None or now - self._worn_at > RELEASED_S * 1e9:
             self._worn, page.refused = page, False
         if self._worn is page:
             self._worn_at = now

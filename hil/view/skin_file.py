@@ -30,20 +30,22 @@ _CELL = 0.034
 """m: grids of the coarse meshes, by the end of a skin's name, and of the others."""
 _FLAT = 0.03
 """Of the largest curvature: below, a vertex is left where the mean of its cell is."""
-_FLOAT, _BYTE, _SHORT, _INT = 5126, 5121, 5123, 5125
-_VERTICES, _INDICES = 34962, 34963
+FLOAT, _BYTE, SHORT, _INT = 5126, 5121, 5123, 5125
+VERTICES, INDICES = 34962, 34963
 _Y_UP = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # glTF quaternions are x, y, z, w
 
 
-class _Buffer:
+class Buffer:
     """The binary part, and the accessors into it."""
 
     def __init__(self) -> None:
+        """Empty."""
         self.data = bytearray()
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []
 
     def add(self, values: NDArray[Any], kind: str, component: int, target: int | None, **more: Any) -> int:
+        """Puts values (N, …) at the end; the number of their accessor."""
         self.data += b"\0" * (-len(self.data) % 4)
         view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes}
         if target is not None:
@@ -63,7 +65,17 @@ def skin_file(cast: Cast) -> bytes:
     Args:
         cast: of a model that was built to be seen.
     """
-    model, buffer = cast.model, _Buffer()
+    return container(*skin_document(cast))
+
+
+def skin_document(cast: Cast, *, coarse: bool = True) -> tuple[dict[str, Any], Buffer]:
+    """The file's JSON, still without what the buffer holds, and the buffer; nodes begin with the bones.
+
+    Args:
+        cast: of a model that was built to be seen.
+        coarse: with the meshes whose names end in :data:`FAR`.
+    """
+    model, buffer = cast.model, Buffer()
     bones = {int(number): place for place, number in enumerate(cast.ids)}
     bind = np.zeros((len(bones), 7))
     bind[:, 3] = 1.0
@@ -75,7 +87,8 @@ def skin_file(cast: Cast) -> bytes:
         for bone, place, turn in zip(skin.bones, skin.bind_positions, skin.bind_quaternions, strict=True):
             bind[bone] = [*place, *turn]
         rigid = len(skin.bones) == 1
-        for name, surface in ((SKIN + skin.name, skin), (SKIN + skin.name + FAR, skin.clustered())):
+        surfaces = [(SKIN + skin.name, skin)] + ([(SKIN + skin.name + FAR, skin.clustered())] if coarse else [])
+        for name, surface in surfaces:
             meshes.append({"name": name, "primitives": [_primitive(surface, buffer, rigid=rigid)]})
             node: dict[str, Any] = {"name": name, "mesh": len(meshes) - 1}
             nodes.append(node)
@@ -86,9 +99,9 @@ def skin_file(cast: Cast) -> bytes:
                 skinned.append(len(nodes) - 1)
     for bone, pose in enumerate(bind):
         w, x, y, z = pose[3:]
-        nodes[bone] |= {"translation": _plain(pose[:3]), "rotation": _plain(np.array([x, y, z, w]))}
+        nodes[bone] |= {"translation": plain(pose[:3]), "rotation": plain(np.array([x, y, z, w]))}
     inverse = np.array([_inverse(pose) for pose in bind])
-    matrices = buffer.add(inverse.transpose(0, 2, 1).astype("<f4"), "MAT4", _FLOAT, None)
+    matrices = buffer.add(inverse.transpose(0, 2, 1).astype("<f4"), "MAT4", FLOAT, None)
     nodes.append({"name": "high_five", "children": [*range(len(bones)), *skinned], "rotation": list(_Y_UP)})
     document = {
         "asset": {"version": "2.0", "generator": "High Five"},
@@ -98,11 +111,8 @@ def skin_file(cast: Cast) -> bytes:
         "meshes": meshes,
         "skins": [{"joints": list(range(len(bones))), "inverseBindMatrices": matrices}],
         "materials": [_material(model, number) for number in range(model.nmat)],
-        "buffers": [{"byteLength": len(buffer.data) + -len(buffer.data) % 4}],
-        "bufferViews": buffer.views,
-        "accessors": buffer.accessors,
     }
-    return _container(document, bytes(buffer.data))
+    return document, buffer
 
 
 class _Skin:
@@ -183,38 +193,41 @@ class _Skin:
         return np.pad(bones, padding).astype(np.uint8), np.pad(whole, padding).astype(np.uint8)
 
 
-def _primitive(skin: _Skin, buffer: _Buffer, *, rigid: bool) -> dict[str, Any]:
+def _primitive(skin: _Skin, buffer: Buffer, *, rigid: bool) -> dict[str, Any]:
     vertices, normals = skin.vertices, skin.normals
     if rigid:  # in the frame of its bone
         axes = rotations.to_matrix(skin.bind_quaternions[0])
         vertices, normals = (vertices - skin.bind_positions[0]) @ axes, normals @ axes
-    extent = {"min": _plain(vertices.astype("<f4").min(axis=0)), "max": _plain(vertices.astype("<f4").max(axis=0))}
+    extent = {"min": plain(vertices.astype("<f4").min(axis=0)), "max": plain(vertices.astype("<f4").max(axis=0))}
     attributes = {
-        "POSITION": buffer.add(vertices.astype("<f4"), "VEC3", _FLOAT, _VERTICES, **extent),
-        "NORMAL": buffer.add(normals.astype("<f4"), "VEC3", _FLOAT, _VERTICES),
+        "POSITION": buffer.add(vertices.astype("<f4"), "VEC3", FLOAT, VERTICES, **extent),
+        "NORMAL": buffer.add(normals.astype("<f4"), "VEC3", FLOAT, VERTICES),
     }
     if not rigid:
         bones, weights = skin.strongest()
-        attributes["JOINTS_0"] = buffer.add(bones, "VEC4", _BYTE, _VERTICES)
-        attributes["WEIGHTS_0"] = buffer.add(weights, "VEC4", _BYTE, _VERTICES, normalized=True)
+        attributes["JOINTS_0"] = buffer.add(bones, "VEC4", _BYTE, VERTICES)
+        attributes["WEIGHTS_0"] = buffer.add(weights, "VEC4", _BYTE, VERTICES, normalized=True)
     few = len(vertices) < 1 << 16
     indices = skin.faces.ravel().astype("<u2" if few else "<u4")
     return {
         "attributes": attributes,
-        "indices": buffer.add(indices, "SCALAR", _SHORT if few else _INT, _INDICES),
+        "indices": buffer.add(indices, "SCALAR", SHORT if few else _INT, INDICES),
         "material": skin.material,
     }
 
 
 def _material(model: mujoco.MjModel, number: int) -> dict[str, Any]:
-    """Colours of glTF are linear, MuJoCo's are as a display has them."""
-    colour = model.mat_rgba[number].astype(float)
+    return material(model.mat(number).name, model.mat_rgba[number].astype(float), float(model.mat_specular[number]))
+
+
+def material(name: str, colour: Array, gloss: float) -> dict[str, Any]:
+    """Colours (4,) of glTF are linear, MuJoCo's are as a display has them."""
     linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
-    rough = 1.0 - 0.7 * float(model.mat_specular[number])
+    rough = 1.0 - 0.7 * gloss
     return {
-        "name": model.mat(number).name,
+        "name": name,
         "pbrMetallicRoughness": {
-            "baseColorFactor": _plain(np.array([*linear[:3], colour[3]])),
+            "baseColorFactor": plain(np.array([*linear[:3], colour[3]])),
             "metallicFactor": 0.0,
             "roughnessFactor": round(rough, 4),
         },
@@ -229,13 +242,17 @@ def _inverse(pose: Array) -> Array:
     return matrix
 
 
-def _plain(values: NDArray[Any]) -> list[float]:
+def plain(values: NDArray[Any]) -> list[float]:
+    """As JSON has them."""
     return [float(value) for value in values]
 
 
-def _container(document: dict[str, Any], binary: bytes) -> bytes:
-    text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    text += b" " * (-len(text) % 4)
+def container(document: dict[str, Any], buffer: Buffer) -> bytes:
+    """The file: a document as :func:`skin_document` gives it, and what its accessors are of."""
+    binary = bytes(buffer.data)
     binary += b"\0" * (-len(binary) % 4)
+    held = {"buffers": [{"byteLength": len(binary)}], "bufferViews": buffer.views, "accessors": buffer.accessors}
+    text = json.dumps({**document, **held}, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

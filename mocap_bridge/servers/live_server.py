@@ -9,6 +9,7 @@ import threading
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar
 
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.model.errors import HighFiveError
 
@@ -23,18 +24,19 @@ class LiveServer(ABC):
     starts the thread.
     """
 
-    def __init__(self, host: str, port: int, name: str) -> None:
+    def __init__(self, host: str, port: int, name: str, now: Now = THREADS.now) -> None:
         """Listens.
 
         Args:
             host: address to listen at; '' or '0.0.0.0' lets in the whole network.
             port: 0 takes any that is free.
             name: of the protocol.
+            now: monotonic clock, ns.
 
         Raises:
             LinkError: the port is taken or not allowed.
         """
-        self._host = host
+        self._host, self._now = host, now
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._sent_ns = 0
@@ -158,14 +160,14 @@ class TcpServer(LiveServer, Generic[AnyClient]):
     thread takes connections and requests, and goes on where a socket was full.
     """
 
-    def __init__(self, host: str, port: int, name: str) -> None:
+    def __init__(self, host: str, port: int, name: str, now: Now = THREADS.now) -> None:
         """Listens; as :class:`LiveServer`."""
         self._clients: list[AnyClient] = []
         self._awake, self._alarm = socket.socketpair()
         for end in (self._awake, self._alarm):
             end.setblocking(False)
         try:
-            super().__init__(host, port, name)
+            super().__init__(host, port, name, now)
         except LinkError:
             self._awake.close()
             self._alarm.close()

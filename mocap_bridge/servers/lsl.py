@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +10,7 @@ import pylsl
 
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.lsl import TYPE, configure
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 from highfive.mocap_bridge.wire.lsl import channel_descriptions, samples_of
 from highfive.model.errors import HighFiveError
 
@@ -24,7 +24,14 @@ class LslServer:
     not among them is not sent, and points without a label cannot be sent.
     """
 
-    def __init__(self, names: Sequence[str], rate_hz: float, name: str = "HighFive", local_only: bool = True):
+    def __init__(
+        self,
+        names: Sequence[str],
+        rate_hz: float,
+        name: str = "HighFive",
+        local_only: bool = True,
+        now: Now = THREADS.now,
+    ):
         """Announces the stream.
 
         Args:
@@ -33,6 +40,7 @@ class LslServer:
             name: the stream's name.
             local_only: announce it on this machine alone. LSL cannot set where its data port listens: a program on
                 another machine that knows the port could still ask.
+            now: monotonic clock, ns.
 
         Raises:
             HighFiveError: there is nothing to send, or the library cannot make the stream.
@@ -42,7 +50,7 @@ class LslServer:
         configure(local_only)
         self._names, self._rate, self._name = tuple(names), rate_hz, name
         self._outlet: pylsl.StreamOutlet | None = None
-        self._sent_ns = 0
+        self._now, self._sent_ns = now, 0
         self._start_s: float | None = None  # LSL's clock at the source's time 0
         self._closed = False
         self.answer()
@@ -68,7 +76,7 @@ class LslServer:
         if self._outlet is None:
             return
         sample = samples_of(self._names, frame.names, frame.positions, frame.valid).astype(np.float32)
-        self._sent_ns = time.monotonic_ns()
+        self._sent_ns = self._now()
         self._outlet.push_chunk(sample[None], start + source_s)
 
     def hang_up(self) -> None:

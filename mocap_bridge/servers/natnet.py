@@ -6,7 +6,6 @@ import contextlib
 import select
 import socket
 import struct
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.live_server import LiveServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, Version, decode, encode, encode_server_info
 from highfive.mocap_bridge.wire.natnet_frame import (
@@ -51,6 +51,7 @@ class NatNetServer(LiveServer):
         data_port: int = 1511,
         y_up: bool = True,
         version: Version = (4, 1),
+        now: Now = THREADS.now,
     ):
         """Listens.
 
@@ -63,16 +64,17 @@ class NatNetServer(LiveServer):
             data_port: the group's port.
             y_up: send points with y up, as Motive does unless set otherwise, instead of z up.
             version: of NatNet.
+            now: monotonic clock, ns.
 
         Raises:
             LinkError: the port is taken, or the group is none.
         """
         self._rate_hz, self._y_up, self._version = rate_hz, y_up, version
         self._group, self._data_port = multicast, data_port
-        self._clients: dict[tuple[str, int], float] = {}  # address -> when heard of last
+        self._clients: dict[tuple[str, int], int] = {}  # address -> when heard of last, ns
         self._frame_names: tuple[str, ...] = ()
         self._name(tuple(names))
-        super().__init__(host, port, "NatNet")
+        super().__init__(host, port, "NatNet", now)
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame; what a client does not take at once is lost, as datagrams are."""
@@ -83,10 +85,10 @@ class NatNetServer(LiveServer):
                 return
             datagram = encode_frame(self._wire_frame(frame), self._version)
             self._announce = max(0, self._announce - 1)
-            now = time.monotonic()
-            self._clients = {who: heard for who, heard in self._clients.items() if now - heard < FORGET_S}
+            now = self._now()
+            self._clients = {who: heard for who, heard in self._clients.items() if now - heard < FORGET_S * 1e9}
             for address in [(self._group, self._data_port)] if self._group else list(self._clients):
-                self._sent_ns = time.monotonic_ns()
+                self._sent_ns = self._now()
                 with contextlib.suppress(OSError):
                     self._sock.sendto(datagram, address)
 
@@ -176,7 +178,7 @@ class NatNetServer(LiveServer):
             self._clients.pop(sender, None)
             return
         if sender in self._clients or (kind == Kind.CONNECT and len(self._clients) < _MOST_CLIENTS):
-            self._clients[sender] = time.monotonic()
+            self._clients[sender] = self._now()
         answer = b""
         if kind == Kind.CONNECT:
             answer = encode_server_info(ServerInfo("High Five", self._version, self._group or "", self._data_port))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.live_server import Client, TcpServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 from highfive.mocap_bridge.wire import qtm as wire
 
 ANNOUNCE_S = 0.25
@@ -36,7 +36,14 @@ class QtmServer(TcpServer[_Client]):
     change, clients are notified that settings changed; each gets the old order until it has requested the new one.
     """
 
-    def __init__(self, host: str = LOOPBACK, port: int = 22223, names: Sequence[str] = (), rate_hz: float = 120.0):
+    def __init__(
+        self,
+        host: str = LOOPBACK,
+        port: int = 22223,
+        names: Sequence[str] = (),
+        rate_hz: float = 120.0,
+        now: Now = THREADS.now,
+    ):
         """Listens.
 
         Args:
@@ -44,6 +51,7 @@ class QtmServer(TcpServer[_Client]):
             port: port for little-endian numbers; 0 takes a free one.
             names: labels before the first frame.
             rate_hz: frames per second, for who asks.
+            now: monotonic clock, ns.
 
         Raises:
             LinkError: the port is taken.
@@ -51,7 +59,7 @@ class QtmServer(TcpServer[_Client]):
         self._rate_hz = rate_hz
         self._names, self._newest = tuple(names), None
         self._announced = -np.inf
-        super().__init__(host, port, "QTM")
+        super().__init__(host, port, "QTM", now)
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame to every client that streams; one that has not taken the last one misses this one."""
@@ -67,12 +75,12 @@ class QtmServer(TcpServer[_Client]):
                     key = (labels, client.components)
                     if key not in messages:
                         messages[key] = _encode(frame, labels, client.components)
-                    self._sent_ns = time.monotonic_ns()
+                    self._sent_ns = self._now()
                     client.push(messages[key])
-            now = time.monotonic()
+            now = self._now()
             behind = [client for client in self._clients if client.labels not in (None, self._names)]
             # After the frame, not before: there is time until the next one for the client to ask.
-            if behind and now - self._announced > ANNOUNCE_S:
+            if behind and now - self._announced > ANNOUNCE_S * 1e9:
                 self._announced = now
                 for client in behind:
                     client.push(wire.encode(wire.Kind.EVENT, bytes([wire.Event.SETTINGS_CHANGED])))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.faults import Faults
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 
 LOOPBACK = "127.0.0.1"
 
@@ -80,7 +80,7 @@ def serve(
     loop: bool = False,
     stop: Stop | None = None,
     sent: Callable[[MarkerFrame], None] = lambda frame: None,
-    clock: Callable[[], int] = time.monotonic_ns,
+    clock: Now = THREADS.now,
 ) -> None:
     """Sends the frames of ``recording`` at their times until its end, or until ``stop``.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.servers.live_server import Client, TcpServer
 from highfive.mocap_bridge.servers.serving import LOOPBACK
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 from highfive.mocap_bridge.wire import vicon as wire
 from highfive.mocap_bridge.wire.vicon import Kind, Labelled, Packet, Subject
 
@@ -64,13 +64,14 @@ class ViconServer(TcpServer[_Client]):
     :mod:`highfive.mocap_bridge.servers.serving`).
     """
 
-    def __init__(self, host: str = LOOPBACK, port: int = wire.PORT, rate_hz: float = 120.0):
+    def __init__(self, host: str = LOOPBACK, port: int = wire.PORT, rate_hz: float = 120.0, now: Now = THREADS.now):
         """Listens at once.
 
         Args:
             host: address to listen at; '' or '0.0.0.0' lets in the whole network.
             port: 0 takes any that is free.
             rate_hz: frames per second, as announced to clients.
+            now: monotonic clock, ns.
 
         Raises:
             LinkError: the port is taken or not allowed.
@@ -83,7 +84,7 @@ class ViconServer(TcpServer[_Client]):
         self._version = 0  # grows with each new name
         self._frame: Packet | None = None
         self._encoded: dict[tuple[frozenset[int], bool], bytes] = {}  # the last frame, for each kind of client
-        super().__init__(host, port, "vicon")
+        super().__init__(host, port, "vicon", now)
 
     def send(self, frame: MarkerFrame) -> None:
         """Sends a frame to every client that requested frames; see
@@ -148,7 +149,7 @@ class ViconServer(TcpServer[_Client]):
         message = self._message(client.requested, client.version != self._version)
         client.fresh, client.version = False, self._version
         client.requests = max(0, client.requests - 1)
-        self._sent_ns = time.monotonic_ns()
+        self._sent_ns = self._now()
         client.push(message)
 
     def _welcomed(self, sock: socket.socket) -> _Client:

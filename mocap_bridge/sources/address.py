@@ -8,14 +8,14 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from highfive.mocap_bridge.files.c3d import read_c3d
 from highfive.mocap_bridge.sources.live import Link, LiveSource
 from highfive.mocap_bridge.sources.registry import examples, is_known, scheme_named
-from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now, Scheduler
 from highfive.mocap_bridge.sources.scheme import FILE, Address, Scheme
 from highfive.mocap_bridge.sources.source import C3DSource, Source
 from highfive.mocap_bridge.sources.tap import Tap, tapped
 from highfive.model.errors import HighFiveError
 
 WEBCAM = "webcam"
-"""Not an address: the camera of whoever has the live page of ``highfive simulate`` open."""
+"""The camera of whoever has the live page of ``highfive simulate`` open; ``webcam?hand=left`` follows a left hand."""
 
 
 def is_live(text: str) -> bool:
@@ -36,8 +36,10 @@ def parse_address(text: str) -> Address:
     name, _, options = text.strip().partition("?")
     if name.lower() == "headset":  # there is one page: its headset needs no further name
         text = f"headset://page{options and '?' + options}"
-    if text.strip().lower() == WEBCAM:
-        return Address(WEBCAM, "page")
+    if name.lower() == WEBCAM:
+        if options not in ("", "hand=left", "hand=right"):
+            raise HighFiveError(f"address {text!r}: a webcam is told hand=left or hand=right, and nothing else")
+        return Address(WEBCAM, "page", options=dict(parse_qsl(options)))
     scheme, separator, rest = text.strip().partition("://")
     if not separator:
         if not text.strip():
@@ -90,13 +92,14 @@ def _lower(message: str) -> str:
     return message[:1].lower() + message[1:]
 
 
-def connector(address: Address) -> Callable[[], Link]:
-    """What connects to a live system; each protocol's library is imported only where it is needed."""
+def connector(address: Address, now: Now = THREADS.now) -> Callable[[], Link]:
+    """What connects to a live system, by the clock ``now``, ns; each protocol's library is imported only where it is
+    needed."""
     if address.scheme == FILE:
         raise HighFiveError(f"{address} is no live system")
     if address.scheme == WEBCAM:
         raise HighFiveError("a webcam is seen by the live page alone: highfive simulate --source webcam")
-    return scheme_named(address.scheme).connector(address)
+    return scheme_named(address.scheme).connector(address, now)
 
 
 def open_source(
@@ -105,7 +108,7 @@ def open_source(
     rate_hz: float | None = None,
     tap: Tap | None = None,
     scheduler: Scheduler = THREADS,
-    connects: Callable[[Address], Callable[[], Link]] = connector,
+    connects: Callable[[Address], Callable[[], Link]] | None = None,
 ) -> Source:
     """Starts to listen to a live system, or to replay a file in real time from now.
 
@@ -115,7 +118,7 @@ def open_source(
         rate_hz: frames per second: of a file, resampled (default: its own); of a live system that does not say its own.
         tap: gets every frame of a live system as it came, of all persons.
         scheduler: time, and what a live system is followed by.
-        connects: gives what connects to a live system.
+        connects: gives what connects to a live system; None connects as its protocol does.
 
     Raises:
         HighFiveError: a bad address; no such file; no such person in it; a tap on a file.
@@ -126,7 +129,7 @@ def open_source(
             raise HighFiveError(f"{address} is a recording already; recording goes with a live system")
         recording = read_c3d(address.host).person(person)
         return C3DSource(recording, rate_hz or recording.rate_hz, start_ns=scheduler.now())
-    connect = connects(address)
+    connect = connector(address, scheduler.now) if connects is None else connects(address)
     if tap is not None:
         connect = tapped(connect, tap, scheduler.now)
     return LiveSource(str(address), connect, person, rate_hz or 120.0, scheduler)

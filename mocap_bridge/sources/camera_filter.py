@@ -193,15 +193,14 @@ def stated(state: CameraState, across: Array, settings: CameraSettings) -> Array
     Args:
         state: of the person.
         across: (6,) m, standard deviation across the view, of the last picture that showed each joint.
-        settings: what is stated at least and at most.
+        settings: what is stated at least.
     """
     points = state.points
     rays = points / np.linalg.norm(points, axis=-1, keepdims=True)
     result = np.empty((COUNT, 3, 3))
     for joint, ray in enumerate(rays):
         block = state.covariance[3 * joint : 3 * joint + 3, 3 * joint : 3 * joint + 3]
-        least, most = settings.out_along
-        along = min(max(float(ray @ block @ ray), least**2), most**2) ** 0.5
+        along = max(float(ray @ block @ ray) ** 0.5, settings.out_along)
         wide = np.sqrt(max(0.5 * float(np.trace(block) - ray @ block @ ray), 0.0))
         side = max(settings.out_across, float(across[joint]), wide)
         result[joint] = side**2 * np.eye(3) + (max(along, side) ** 2 - side**2) * np.outer(ray, ray)

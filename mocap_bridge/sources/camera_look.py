@@ -7,7 +7,7 @@ body's right wrist.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,28 @@ def look(found: Landmarks, camera: Camera, settings: CameraSettings, expected: A
     whole = sure[trunk].min() >= settings.visible and inside[trunk].all()
     distance = _distance(picture[trunk], world[trunk], camera) if whole else np.nan
     return Look(pixels, across, seen, depths, distance, hand_distance, exchanged, strangers)
+
+
+def in_mirror(found: Landmarks) -> Landmarks:
+    """The landmarks of who is behind a mirror: her left hand is a right one there."""
+    hands = tuple(
+        replace(hand, picture=_turned_round(hand.picture, 1.0), world=_turned_round(hand.world, 0.0))
+        for hand in found.hands
+    )
+    if found.picture is None or found.visibility is None or found.world is None:
+        return replace(found, hands=hands)
+    return replace(
+        found,
+        picture=_turned_round(found.picture[_MIRROR], 1.0),
+        visibility=found.visibility[_MIRROR],
+        world=_turned_round(found.world[_MIRROR], 0.0),
+        hands=hands,
+    )
+
+
+def _turned_round(points: Array, edge: float) -> Array:
+    """Points (N, 2) or (N, 3) whose first coordinate counts from the other side, from ``edge`` down."""
+    return np.column_stack([edge - points[:, 0], points[:, 1:]])
 
 
 def _middle(points: Array, pair: tuple[int, int]) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -14,7 +16,7 @@ from highfive.mocap_bridge.sources.camera_filter import (
     predicted,
     stated,
 )
-from highfive.mocap_bridge.sources.camera_look import Look, look
+from highfive.mocap_bridge.sources.camera_look import Look, in_mirror, look
 from highfive.mocap_bridge.sources.camera_settings import (
     HEAD,
     HEAD_UP,
@@ -30,6 +32,15 @@ from highfive.model.geometry.rotations import Array
 
 TO_ROOM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """From the camera's axes (right, down, away) to those of a room that it looks into: away, left, up. It looks level."""
+
+
+def looking_up(degrees: float) -> Array:
+    """(3, 3): from the axes of a camera that looks up by so much to those of one that looks level."""
+    angle = math.radians(degrees)
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+
+
 _SETTLED = 20
 """Pictures from which the camera's height is found: she stands, and her head is where heads of her height are."""
 _OPEN = Camera(1.0, np.zeros(2))
@@ -44,9 +55,9 @@ class CameraPerson:
         camera_in_room: (3,) m, where the camera is in the room of the frames: over the origin, and it looks along +x.
     """
 
-    def __init__(self, settings: CameraSettings | None = None) -> None:
-        """Of a person and a camera as the settings say."""
-        self.settings = settings or CameraSettings()
+    def __init__(self, settings: CameraSettings | None = None, *, left: bool = False) -> None:
+        """Of a person and a camera as the settings say; who gives the ``left`` hand is followed in a mirror."""
+        self.settings, self._left = settings or CameraSettings(), left
         self.look: Look | None = None
         self._camera = _OPEN
         self._state: CameraState | None = None
@@ -61,6 +72,7 @@ class CameraPerson:
 
     def take(self, found: Landmarks) -> MarkerFrame:
         """The frame of a picture. Joints that it, and those shortly before, do not show are not valid."""
+        found = in_mirror(found) if self._left else found
         self._camera = Camera.of(found.size, self.settings.field_of_view)
         seconds = 1e-3 * (found.captured_ms - self._time_ms)
         if not 0.0 < seconds < self.settings.lost_s:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.inferred_arm import EYE_HEIGHT, SIZES, elbow_of, shoulder_of
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 from highfive.mocap_bridge.sources.scheme import Address, Scheme
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.headset import LIMBS, SIDES, HeadsetPose, decode_headset
@@ -119,7 +119,7 @@ class HeadsetLink:
         self,
         take: Callable[[float], Sequence[bytes]],
         hand: str = "right",
-        now: Callable[[], int] = time.monotonic_ns,
+        now: Now = THREADS.now,
         settings: HeadsetSettings | None = None,
     ) -> None:
         """Args: ``take`` waits so many s at most for messages; ``hand`` is given; ``now`` is the clock, ns."""

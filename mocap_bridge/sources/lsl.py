@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ import pylsl
 
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import Link
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now, in_seconds
 from highfive.mocap_bridge.sources.scheme import UP, Address, Scheme
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.lsl import FrameCounter, checked_times, library_settings, markers_of, parse_description
@@ -58,7 +58,13 @@ def configure(local_only: bool) -> None:
     pylsl.util.set_config_content(library_settings(text, local_only))
 
 
-def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False, counter: FrameCounter | None = None) -> Link:
+def connect_lsl(
+    name: str,
+    timeout_s: float = 2.0,
+    y_up: bool = False,
+    counter: FrameCounter | None = None,
+    now: Now = THREADS.now,
+) -> Link:
     """Connects to the stream called ``name``.
 
     Args:
@@ -66,6 +72,7 @@ def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False, counter: 
         timeout_s: how long each step (finding it, measuring the clock offset, opening it) may take, s.
         y_up: the stream's y axis points up, not its z axis.
         counter: numbers the frames, and goes on where an earlier connection left off; None counts from 0.
+        now: monotonic clock, ns.
 
     Raises:
         LinkError: there is no such stream, it holds no markers, or it does not answer.
@@ -82,7 +89,7 @@ def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False, counter: 
             f"the stream {name!r} is of type {found[0].type()!r}; markers come in a stream of type {TYPE!r}"
         )
     try:
-        return LslLink(markers[0], name, timeout_s, y_up, counter or FrameCounter())
+        return LslLink(markers[0], name, timeout_s, y_up, counter or FrameCounter(), now)
     except (RuntimeError, HighFiveError) as error:  # RuntimeError is what all errors of the library are
         raise LinkError(f"the stream {name!r}: {error}") from None
 
@@ -90,9 +97,11 @@ def connect_lsl(name: str, timeout_s: float = 2.0, y_up: bool = False, counter: 
 class LslLink:
     """An open stream."""
 
-    def __init__(self, info: pylsl.StreamInfo, name: str, timeout_s: float, y_up: bool, counter: FrameCounter):
+    def __init__(
+        self, info: pylsl.StreamInfo, name: str, timeout_s: float, y_up: bool, counter: FrameCounter, now: Now
+    ):
         """Opens the stream that ``info`` describes."""
-        self._name, self._y_up = name, y_up
+        self._name, self._y_up, self._clock = name, y_up, in_seconds(now)
         if info.channel_format() == pylsl.cf_string:
             raise LinkError("it sends text, not numbers")
         # recover: whether to wait for an outlet that died; that is our caller's to do.
@@ -103,9 +112,9 @@ class LslLink:
         self._rate_hz = float(rate) if 0.0 < rate < 1e6 else 0.0
         self._counter = counter
         counter.set_rate(self._rate_hz)
-        self._to_monotonic_s = monotonic_minus_lsl()
+        self._to_monotonic_s = clock_minus_lsl(self._clock)
         self._correction = self._newest_correction = self._inlet.time_correction(timeout_s)
-        self._renewed = time.monotonic()
+        self._renewed = self._clock()
         self._inlet.open_stream(timeout_s)
 
     @property
@@ -121,7 +130,7 @@ class LslLink:
             samples, stamps = self._inlet.pull_chunk(timeout_s, _MOST, min_samples=1, as_numpy=True)
             if not len(stamps):
                 return ()
-            offset, arrival = self._offset(), time.monotonic()
+            offset, arrival = self._offset(), self._clock()
         except RuntimeError as error:
             raise LinkError(f"the stream {self._name!r}: {error}") from None
         points, valid, impossible = markers_of(self._layout, np.asarray(samples))
@@ -151,7 +160,7 @@ class LslLink:
 
     def _offset(self) -> float:
         """What is added to a time stamp for this process's monotonic clock, s."""
-        now = time.monotonic()
+        now = self._clock()
         if now - self._renewed > _RENEWED_S and self._inlet is not None:
             self._renewed = now
             with contextlib.suppress(pylsl.util.TimeoutError):  # none newer
@@ -160,23 +169,23 @@ class LslLink:
         return self._correction + self._to_monotonic_s
 
 
-def monotonic_minus_lsl() -> float:
-    """Monotonic clock minus LSL's clock, s: of several readings the one that took least time."""
+def clock_minus_lsl(clock: Callable[[], float]) -> float:
+    """This process's clock minus LSL's, s: of several readings the one that took least time."""
     readings = []
     for _ in range(9):
-        before = time.monotonic()
+        before = clock()
         lsl = pylsl.local_clock()
-        after = time.monotonic()
+        after = clock()
         readings.append((after - before, 0.5 * (before + after) - lsl))
     return min(readings)[1]
 
 
 @dataclass(frozen=True)
 class _LslScheme(Scheme):
-    def connector(self, address: Address) -> Callable[[], Link]:
+    def connector(self, address: Address, now: Now = THREADS.now) -> Callable[[], Link]:
         """Connections that number their frames on from one to the next."""
         counter = FrameCounter()
-        return lambda: connect_lsl(address.host, y_up=address.options.get("up") == "y", counter=counter)
+        return lambda: connect_lsl(address.host, y_up=address.options.get("up") == "y", counter=counter, now=now)
 
 
 SCHEME = _LslScheme("lsl://name", lambda address: connect_lsl(address.host), options=UP)

@@ -7,12 +7,12 @@ import ipaddress
 import select
 import socket
 import struct
-import time
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.natnet_columns import Columns, marker_frame
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now, in_seconds
 from highfive.mocap_bridge.sources.scheme import UP, Address, Scheme
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.natnet import Kind, decode, decode_server_info, encode_request
@@ -47,6 +47,7 @@ def connect_natnet(
     y_up: bool = True,
     timeout_s: float = 2.0,
     options: Mapping[str, str] = MappingProxyType({}),
+    now: Now = THREADS.now,
 ) -> NatNetLink:
     """Connects, and asks what is tracked.
 
@@ -58,11 +59,12 @@ def connect_natnet(
         y_up: Motive's setting "up axis"; frames do not say which it is, and y is what Motive is delivered with.
         timeout_s: how long the whole may take, s.
         options: what follows the address's question mark; only for advice on what to write there.
+        now: monotonic clock, ns.
 
     Raises:
         LinkError: it could not be done; the message says what stood in the way.
     """
-    title, deadline = f"{host}:{port}", time.monotonic() + timeout_s
+    title, deadline = f"{host}:{port}", in_seconds(now)() + timeout_s
     sockets: list[socket.socket] = []
     try:
         server = (socket.gethostbyname(host), port)
@@ -73,7 +75,7 @@ def connect_natnet(
         for sock in sockets:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
             sock.setblocking(False)
-        return NatNetLink(sockets, server, title, y_up, deadline, options)
+        return NatNetLink(sockets, server, title, y_up, deadline, options, now)
     except BaseException as error:
         for sock in sockets:
             sock.close()
@@ -114,9 +116,10 @@ class NatNetLink:
         y_up: bool,
         deadline: float,
         options: Mapping[str, str],
+        now: Now,
     ):
-        """Introduces itself, until ``deadline`` (monotonic, s); use :func:`connect_natnet`."""
-        self._options = options
+        """Introduces itself, until ``deadline`` (s of the clock ``now``); use :func:`connect_natnet`."""
+        self._options, self._clock = options, in_seconds(now)
         self._sockets, self._server, self._title, self._y_up = sockets, server, title, y_up
         self._rate_hz = 0.0
         self._heard = False
@@ -130,7 +133,7 @@ class NatNetLink:
         self._model = decode_model(model, self._info.version)
         self._columns = Columns(self._model)
         self._requested = self._waiting = 0.0  # when the descriptions were requested: last, and first (0: not waiting)
-        self._alive = self._last = time.monotonic()
+        self._alive = self._last = self._clock()
         self._send(Kind.REQUEST, "FrameRate")
         self._send(Kind.KEEP_ALIVE)
 
@@ -163,7 +166,7 @@ class NatNetLink:
 
     def _look_after(self) -> None:
         """Keeps the connection alive, and asks again for what has not come."""
-        now = time.monotonic()
+        now = self._clock()
         if now - self._alive > KEEP_ALIVE_S:
             self._alive = now
             self._send(Kind.KEEP_ALIVE)
@@ -183,10 +186,10 @@ class NatNetLink:
 
     def _ask_until(self, kind: Kind, text: str, expected: Kind, deadline: float) -> bytes:
         """Asks again and again until the answer comes."""
-        while (left := deadline - time.monotonic()) > 0.0:
+        while (left := deadline - self._clock()) > 0.0:
             self._send(kind, text)
-            again = time.monotonic() + min(left, ASK_AGAIN_S)
-            while (wait := again - time.monotonic()) > 0.0:
+            again = self._clock() + min(left, ASK_AGAIN_S)
+            while (wait := again - self._clock()) > 0.0:
                 datagrams = self._read(wait)
                 for k, datagram in enumerate(datagrams):
                     try:
@@ -244,7 +247,7 @@ class NatNetLink:
     def _take(self, kind: int, body: bytes, frames: list[MarkerFrame]) -> None:
         if kind == Kind.FRAME:
             frame = decode_frame(body, self._info.version)
-            self._last, self._strange = time.monotonic(), ""
+            self._last, self._strange = self._clock(), ""
             news, self._changed = frame.models_changed and not self._changed, frame.models_changed
             if news or not (self._waiting or self._columns.fit(frame)):
                 self._ask()
@@ -271,7 +274,7 @@ class NatNetLink:
 
     def _ask(self) -> None:
         """Asks for the descriptions; until they come no name is certain."""
-        self._requested = time.monotonic()
+        self._requested = self._clock()
         self._waiting = self._waiting or self._requested
         self._send(Kind.REQUEST_MODEL)
 
@@ -287,10 +290,12 @@ def _multicast_advice(group: str, port: int, options: Mapping[str, str]) -> str:
     return f"{change}put {more} behind the address, all in quotation marks"
 
 
-def _connect(address: Address) -> NatNetLink:
+def _connect(address: Address, now: Now = THREADS.now) -> NatNetLink:
     options = address.options
     data_port, y_up = int(options.get("data_port", DATA_PORT)), options.get("up", "y") == "y"
-    return connect_natnet(address.host, address.port, data_port, options.get("multicast"), y_up, options=options)
+    return connect_natnet(
+        address.host, address.port, data_port, options.get("multicast"), y_up, options=options, now=now
+    )
 
 
 def _wrong(option: str, value: str) -> str:
@@ -312,5 +317,6 @@ SCHEME = Scheme(
     port=1510,
     options={**UP, "multicast": (), "data_port": ()},
     check=_wrong,
+    timed=True,
 )
 """Addresses of Motive."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import select
 import socket
-import time
 from collections.abc import Sequence
 
 import numpy as np
 
 from highfive.mocap_bridge.frames import MarkerFrame
-from highfive.mocap_bridge.sources.scheme import Scheme
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now, in_seconds
+from highfive.mocap_bridge.sources.scheme import Address, Scheme
 from highfive.mocap_bridge.wire import qtm as wire
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
@@ -35,18 +35,19 @@ _RENAMING = {
 }
 
 
-def connect_qtm(host: str, port: int = 22223, timeout_s: float = 2.0) -> QtmLink:
+def connect_qtm(host: str, port: int = 22223, timeout_s: float = 2.0, now: Now = THREADS.now) -> QtmLink:
     """Connects, and asks for every frame.
 
     Args:
         host: name or address of the computer that QTM runs on.
         port: QTM's port for little-endian numbers.
         timeout_s: how long the whole may take, s.
+        now: monotonic clock, ns.
 
     Raises:
         LinkError: it could not be done; the message says what stood in the way.
     """
-    title, deadline = f"{host}:{port}", time.monotonic() + timeout_s
+    title, deadline = f"{host}:{port}", in_seconds(now)() + timeout_s
     if not 0 < port < 1 << 16:  # some systems would take the rest of a division
         raise LinkError(f"cannot connect to {title}: ports go from 1 to 65535")
     try:
@@ -59,7 +60,7 @@ def connect_qtm(host: str, port: int = 22223, timeout_s: float = 2.0) -> QtmLink
         raise LinkError(f"cannot connect to {title}: {getattr(error, 'strerror', None) or error}") from None
     try:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return QtmLink(sock, title, deadline)
+        return QtmLink(sock, title, deadline, now)
     except BaseException as error:
         sock.close()
         if isinstance(error, LinkError):
@@ -70,13 +71,14 @@ def connect_qtm(host: str, port: int = 22223, timeout_s: float = 2.0) -> QtmLink
 class QtmLink:
     """One connection to QTM; see :class:`highfive.mocap_bridge.sources.live.Link`. Labels are QTM's own."""
 
-    def __init__(self, sock: socket.socket, title: str, deadline: float):
-        """Agrees on a version and on what is sent, until ``deadline`` (monotonic, s); use :func:`connect_qtm`."""
-        self._sock, self._title = sock, title
+    def __init__(self, sock: socket.socket, title: str, deadline: float, now: Now = THREADS.now):
+        """Agrees on a version and on what is sent, until ``deadline`` (s of the clock ``now``); use
+        :func:`connect_qtm`."""
+        self._sock, self._title, self._clock = sock, title, in_seconds(now)
         self._buffer = bytearray()
         self._unread: list[tuple[int, bytes]] = []  # messages of the opening that were not requested
         self._ended = ""
-        self._requested = -math.inf  # when the parameters were last requested (monotonic, s)
+        self._requested = -math.inf  # when the parameters were last requested (s of the clock)
         self._waiting = self._outdated = False  # for parameters; those that come will be out of date
         self._held: list[wire.Data] = []  # whose labels are in doubt until the parameters come
         sock.setblocking(False)
@@ -97,7 +99,7 @@ class QtmLink:
         try:
             for kind, body in messages or self._read(timeout_s):
                 self._take(kind, body, frames)
-            if self._waiting and time.monotonic() - self._requested > ANSWER_S:
+            if self._waiting and self._clock() - self._requested > ANSWER_S:
                 raise LinkError(f"it sent no parameters within {ANSWER_S:g} s")
         except LinkError as error:
             raise LinkError(f"{self._title}: {error}") from None
@@ -133,7 +135,7 @@ class QtmLink:
 
     def _next(self, deadline: float, what: str) -> tuple[int, bytes]:
         """The next message of the opening."""
-        while (left := deadline - time.monotonic()) > 0.0 and not self._unread:
+        while (left := deadline - self._clock()) > 0.0 and not self._unread:
             self._unread = self._read(left)
         if left <= 0.0:  # however much else it sends
             raise LinkError(f"it takes connections but sends no {what}; is it QTM's port?")
@@ -191,7 +193,7 @@ class QtmLink:
 
     def _ask(self, at_once: bool = False) -> None:
         """Asks for the parameters; until they come no label is certain."""
-        now = time.monotonic()
+        now = self._clock()
         if at_once or now - self._requested > ASK_AGAIN_S:
             self._send("getparameters 3d general")
             self._requested, self._waiting = now, True
@@ -227,5 +229,9 @@ def marker_frame(data: wire.Data, parameters: wire.Parameters) -> MarkerFrame:
     )
 
 
-SCHEME = Scheme("qtm://192.168.10.1:22223", lambda address: connect_qtm(address.host, address.port), port=22223)
+def _connect(address: Address, now: Now = THREADS.now) -> QtmLink:
+    return connect_qtm(address.host, address.port, now=now)
+
+
+SCHEME = Scheme("qtm://192.168.10.1:22223", _connect, port=22223, timed=True)
 """Addresses of QTM."""

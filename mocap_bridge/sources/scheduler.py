@@ -79,3 +79,11 @@ class ThreadScheduler:
 
 THREADS = ThreadScheduler()
 """The one that is used where no other is passed."""
+
+Now = Callable[[], int]
+"""A monotonic clock, ns: a scheduler's ``now``."""
+
+
+def in_seconds(now: Now) -> Callable[[], float]:
+    """That clock, s."""
+    return lambda: 1e-9 * now()

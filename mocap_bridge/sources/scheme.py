@@ -9,6 +9,7 @@ from types import MappingProxyType
 from urllib.parse import quote
 
 from highfive.mocap_bridge.sources.live import Link
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 
 FILE = "file"
 """Scheme of an address that is the path of a C3D file."""
@@ -56,14 +57,16 @@ class Scheme:
         options: what may follow a question mark, each with the values it may have; none listed: anything that
             ``check`` accepts.
         check: what is wrong with an option's value (name, value), or '' where nothing is.
+        timed: ``connect`` also takes ``now``, the monotonic clock that its deadlines go by, ns.
     """
 
     example: str
-    connect: Callable[[Address], Link]
+    connect: Callable[..., Link]
     port: int = 0
     options: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     check: Callable[[str, str], str] = lambda name, value: ""
+    timed: bool = False
 
-    def connector(self, address: Address) -> Callable[[], Link]:
-        """What makes every connection of one source."""
-        return partial(self.connect, address)
+    def connector(self, address: Address, now: Now = THREADS.now) -> Callable[[], Link]:
+        """What makes every connection of one source, by that clock."""
+        return partial(self.connect, address, now=now) if self.timed else partial(self.connect, address)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import Link
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now
 
 Tap = Callable[[Sequence[MarkerFrame], float], None]
 """Gets frames, of all persons and stamped with their arrival, and of the rate, Hz (0: the system does not say).
@@ -17,7 +17,7 @@ It is called in the thread that receives, and must neither wait nor raise.
 
 
 class _TappedLink:
-    def __init__(self, link: Link, tap: Tap, clock: Callable[[], int]):
+    def __init__(self, link: Link, tap: Tap, clock: Now):
         self._link, self._tap, self._clock = link, tap, clock
 
     @property
@@ -35,6 +35,6 @@ class _TappedLink:
         self._link.close()
 
 
-def tapped(connect: Callable[[], Link], tap: Tap, clock: Callable[[], int] = time.monotonic_ns) -> Callable[[], Link]:
+def tapped(connect: Callable[[], Link], tap: Tap, clock: Now = THREADS.now) -> Callable[[], Link]:
     """Connects as ``connect`` does, and tells ``tap`` of every frame; ``clock`` is this process's monotonic one, ns."""
     return lambda: _TappedLink(connect(), tap, clock)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.mocap_bridge.frames import MarkerFrame
-from highfive.mocap_bridge.sources.scheme import Scheme
+from highfive.mocap_bridge.sources.scheduler import THREADS, Now, in_seconds
+from highfive.mocap_bridge.sources.scheme import Address, Scheme
 from highfive.mocap_bridge.wire import vicon as wire
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
@@ -39,7 +40,9 @@ _REPEATED_S = 1e-3  # pause before the next request where a system answers with 
 _SMOOTHING = 0.01  # share of a frame in the latency that is taken off
 
 
-def connect_vicon(host: str, port: int = wire.PORT, pull: bool = False, timeout_s: float = 2.0) -> ViconLink:
+def connect_vicon(
+    host: str, port: int = wire.PORT, pull: bool = False, timeout_s: float = 2.0, now: Now = THREADS.now
+) -> ViconLink:
     """Connects to a Vicon system.
 
     Args:
@@ -47,11 +50,12 @@ def connect_vicon(host: str, port: int = wire.PORT, pull: bool = False, timeout_
         port: 801 unless the system says otherwise.
         pull: ask for each frame by itself, where the system cannot push.
         timeout_s: for the connection and the greeting together, s.
+        now: monotonic clock, ns.
 
     Raises:
         LinkError: nothing listens there, or what listens is no DataStream.
     """
-    where, deadline = f"{host}:{port}", time.monotonic() + timeout_s
+    where, deadline = f"{host}:{port}", in_seconds(now)() + timeout_s
     try:
         connection = socket.create_connection((host, port), timeout_s)
     except TimeoutError:
@@ -62,21 +66,23 @@ def connect_vicon(host: str, port: int = wire.PORT, pull: bool = False, timeout_
         raise LinkError(
             f"nothing listens at {where} ({error.strerror or error}); switch the DataStream on or correct the address"
         ) from None
-    return ViconLink(connection, where, pull, deadline)
+    return ViconLink(connection, where, pull, deadline, now)
 
 
 class ViconLink:
     """One connection to a Vicon system (see :class:`highfive.mocap_bridge.sources.live.Link`)."""
 
-    def __init__(self, connection: socket.socket, where: str, pull: bool, deadline: float):
+    def __init__(self, connection: socket.socket, where: str, pull: bool, deadline: float, now: Now = THREADS.now):
         """Takes the greeting and says what is requested.
 
         Args:
             connection: an open TCP connection.
             where: its other end, for messages.
             pull: ask for each frame by itself.
-            deadline: when the greeting must have come, on the monotonic clock, s.
+            deadline: when the greeting must have come, s of the clock.
+            now: monotonic clock, ns.
         """
+        self._now = now
         self._socket, self._where, self._pull = connection, where, pull
         self._buffer = bytearray()
         self._requested = False
@@ -135,7 +141,7 @@ class ViconLink:
     def _greet(self, deadline: float) -> None:
         offered = None
         while offered is None:
-            left = deadline - time.monotonic()
+            left = deadline - in_seconds(self._now)()
             if left <= 0.0:
                 raise LinkError(
                     f"{self._where} takes connections but says nothing; a DataStream speaks first: is the port right?"
@@ -233,7 +239,7 @@ class ViconLink:
                 points, columns = points[known], columns[known]
             positions[columns], valid[columns] = points, True
         positions, valid, impossible = plausible(self._upright(positions), valid)
-        arrival = time.monotonic_ns()
+        arrival = self._now()
         return MarkerFrame(
             names=self._names,
             positions=positions,
@@ -272,10 +278,15 @@ class ViconLink:
         return round(time_ns - max(0.0, self._latency_ns))
 
 
+def _connect(address: Address, now: Now = THREADS.now) -> ViconLink:
+    return connect_vicon(address.host, address.port, pull=address.options.get("mode") == "pull", now=now)
+
+
 SCHEME = Scheme(
     "vicon://192.168.10.1:801?mode=pull",
-    lambda address: connect_vicon(address.host, address.port, pull=address.options.get("mode") == "pull"),
+    _connect,
     port=wire.PORT,
     options={"mode": ("push", "pull")},
+    timed=True,
 )
 """Addresses of Vicon systems."""

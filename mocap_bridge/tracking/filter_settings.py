@@ -21,6 +21,9 @@ class FilterSettings(Settings):
 
     marker_sigma: float = setting(0.0012, "m", above=0.0)
     """Standard deviation of a measured marker, where a frame does not say what its own are."""
+    passing: float = setting(10.0, "m", above=0.0)
+    """Of the standard deviation that a frame states of a marker, in any direction, at most so much passes from frame to
+    frame. The rest lasts: no average takes it out, so that it has no part in the filter, and is stated on top."""
     pull_s: float = setting(2.0, "s", above=0.0)
     """Time in which the expected pose weighs as much as one look at it."""
     slip: float = setting(0.001, "m/√s", above=0.0)
@@ -78,7 +81,7 @@ class FilterSettings(Settings):
 
 HEADSET = FilterSettings(usable_sigma=0.3, coasting=0.8)
 """For the joints that a headset tells of. Chosen on simulated high fives of seed 7 (``highfive bench headset``)."""
-WEBCAM = FilterSettings(usable_sigma=0.25, largest_misfit=0.05)
+WEBCAM = FilterSettings(usable_sigma=0.25, largest_misfit=0.05, passing=0.05)
 """For joint centres by a webcam, good across its view and bad along it (``highfive bench webcam``)."""
 
 FilterSettingsValues = named_tuple(FilterSettings)

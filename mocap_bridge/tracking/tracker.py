@@ -54,6 +54,20 @@ class RestartSettings(Settings):
     """After so many frames in a row of which most is not believed, the tracker begins anew: it must be wrong itself."""
 
 
+def passing(stated: Array, most: float) -> tuple[Array, Array]:
+    """Of covariances (M, 3, 3), m², what passes from frame to frame, up to ``most``, m, in any direction; and the rest.
+
+    Without rows, both have none.
+    """
+    if not len(stated):
+        return ALIKE, ALIKE
+    variances, axes = np.linalg.eigh(stated)
+    if variances.max() <= most**2:
+        return stated, ALIKE
+    rest = (axes * np.maximum(variances - most**2, 0.0)[:, None, :]) @ axes.swapaxes(1, 2)
+    return stated - rest, rest
+
+
 class Tracker:
     """Follows every marker of a set; one call per frame, each at the same cost but for beginnings (milliseconds)."""
 
@@ -104,7 +118,7 @@ class Tracker:
         """Forgets everything that was seen."""
         self._state: State | None = None
         self._found: Followed | None = None
-        self._noise = ALIKE
+        self._noise = self._lasting = ALIKE
         self._agreed_ns = self._reconsidered_ns = 0
         self._doubted_ns = np.zeros(len(self._set), dtype=np.int64)  # how long each label has been somewhere else
         self._time_ns: int | None = None
@@ -114,7 +128,8 @@ class Tracker:
 
         Time stamps that do not advance count as one period; a pause of more than a second starts anew.
         """
-        points, labelled, noise = self._arranged(frame)
+        points, labelled, stated = self._arranged(frame)
+        noise, lasting = passing(stated, self._chain.settings.passing)
         elapsed = self._elapsed(frame.source_time_ns)
         if self._state is not None:
             self._state = self._reconsidered(self._state, points, labelled, noise, elapsed)
@@ -126,6 +141,7 @@ class Tracker:
             self._chain, self._state, points, labelled, noise, frame.unlabelled, elapsed
         )
         self._found, self._noise = found, noise
+        self._lasting = lasting
         self._doubted_ns = self._doubts(points, labelled, found, elapsed)
         if not worked or self._state.astray > self._restart.lost_frames:
             self.reset()  # the covariance is spoilt by rounding, or the tracker is wrong: start anew
@@ -147,7 +163,7 @@ class Tracker:
             names=self._set.names,
             positions=found.positions,
             velocities=found.velocities,
-            covariances=found.covariances,
+            covariances=found.covariances + self._lasting if len(self._lasting) else found.covariances,
             seen=found.seen,
             age_ns=ages,
             valid=found.valid,

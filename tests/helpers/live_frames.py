@@ -70,11 +70,24 @@ def in_order(source):
     return (health.connection, health.lost, health.trouble) == (Connection.LIVE, 0, "")
 
 
-def until(condition, timeout_s=5.0):
-    end = time.monotonic() + timeout_s
+PATIENCE_S = 60.0
+"""Only what hangs takes so long, s: nothing is judged by it."""
+
+
+def until(condition):
+    """Waits for that; a test that would wait for ever fails."""
+    end = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end, "it did not happen"
         time.sleep(0.002)
+
+
+def ends(call):
+    """Makes the call, of what must not wait for anybody; a test that would hang in it fails."""
+    thread = threading.Thread(target=call, daemon=True)
+    thread.start()
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive(), "it does not come back"
 
 
 def live(source):

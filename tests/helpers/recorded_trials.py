@@ -21,23 +21,24 @@ def head_of(result: TrialResult) -> TrialHead:
         result.title, result.emotion, result.cell, result.simulated, nothing, load_marker_set(PERSON_SET), -1, None,
         None, result.notes,
     )  # fmt: skip
-    return TrialHead(result.number, partner, result.style)
+    return TrialHead(result.number, partner, result.style, {result.emotion: 1.0})
 
 
-def ticks_of(result: TrialResult) -> Iterator[RecordedTick]:
+def ticks_of(result: TrialResult, from_ns: int = 0) -> Iterator[RecordedTick]:
+    """At the session's time ``from_ns`` and on."""
     for i, second in enumerate(result.times):
         now, markers = round(1e9 * float(second)), result.markers[i]
         frame = MarkerFrame(markers.names, markers.positions, markers.seen, i, now, now, np.zeros((0, 3)))
         yield RecordedTick(
-            frame, now, now, markers, result.people[i], result.generated[i], result.poses[i], result.poses[i],
+            frame, now, from_ns + now, markers, result.people[i], result.generated[i], result.poses[i], result.poses[i],
             result.forecasts[i], "approach", float(result.weight[i]), float(result.expected[i]),
             float(result.tick_ms[i]),
         )  # fmt: skip
 
 
-def record_trial(recorder: SessionRecorder, result: TrialResult, arm: ArmTrial | None = None) -> None:
+def record_trial(recorder: SessionRecorder, result: TrialResult, arm: ArmTrial | None = None, from_ns: int = 0) -> None:
     recorder.begin_trial(head_of(result))
-    for tick in ticks_of(result):
+    for tick in ticks_of(result, from_ns):
         recorder.record_tick(tick)
     if arm is not None:
         recorder.record_arm(arm.ticks, arm.cycles)

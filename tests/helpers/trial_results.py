@@ -62,6 +62,7 @@ def simulated_result(
         other_error=float("nan"),
         speed_change=2.0,
         uncorrected_speed_change=4.0,
+        markers_seen=0.75,
         times=np.arange(count) / RATE_HZ,
         people=people,
         poses=tuple(poses),

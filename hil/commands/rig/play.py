@@ -29,6 +29,7 @@ from highfive.hil.report.drawing import to_png
 from highfive.hil.report.page import render, section, write_file
 from highfive.hil.runtime.console import counted, say_aside
 from highfive.hil.runtime.folders import results_folder
+from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.trials.summary import SessionSettings, versions
 from highfive.model.errors import HighFiveError
@@ -144,6 +145,7 @@ def _played(
     """
     trials: list[ArmTrial] = []
     with ExitStack() as stack:
+        stack.enter_context(quick_switching())
         loop = stack.enter_context(ready_arm(arm, bar))
         recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
         ready()

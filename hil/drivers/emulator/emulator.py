@@ -21,6 +21,7 @@ from threading import Event, Lock
 
 from highfive.hil.drivers.emulator.bus_faults import BusFault, parse_faults
 from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
+from highfive.hil.runtime.clock import MACHINE
 from highfive.model.errors import HighFiveError
 
 SPIN_NS = 300_000
@@ -58,7 +59,7 @@ class Emulator:
     """
 
     def __init__(
-        self, bus: EmulatedBus, *, link: str | Path | None = None, clock: Callable[[], int] = time.monotonic_ns
+        self, bus: EmulatedBus, *, link: str | Path | None = None, clock: Callable[[], int] = MACHINE.now
     ) -> None:
         """Opens the terminal, and makes ``link`` a symbolic link to it.
 

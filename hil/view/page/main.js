@@ -47,6 +47,10 @@ const strips = {
 const contacts = new Contacts(byId("contacts-strip"));
 let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", shownContact = null;
 
+/** The picture, whole, is turned round for who gives a webcam the left hand; its left is then the window's right. */
+let flipped = false, free = null;
+const clear = () => { if (stage && free) stage.keepClear(flipped ? { ...free, left: free.right, right: free.left } : free); };
+
 const connection = new Connection({
   poses(poses) { motion.add(behind && stage?.ready ? mirrored(poses, stage.names) : poses); arrivals.push(performance.now()); },
   text(text) { (heard[text.kind] || panel)(text); },
@@ -69,7 +73,10 @@ const heard = {
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
     notice(text.tracks && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
-    behind = text.hand === "left";
+    behind = Boolean(text.tracks) && text.hand === "left";
+    flipped = Boolean(text.webcam) && text.hand === "left";
+    document.body.classList.toggle("flipped", flipped);
+    clear();
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     if (text.webcam) openWebcam();
     motion.before = motion.newest = null;
@@ -165,7 +172,7 @@ function passContact(time) {
   shownContact = past;
 }
 
-if (stage) keepClear(["figures", "timeline", "controls", "panels", "caption"].map(byId), (free) => stage.keepClear(free));
+if (stage) keepClear(["figures", "timeline", "controls", "panels", "caption"].map(byId), (now) => { free = now; clear(); });
 
 setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);
 

@@ -9,7 +9,9 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import played_until_stopped
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
-from highfive.hil.bench.arms import ArmJob, ArmsOptions, bench_arms, play_with
+from highfive.hil.bench.arms import ArmJob, ArmPlayed, ArmsOptions, arms_figures, bench_arms, play_with
+from highfive.hil.bench.black_box import BlackBox
+from highfive.hil.bench.fault_laws import Laws, judge_body, judge_commands
 from highfive.hil.bench.perturbed_arm import DELAY_S, MASS, PLAY, VOLTS, ZERO, drawn_perturbation, perturbed_bus
 from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.drivers.bus.rig import load_rig
@@ -17,6 +19,8 @@ from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.safety.limits_file import load_limits
+from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model
@@ -87,6 +91,47 @@ def test_a_perturbed_arm_meets_the_hand_and_keeps_the_laws(reference: ReferenceT
     assert not played.trouble and not played.laws.broken
     (outcome,) = played.outcomes
     assert outcome.touched and 0.5e-3 < outcome.error < 0.03
+
+
+def test_a_law_can_fail_and_is_then_named_with_its_arm(reference: ReferenceTrajectory) -> None:
+    """What an arm did, judged by an envelope that allows a quarter of the speed."""
+    limits, rig, planner, laws = load_limits(), load_rig(), default_planner(), Laws()
+    slower = replace(
+        limits,
+        joints=tuple(replace(joint, speed=0.25 * joint.speed) for joint in limits.joints),
+        feed_forward=replace(limits.feed_forward, speed=0.25 * limits.feed_forward.speed),
+    )
+    with VirtualClock(11) as clock:
+        bus = perturbed_bus(drawn_perturbation(11), rig)
+        box = BlackBox(bus, rig)
+        with virtual_arm(VirtualRig(clock, bus, box.look), retarget=planner) as loop:
+            trial = played_until_stopped(reference, loop)
+    assert trial is not None
+    judge_commands(laws, trial, slower, planner.arm)
+    judge_body(laws, box, slower)
+    assert {"wire: speed, of what is allowed", "body: speed, of what is allowed"} <= {law for law, _ in laws.broken}
+
+    kept = play_with(ArmJob(12, (reference,)))
+    broken = ArmPlayed((trial.met,), laws, (0.1, 0.1), "")
+    found = arms_figures([ArmJob(11, (reference,)), ArmJob(12, (reference,))], [broken, kept])
+    assert found["arms"] == found["high_fives"] == 2
+    assert [(one["law"], one["value"]) for one in found["broken"]] == laws.broken
+    assert {one["arm"] for one in found["broken"]} == {11}
+    assert all(found["worst"][law] >= round(value, 4) for law, value in laws.broken)
+
+
+@pytest.mark.slow(300)
+def test_eight_arms_keep_the_laws_and_are_all_counted() -> None:
+    found = bench_arms(ArmsOptions(8), load_model(DEFAULT_MODEL), quiet)
+    assert not found["broken"] and not found["stopped"]
+    assert found["arms"] == 8 and 0 < found["high_fives"] <= 8 * len(EMOTIONS)
+    assert 0 <= found["missed"] < found["high_fives"]
+    error, by_arm = found["error_mm"], found["by_arm_mm"]
+    assert 0.0 < error["median"] <= error["p90"] <= error["max"] < 1e3
+    assert 0.0 < by_arm["median"] <= by_arm["max"] <= error["max"]
+    assert found["worst"] and np.isfinite(list(found["worst"].values())).all()
+    assert 0.0 < found["body_closing_speed"] < 3.0
+    assert 0.0 <= found["body_face_speed"] < 3.0  # 0 where no arm comes near a head
 
 
 def test_none_is_refused() -> None:

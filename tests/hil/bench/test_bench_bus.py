@@ -46,3 +46,5 @@ def test_no_cycle_is_faster_than_the_line() -> None:
     assert 0.0 < result["dead_servo_hz"] < result["limit_hz"]
     assert result["estop_ms"] >= 0.0
     assert result["watchdog_ms"] >= 60.0
+    wakes = result["sleeper_late_ms"]
+    assert 0.0 <= wakes["p50"] <= wakes["p99"] <= wakes["max"]

@@ -179,7 +179,7 @@ def test_every_frame_that_is_sent_comes_as_it_was_and_those_that_are_not_are_cou
         # QTM's client asks for the new order of labels, and leaves out what came meanwhile: that is not waited for.
         following.send(240, 0.1 if protocol == "qtm" else 30.0, gap, *faults_of(protocol))
         came = [frame for frame in following.came if following.number(frame) >= begun]
-        until(lambda: source.newest(0) is not None and source.health(0).received == len(following.came), 30.0)
+        until(lambda: source.newest(0) is not None and source.health(0).received == len(following.came))
         numbers, health = [following.number(frame) for frame in came], source.health(0)
     sent = [*range(begun, begun + 60), *range(begun + 90, begun + 240)]
     if protocol == "qtm":

@@ -58,6 +58,13 @@ def test_virtual_time_has_no_listeners() -> None:
             check_output_options(SimulateOptions(arm=ArmOptions(port="virtual"), **options))  # type: ignore[arg-type]
 
 
+def test_a_session_that_is_played_again_has_no_listeners_either() -> None:
+    check_output_options(SimulateOptions(), again=True)
+    for options in ({"publish": published("vmc")}, {"record_lsl": ("EEG",)}):
+        with pytest.raises(HighFiveError, match="as fast as it goes"):
+            check_output_options(SimulateOptions(**options), again=True)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("source_hz", "person_hz", "avatar_hz"),
     [(30.0, 30.0, 0.0), (100.0, 100.0, 100.0), (119.88, 119.88, 119.88), (120.0, 120.0, 120.0), (500.0, 0.0, 0.0)],

@@ -82,7 +82,7 @@ def test_it_is_said_which_of_how_many_models_and_for_how_long() -> None:
         labels.append(label)
         return lambda note="", done=None: None
 
-    count = TrainingCount(bar, 3, said.append, lambda: now)
+    count = TrainingCount(bar, 3, said.append, lambda: round(1e9 * now))
     for model in range(3):
         step = count.next(f"seed {model}")
         step(Progress("training", 0, 60, float("nan")))
@@ -99,7 +99,9 @@ def test_it_is_said_which_of_how_many_models_and_for_how_long() -> None:
 
 def test_a_model_that_is_found_ready_counts_but_tells_nothing() -> None:
     now, said = 0.0, []
-    count = TrainingCount(lambda label, total: lambda note="", done=None: None, 2, said.append, lambda: now)
+    count = TrainingCount(
+        lambda label, total: lambda note="", done=None: None, 2, said.append, lambda: round(1e9 * now)
+    )
     count.next()
     step = count.next()
     for done in range(1, 101):

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.commands.live_options import camera_settings, check_live_options
+from highfive.hil.commands.headset_session import hand_of
+from highfive.hil.commands.live_options import camera_settings, check_live_options, sees_webcam
 from highfive.hil.commands.simulate_options import SimulateOptions, WebcamOptions
 from highfive.mocap_bridge.sources.address import connector, is_live, parse_address
 from highfive.model.errors import HighFiveError
@@ -35,6 +36,16 @@ def test_what_does_not_go_with_a_webcam_is_said(tmp_path: Path) -> None:
     assert "height" in refused(replace(WEBCAM, webcam=WebcamOptions(height=17.5)))
     for more in (WebcamOptions(height=1.7), WebcamOptions(field_of_view=65.0), WebcamOptions(video=tmp_path)):
         assert "add --source webcam" in refused(SimulateOptions(webcam=more))
+
+
+def test_a_left_hand_is_asked_for_in_the_address() -> None:
+    left = replace(WEBCAM, source="webcam?hand=left", view=None)
+    check_live_options(left, True)
+    assert sees_webcam(left) and hand_of(left) == "left" and hand_of(WEBCAM) == "right"
+    assert "no arm answers a webcam" in refused(replace(left, arm=ArmOptions(port="emulated")))
+    for wrong in ("webcam?hand=both", "webcam?fov=70", "webcam?hand"):
+        with pytest.raises(HighFiveError, match="hand=left or hand=right"):
+            parse_address(wrong)
 
 
 def test_what_is_said_of_the_person_reaches_the_filter() -> None:

@@ -1,6 +1,7 @@
 """The session's LSL streams over the real library on this machine, heard by inlets that know nothing of us."""
 
 import json
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from highfive.hil.publish.publisher import SessionEvent
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.session.session import Sighting
 from highfive.hil.sim.avatar import avatar_skeleton
-from highfive.mocap_bridge.sources.lsl import configure, monotonic_minus_lsl
+from highfive.mocap_bridge.sources.lsl import clock_minus_lsl, configure
 from highfive.mocap_bridge.wire.lsl import markers_of, parse_description
 from highfive.model.errors import HighFiveError
 
@@ -97,7 +98,7 @@ def test_no_pose_is_lost_and_each_has_its_time(
     _, values, stamps = heard["HighFive-Avatar"]
     expected = [np.concatenate([t.played.root_in_world, t.played.quaternions.ravel()]) for t in ticks]
     np.testing.assert_allclose(np.array(values), expected, atol=1e-6)
-    np.testing.assert_allclose(1e9 * (np.array(stamps) - ticks[0].at_ns * 1e-9 + monotonic_minus_lsl()),
+    np.testing.assert_allclose(1e9 * (np.array(stamps) - ticks[0].at_ns * 1e-9 + clock_minus_lsl(time.monotonic)),
                                [t.at_ns - ticks[0].at_ns for t in ticks], atol=50_000)  # fmt: skip
 
 

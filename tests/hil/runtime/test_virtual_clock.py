@@ -125,6 +125,25 @@ def test_an_interrupt_is_raised_where_a_task_waits_and_what_it_does_then_takes_i
     assert isinstance(task.error, KeyboardInterrupt) and not task.alive
 
 
+def test_a_kill_or_an_interrupt_after_so_many_looks_comes_between_two_waits(clock: VirtualClock) -> None:
+    for end in ("kill", "interrupt"):
+        looks: list[int] = []
+
+        def run(looks: list[int] = looks) -> None:
+            clock.wait_until(clock.now() + MS)
+            for _ in range(10):
+                looks.append(clock.now())
+            clock.wait_until(clock.now() + MS)
+
+        task = clock.start("looks", run)
+        clock.wait_until(clock.now() + MS // 2)
+        error = KeyboardInterrupt()
+        task.after_looks(4, task.kill if end == "kill" else lambda task=task, error=error: task.interrupt(error))
+        clock.wait_until(clock.now() + 5 * MS)
+        assert len(looks) == 3 and not task.alive
+        assert task.error is (None if end == "kill" else error)
+
+
 def test_a_task_that_is_held_sleeps_through_its_time(clock: VirtualClock) -> None:
     woken: list[int] = []
 

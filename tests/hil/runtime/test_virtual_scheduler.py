@@ -21,6 +21,7 @@ def test_who_waits_for_a_condition_goes_on_when_it_holds_and_not_before() -> Non
 
         for name in ("one", "other"):
             scheduler.start(name, wait)
+        assert [task.name for task in scheduler.tasks] == ["one", "other"]
         for at in (10, 20):
             clock.wait_until(START_NS + at * MS)
             done.append(at)

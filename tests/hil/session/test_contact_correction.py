@@ -131,3 +131,19 @@ def test_settings_reach_the_solver(scene: Scene, contact_pose: Pose) -> None:
     place = palm.position + np.array([0.0, 0.02, 0.02])
     assert usual.solve(contact_pose, place, palm.normal).miss < 0.005
     assert held.solve(contact_pose, place, palm.normal).miss > 0.02
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0, 240.0, 500.0])
+def test_a_change_that_is_not_needed_any_more_fades_as_quickly_at_any_rate(
+    scene: Scene, contact_pose: Pose, rate: float
+) -> None:
+    def left_after(seconds: float, hz: float) -> float:
+        correction = ContactCorrection(scene)
+        palm = correction.palm_of(contact_pose)
+        start = correction.solve(contact_pose, palm.position + np.array([0.0, 0.03, 0.02]), palm.normal).pose.hinges
+        for _ in range(round(seconds * hz)):
+            pose = correction.solve(contact_pose, palm.position, palm.normal, 0.0, 1.0 / hz).pose
+        return float(np.linalg.norm(pose.hinges - contact_pose.hinges) / np.linalg.norm(start - contact_pose.hinges))
+
+    assert left_after(0.1, 120.0) == pytest.approx(0.38, abs=0.1)
+    assert left_after(0.1, rate) == pytest.approx(left_after(0.1, 120.0), abs=0.06)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reaction_models import Standing, misshapen, raises, standing
 
+from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.session.open_responder import Patience, open_responder
 from highfive.hil.session.style_timing import timing_of
 from highfive.model.errors import HighFiveError
@@ -94,28 +95,46 @@ def test_what_is_no_answer_at_all() -> None:
 
 
 def test_one_tick_that_takes_too_long_is_named() -> None:
-    def slow(number: int):
-        time.sleep(0.05 if number > 5 else 0.0)
-        return standing(number)
+    with VirtualClock() as clock:
 
-    responder = open_responder(Standing(slow), "neutral", 120.0, Patience(single_s=0.04))
-    with pytest.raises(PluginError, match=r"took \d+ ms for one tick; at most 40 ms"):
-        for _ in range(8):
-            responder.step(HAND)
+        def slow(number: int):
+            clock.spend(50_000_000 if number > 5 else 0)
+            return standing(number)
+
+        responder = open_responder(Standing(slow), "neutral", 120.0, Patience(single_s=0.04), clock)
+        with pytest.raises(PluginError, match=r"took 50 ms for one tick; at most 40 ms"):
+            for _ in range(8):
+                responder.step(HAND)
 
 
 def test_a_model_that_is_always_a_little_too_slow_is_named() -> None:
+    with VirtualClock() as clock:
+
+        def slow(number: int):
+            clock.spend(10_000_000)
+            return standing(number)
+
+        responder = open_responder(Standing(slow), "neutral", 120.0, Patience(single_s=60.0, window_s=0.1), clock)
+        for _ in range(11):
+            responder.step(HAND)
+        with pytest.raises(PluginError, match=r"too slow: its median tick takes 10\.0 ms, ticks come every 8\.3 ms"):
+            responder.step(HAND)
+        patient = open_responder(Standing(slow), "neutral", 120.0, None, clock)
+        for _ in range(20):
+            patient.step(HAND)
+
+
+def test_in_virtual_time_no_model_is_too_slow() -> None:
+    """What it computes takes no time there: the same session comes out on a busy machine."""
+
     def slow(number: int):
-        time.sleep(0.01)
+        time.sleep(0.02)
         return standing(number)
 
-    responder = open_responder(Standing(slow), "neutral", 120.0, Patience(single_s=60.0, window_s=0.1))
-    with pytest.raises(PluginError, match=r"too slow: its median tick takes [\d.]+ ms, ticks come every 8\.3 ms"):
-        for _ in range(12):
+    with VirtualClock() as clock:
+        responder = open_responder(Standing(slow), "neutral", 120.0, Patience(single_s=0.01, window_s=0.03), clock)
+        for _ in range(6):
             responder.step(HAND)
-    patient = open_responder(Standing(slow), "neutral", 120.0, patience=None)
-    for _ in range(20):
-        patient.step(HAND)
 
 
 def test_a_model_for_another_body_or_without_the_style_is_refused() -> None:

@@ -122,6 +122,24 @@ def test_a_person_who_vanishes_in_the_reach_is_met_where_the_miss_was_last_seen(
     assert np.abs(np.diff(correction, axis=0)).max() < 0.03
 
 
+def test_a_palm_waits_for_a_hand_that_is_too_quick_to_say_where_it_is() -> None:
+    """The clock says now; the hand goes on for half a second, then stands still, and is met there."""
+    speed, stop = np.array([0.0, 0.4, 0.0]), 120
+    touched = {}
+    for name, settings in (("usual", ReachSettings()), ("waits", ReachSettings(quickest=0.3, waiting=0.2))):
+        reach, generated = Reach(settings), palm(np.array([0.48, 0.0, 1.4]), OUT)
+        for i in range(240):
+            moving = i < stop
+            place = np.array([0.5, 0.0, 1.4]) - (max(stop - i, 0) * DT) * speed
+            person = palm(place, -OUT, speed if moving else np.zeros(3))
+            target = reach.step(generated, person, Expectation(max(0.4 - i * DT, 0.0), 0.05, True), SHOULDER, DT)
+            if target.phase is Phase.TOUCH and name not in touched:
+                touched[name] = i, float(np.linalg.norm(target.position - np.array([0.5, 0.0, 1.4])))
+            assert target.weight < 0.8 or not moving or name == "usual"
+    assert touched["usual"][0] < stop < touched["waits"][0] < stop + round(0.5 / DT)
+    assert touched["usual"][1] > 0.1 and touched["waits"][1] < 1e-6
+
+
 def test_nobody_there_nothing_happens() -> None:
     reach = Reach()
     for _ in range(200):

@@ -7,6 +7,7 @@ import pytest
 from trial_results import some_results
 
 from highfive.hil.sim.contact_check import UnwantedContact
+from highfive.hil.trials.key_frames import showpieces
 from highfive.hil.trials.summary import SessionSettings, body_part, summarise, without_timings
 from highfive.hil.trials.targets import targets
 from highfive.hil.trials.trial import style_name
@@ -166,3 +167,11 @@ def test_a_mixed_style_is_labelled_and_the_person_keeps_her_emotion(results):
     recorded = summarise([replace(mixed[0], simulated=False)], SETTINGS)["rows"][0]
     assert recorded["person_emotion"] is None and recorded["style"] == "angry 0.5 + neutral 0.5"
     assert style_name({"angry": 1.0, "sad": 0.0}) == "angry"
+
+
+def test_the_figures_of_a_long_session_need_no_ticks() -> None:
+    results = some_results()
+    short = [results[0], *(result.condensed() for result in results[1:])]
+    assert [result.whole for result in short] == [True, *[False] * (len(results) - 1)]
+    assert summarise(short, SETTINGS) == summarise(results, SETTINGS)
+    assert showpieces(short) == [results[0]]

@@ -176,8 +176,8 @@ def test_who_floods_is_let_go_and_the_others_stay(page: LivePage) -> None:
 def test_pages_are_counted(page: LivePage) -> None:
     with live(page) as link:
         texts_until(link, "hello")
-        assert page.wait_for_page(5.0)
-    end = time.monotonic() + 5.0
+        assert page.wait_for_page(60.0)
+    end = time.monotonic() + 60.0
     while page.pages and time.monotonic() < end:
         page.commands()
         time.sleep(0.01)

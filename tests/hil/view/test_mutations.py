@@ -118,12 +118,12 @@ def test_ten_thousand_mutated_messages_are_dropped_and_nobody_else_notices(
         # Whoever looks on gets each pose that is shown, between any two crowds.
         page.show(poses(0))
         shown += 1
-        assert steps.acquire(timeout=10.0)
+        assert steps.acquire(timeout=60.0)
     done.set()
     quiet.join()
     assert len(got) == len(set(got)) == shown and got == sorted(got)
     asked = [command for command in right if command is not None]
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     heard = page.commands()
     while len(heard) < len(asked) and time.monotonic() < end:
         heard += page.commands()

@@ -104,6 +104,22 @@ def test_compiled_code_may_run_there_and_nothing_more(page: LivePage) -> None:
     assert get("/nets/../files.json")[0] == 404
 
 
+@pytest.mark.skipif(browser_here() is None, reason="no Chromium here")
+@pytest.mark.parametrize("hand", ["left", "right"])
+def test_the_whole_picture_is_turned_round_for_a_left_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget_package: None, hand: str
+) -> None:
+    packed(tmp_path, b"let net;")
+    monkeypatch.syspath_prepend(tmp_path)
+    with LivePage({**ABOUT, "hand": hand}, port=0, tracks=True) as opened, Browser((800, 450)) as browser:
+        browser.go(opened.address)
+        turned = browser.evaluate(
+            "new Promise((done) => setInterval(() => { if (window.highfive?.webcam)"
+            "done(getComputedStyle(document.getElementById('stage')).transform); }, 50))"
+        )
+    assert turned == ("matrix(-1, 0, 0, 1, 0, 0)" if hand == "left" else "none")
+
+
 def test_landmarks_of_one_page_reach_the_source_and_no_others(page: LivePage) -> None:
     found = load_clips()[0].landmarks[0]
     source = WebcamSource(page, CameraPerson())

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_frames import NAMES, OWN, POINTS, RATE, frame, live, playing, until
+from live_frames import NAMES, OWN, POINTS, RATE, ends, frame, live, playing, until
 
 from highfive.mocap_bridge.servers.natnet import NatNetServer
 from highfive.mocap_bridge.servers.qtm import QtmServer
@@ -106,9 +106,7 @@ def test_a_server_that_goes_and_comes_back(protocol, server):
     with protocol.following(server) as source, playing(server):
         source.first()
         server.hang_up()
-        gone = time.monotonic()
-        until(lambda: not live(source), 1.5)
-        assert time.monotonic() - gone < 1.5
+        until(lambda: not live(source))
         until(lambda: "nothing listens" in source.health(0).trouble)
         server.answer()
         until(lambda: live(source))
@@ -118,8 +116,8 @@ def test_frames_that_stop_are_seen(protocol, server):
     with protocol.following(server) as source:
         with playing(server):
             source.first()
-        until(lambda: not live(source), 1.5)
-        until(lambda: "nothing has come" in source.health(0).trouble, 3.0)
+        until(lambda: not live(source))
+        until(lambda: "nothing has come" in source.health(0).trouble)
 
 
 def test_another_unit_is_reported(protocol, server):
@@ -129,33 +127,26 @@ def test_another_unit_is_reported(protocol, server):
 
 
 def test_a_slow_reader_gets_the_newest(protocol, server):
-    sent = []
-
-    def frames():
-        for k in itertools.count():
-            sent.append(k)
-            yield frame(k)
-
-    with protocol.following(server) as source, playing(server, frames()):
-        source.first()
-        for _ in range(20):
-            time.sleep(0.03)
-            assert sent[-1] - source.newest(0).number <= 2  # one on its way, one just made
+    """Of frames that nobody looked at in between the last is there, once it has come, and stays; none is queued."""
+    with protocol.following(server) as source:
+        until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
+        for burst in range(1, 20):
+            for number in range(3 * burst - 2, 3 * burst + 1):
+                server.send(frame(number))
+                time.sleep(0.005)
+            until(lambda last=3 * burst: source.health(0).received + source.health(0).lost > last)
+            assert source.newest(0).number == 3 * burst
 
 
-def test_closing_is_quick_and_leaves_nothing(protocol):
+def test_closing_leaves_nothing(protocol):
     before = set(threading.enumerate())
     server = protocol.server(port=0)
     with protocol.following(server) as source, playing(server):
         source.first()
-        start = time.monotonic()
-        source.close()
-        source.close()
-        assert time.monotonic() - start < 0.5
-    start = time.monotonic()
-    server.close()
-    server.close()
-    assert time.monotonic() - start < 0.5
+        ends(source.close)
+        ends(source.close)
+    ends(server.close)
+    ends(server.close)
     until(lambda: set(threading.enumerate()) <= before)
 
 

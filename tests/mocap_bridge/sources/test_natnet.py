@@ -9,7 +9,7 @@ import time
 import natnet
 import numpy as np
 import pytest
-from live_frames import NAMES, OWN, RATE, arrived, frame, in_order, live, playing, running, until
+from live_frames import NAMES, OWN, RATE, arrived, ends, frame, in_order, live, playing, running, until
 
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.natnet import NatNetServer
@@ -17,6 +17,7 @@ from highfive.mocap_bridge.servers.serving import LOOPBACK
 from highfive.mocap_bridge.sources.address import connector, parse_address
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.natnet import connect_natnet
+from highfive.mocap_bridge.sources.scheduler import THREADS
 from highfive.mocap_bridge.wire.errors import LinkError
 from highfive.mocap_bridge.wire.natnet import Kind, ServerInfo, encode, encode_request, encode_server_info
 from highfive.mocap_bridge.wire.natnet_frame import Frame, encode_frame, labelled_markers
@@ -123,19 +124,16 @@ def test_by_multicast():
         ("?data_port=1511", f"; set its data_port to {{port}} and put &multicast={GROUP} behind the address"),
     ],
 )
-def test_advice_to_listen_to_a_group_goes_with_the_address_as_it_is(query, advice, monkeypatch):
+def test_advice_to_listen_to_a_group_goes_with_the_address_as_it_is(query, advice):
     """Written as it says, the address is one that can be read and hears the group."""
     port = free_port()
     with contextlib.closing(NatNetServer(port=0, multicast=GROUP, data_port=port)) as server:
         written = f"natnet://{LOOPBACK}:{server.port}{query.format(port=port)}"
-        with contextlib.closing(connector(parse_address(written))()) as link:
-            clock = time.monotonic
-            monkeypatch.setattr(
-                "highfive.mocap_bridge.sources.natnet.time.monotonic", lambda: clock() + 1.0
-            )  # nothing came for so long
+        ahead_ns = 0
+        with contextlib.closing(connector(parse_address(written), lambda: THREADS.now() + ahead_ns)()) as link:
+            ahead_ns = 1_000_000_000  # nothing came for so long
             with pytest.raises(LinkError) as error:
                 link.receive(0.0)
-            monkeypatch.undo()
     assert advice.format(port=port) in str(error.value)
     added = str(error.value).partition("put ")[2].partition(" behind")[0]
     heard = parse_address(written.replace("data_port=1511", f"data_port={port}") + added).options
@@ -176,13 +174,13 @@ def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as lazy, following(server) as source:
         lazy.sendto(encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))
         until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
-        slowest = 0.0
-        for number in range(1, 1_000):
-            start = time.perf_counter()
-            server.send(frame(number))
-            slowest = max(slowest, time.perf_counter() - start)
-            time.sleep(0.0002)
-        assert slowest < 0.5
+
+        def send():
+            for number in range(1, 1_000):
+                server.send(frame(number))
+                time.sleep(0.0002)
+
+        ends(send)
         until(lambda: source.newest(0).number > 900)
 
 
@@ -210,10 +208,8 @@ def test_addresses_that_cannot_be(host, port):
 )
 def test_what_is_no_natnet_is_reported_in_one_line(answer, message):
     with impostor(answer) as port:
-        start = time.monotonic()
         with pytest.raises(LinkError, match=message) as error:
             connect_natnet(LOOPBACK, port, timeout_s=0.4)
-        assert time.monotonic() - start < 1.0
         assert "\n" not in str(error.value)
         assert f"{LOOPBACK}:{port}" in str(error.value)
 
@@ -225,7 +221,7 @@ def test_nothing_but_damage_is_our_own_error():
     with impostor(motive(after=[BROKEN])) as port:
         link = connect_natnet(LOOPBACK, port)
         with contextlib.closing(link), pytest.raises(LinkError, match="4294967295"):
-            until(lambda: link.receive(0.1) and False, 2.0)
+            until(lambda: link.receive(0.1) and False)
 
 
 def test_a_datagram_that_cannot_be_read_ends_nothing():
@@ -234,7 +230,7 @@ def test_a_datagram_that_cannot_be_read_ends_nothing():
     with impostor(motive((4, 1), [b"junk", BROKEN, good, bytes(40)])) as port:
         link = connect_natnet(LOOPBACK, port)
         with contextlib.closing(link):
-            until(lambda: any(frame.number == 1 for frame in link.receive(0.1)), 2.0)
+            until(lambda: any(frame.number == 1 for frame in link.receive(0.1)))
             assert not link.receive(0.1)
 
 

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 import qtm_rt
-from live_frames import NAMES, OWN, RATE, arrived, frame, in_order, live, playing, running, until
+from live_frames import NAMES, OWN, RATE, arrived, ends, frame, in_order, live, playing, running, until
 
 from highfive.mocap_bridge.servers.faults import Faults, parse_fault
 from highfive.mocap_bridge.servers.qtm import QtmServer
@@ -135,12 +135,13 @@ def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.create_connection((LOOPBACK, server.port)) as lazy, following(server) as source:
         lazy.sendall(wire.encode_text(Kind.COMMAND, "StreamFrames AllFrames 3DRes"))
         until(lambda: live(source) or server.send(frame(0)) or time.sleep(0.01))
-        slowest = 0.0
-        for number in range(1, 4_000):
-            start = time.perf_counter()
-            server.send(frame(number) if number % 1000 else frame(number, loose=12))
-            slowest = max(slowest, time.perf_counter() - start)
-        assert slowest < 0.5
+
+        def send():
+            for number in range(1, 4_000):
+                server.send(frame(number) if number % 1000 else frame(number, loose=12))
+
+        ends(send)
+        assert any(client.unsent for client in server._clients)  # it was full indeed
         until(lambda: source.newest(0).number > 3_000)
 
 
@@ -172,10 +173,8 @@ def test_addresses_that_cannot_be(host, port):
 )
 def test_what_is_no_qtm_is_reported_in_one_line(says, answers, message):
     with impostor(*says, answers=answers) as port:
-        start = time.monotonic()
         with pytest.raises(LinkError, match=message) as error:
             connect_qtm(LOOPBACK, port, timeout_s=0.4)
-        assert time.monotonic() - start < 1.0
         assert "\n" not in str(error.value)
         assert f"{LOOPBACK}:{port}" in str(error.value)
 

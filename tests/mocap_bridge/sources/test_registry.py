@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from installed import install
+from live_frames import PATIENCE_S
 from paths import ROOT
 
 from highfive.mocap_bridge.sources.address import open_source, parse_address
@@ -53,7 +54,7 @@ def lab(site: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         return f"lab://127.0.0.1:{probe.getsockname()[1]}"
 
 
-def until(source: Source, trouble: str, seconds: float = 10.0) -> str:
+def until(source: Source, trouble: str, seconds: float = PATIENCE_S) -> str:
     """What the source says is wrong with it, once it says something that fits."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -92,7 +93,7 @@ def test_the_example_package_is_listened_to(lab: str) -> None:
 
 def test_a_line_that_is_not_of_the_protocol_is_reported(lab: str) -> None:
     with contextlib.closing(open_source(lab)) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end and "protocol" not in source.health(time.monotonic_ns()).trouble:
             out.sendto(b"hello", ("127.0.0.1", parse_address(lab).port))
             time.sleep(0.02)
@@ -122,7 +123,7 @@ def test_a_plug_in_that_forgets_the_mask_has_its_nan_masked(site: Path) -> None:
     what = "frame(self.number, positions=np.array([[0.1, 0.2, 0.3], [np.nan] * 3]))"
     install(site, "odd", GROUP, {"odd": "odd_nan:SCHEME"}, {"odd_nan": BASE.replace("{what}", what)})
     with contextlib.closing(open_source("odd://host")) as source:
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + PATIENCE_S
         while (frame := source.newest(0)) is None and time.monotonic() < end:
             time.sleep(0.01)
         assert frame is not None

@@ -31,6 +31,7 @@ from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
 from highfive.hil.runtime.console import show_log
+from highfive.hil.runtime.threads import SWITCH_S
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.safety.states import State
 from highfive.hil.sim.scene import build_scene
@@ -61,7 +62,13 @@ def played(recorded: Path, out: Path, *faults: str) -> dict[str, Any]:
 
 
 def test_a_recording_is_played_whole_and_to_the_same_bits_each_time(recorded: Path, tmp_path: Path) -> None:
-    summary = played(recorded, out := tmp_path / "once")
+    switching = []
+
+    def bar(_: str, __: int):
+        return lambda *_, **__: switching.append(sys.getswitchinterval())
+
+    summary = play(PlayOptions(recorded, ArmOptions(VIRTUAL)), out := tmp_path / "once", bar)
+    assert switching[-2:] == pytest.approx([SWITCH_S] * 2)  # as in every session; a high five each
     assert summary["stopped"] == "" and summary["from"] is None
     assert summary["trials"] == 2 and summary["missed"] == 0 and summary["error_mm"]["max"] < 5.0, summary
     assert summary["cycles"] > 800 and summary["missed_cycles"] == 0 and summary["unanswered"] == 0

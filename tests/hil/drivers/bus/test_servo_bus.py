@@ -199,13 +199,14 @@ def test_ports_that_cannot_be_used_are_reported_in_a_line(tmp_path: Path, silent
 
 
 def test_waiting_for_an_answer_sleeps(silent: str, rig: Rig) -> None:
-    """The SDK's own port takes a whole core while it waits."""
+    """The SDK's own port takes a whole core while it waits: as much processor as there is time. Less may be lent."""
     bus = ServoBus(silent, rig.baud_rate, rig.models, 250.0)
-    begun, busy = time.monotonic(), time.process_time()
+    begun, busy = time.monotonic(), time.thread_time()
     for _ in range(4):
         assert bus.sync_read(*POSITION, [1]) == {}
-    assert time.monotonic() - begun > 0.5
-    assert time.process_time() - busy < 0.2 * (time.monotonic() - begun)
+    waited, busy = time.monotonic() - begun, time.thread_time() - busy
+    assert waited >= 1.0  # 4 of 250 ms
+    assert busy < 0.2  # s of processor, however long a busy machine takes
     bus.close()
 
 

@@ -1,0 +1,199 @@
+"""How fast and how suddenly wire and body moved, near the person and anywhere: laws beside those of the references.
+
+What goes over the wire is whole counts of the servos (2π / 4096 rad), a cycle at a time: one count more or less in one
+cycle is 0.18 rad/s, and 22 rad/s². Speeds and accelerations are therefore taken over :data:`CYCLES` cycles, about as
+long as a servo of the arm lags, in which rounding is less than what is allowed for it.
+
+The body is where the emulated plant has it, every ms, not what the servos say. It follows a lag later: a hand that
+turns meanwhile closes in faster than anybody commanded (docs/safety.md has by how much). What the arm owes is that the
+body moves as it was to when it was commanded: against the hand's velocity as it was known a lag before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highfive.hil.arm.arm_trial import MISSED, ArmTrial
+from highfive.hil.arm_model.servo_arm import ServoArm
+from highfive.hil.bench.black_box import BlackBox
+from highfive.hil.bench.laws import COUNT, PERSON_FIRST, ROUNDING, Laws
+from highfive.hil.drivers.bus.cycle_ring import Mode
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.speeds import closing_speed, face_speed
+from highfive.hil.safety.states import State
+from highfive.hil.session.session import RATE_HZ
+from highfive.model.geometry.rotations import Array
+
+CYCLES = 4
+"""Of the bus, over which the wire's speeds are taken."""
+
+LEVER = 0.75
+"""m, from a joint to the plate at the most: one count moves that by 1.2 mm."""
+
+COUNT_SPEED = LEVER * COUNT * RATE_HZ / CYCLES
+"""m/s of the plate that a count makes, over so many cycles: 0.035."""
+
+BODY_ACCELERATION, BODY_SPEED = 1.25, 1.25
+"""Of what is allowed: a servo makes up for its lag by being faster than its goal, as in the law of the body's speed."""
+
+LAG_S, SPAN_MS = 0.03, 25
+"""s: the body is where it was commanded to be so long ago; ms over which the body's acceleration is taken."""
+
+
+@dataclass(frozen=True)
+class PersonAsKnown:
+    """What the ticks knew of the person, and what they did, at the ticks' times.
+
+    Attributes:
+        trial: whose ticks.
+    """
+
+    trial: ArmTrial
+
+    @cached_property
+    def times(self) -> Array:
+        """(T,) s."""
+        return 1e-9 * np.array([tick.report.time_ns for tick in self.trial.ticks])
+
+    def at(self, times: Array) -> tuple[Array, Array, Array]:
+        """Palm, m, its velocity, m/s, and head, m, each (N, 3), NaN where not known, at ``times`` (N,), s."""
+        none = np.full(3, np.nan)
+        goals = [tick.goal for tick in self.trial.ticks]
+        rows = (
+            [none if goal.person is None else goal.person.position for goal in goals],
+            [none if goal.person is None else goal.person.velocity for goal in goals],
+            [none if goal.head is None else goal.head for goal in goals],
+        )
+        palm, velocity, head = (
+            np.array([np.interp(times, self.times, axis) for axis in np.transpose(row)]).T for row in rows
+        )
+        return palm, velocity, head
+
+    def while_tracking(self, times: Array) -> NDArray[np.bool_]:
+        """(N,) bool: the newest tick at ``times`` (N,), s, led the arm."""
+        tracking = np.array([tick.report.state is State.TRACKING for tick in self.trial.ticks])
+        newest = np.searchsorted(self.times, times, side="right") - 1
+        return (newest >= 0) & tracking[np.maximum(newest, 0)] & (times <= self.times[-1] + MISSED / RATE_HZ)
+
+    def person_first(self) -> Array:
+        """(F,) s, times of ticks in which person, or position, came before acceleration."""
+        first = [bool(it.report.acted & PERSON_FIRST) or it.report.fraction < 1.0 for it in self.trial.ticks]
+        return self.times[np.array(first)]
+
+
+def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:
+    """Goals as they went over the wire, while cycles came one after the other.
+
+    Args:
+        laws: added to.
+        trial: what the arm did.
+        limits: of the envelope.
+        arm: the arm's kinematics.
+    """
+    person = PersonAsKnown(trial)
+    first, longest = person.person_first(), MISSED / RATE_HZ
+    for times, goals, bodies in _driven(trial):
+        if len(times) <= CYCLES:
+            continue
+        points = np.array([arm.points(goal)[0] for goal in goals])
+        was = np.array([arm.points(body)[0][0] for body in bodies])
+        palms, velocities, heads = person.at(times)
+        velocities = _averaged(_within(velocities, palms - was, limits.contact.speed))
+        for phase in range(CYCLES):
+            at = slice(phase, None, CYCLES)
+            closing = closing_speed(times[at], points[at, 0], palms[at], limits.contact, was[at], velocities[at])
+            laws.judge_near("wire: closing speed near the hand, m/s", closing, limits.contact.speed + COUNT_SPEED)
+            face = face_speed(times[at], points[at], heads[at], limits.face)
+            laws.judge_near("wire: speed near the head, m/s", face, limits.face.speed + COUNT_SPEED)
+        spans = times[CYCLES:] - times[:-CYCLES]
+        speeds = (goals[CYCLES:] - goals[:-CYCLES]) / spans[:, None]
+        if len(speeds) <= CYCLES:
+            continue
+        step = 0.5 * (times[2 * CYCLES :] - times[: -2 * CYCLES])[:, None]
+        change = np.abs(speeds[CYCLES:] - speeds[:-CYCLES]) / step - 2.0 * COUNT / step**2
+        begun, ended = times[: -2 * CYCLES] - longest, times[2 * CYCLES :]
+        free = np.searchsorted(first, begun) == np.searchsorted(first, ended, side="right")
+        laws.judge("wire: acceleration, of what is allowed", _largest(change[free] / limits.acceleration), ROUNDING)
+
+
+def judge_body_motion(laws: Laws, trial: ArmTrial, box: BlackBox, limits: Limits, arm: ServoArm, until_ns: int) -> None:
+    """Where the body really was while the arm followed, until ``until_ns``: the first fault of its bus, or standstill
+    of its driver.
+
+    A servo that is dead, weak or hears half of its goals moves the body otherwise than it was commanded to.
+
+    Args:
+        laws: added to.
+        trial: what the arm did.
+        box: where the body was.
+        limits: of the envelope.
+        arm: the arm's kinematics.
+        until_ns: of the clock.
+    """
+    person, rows = PersonAsKnown(trial), 1e-9 * np.array(box.times)
+    times = person.times[person.times < 1e-9 * until_ns]
+    followed = person.while_tracking(times) & person.while_tracking(times - LAG_S)
+    for at in _runs(followed):
+        seconds = times[at]
+        poses = np.array([np.interp(seconds, rows, joint) for joint in np.transpose(box.positions)]).T
+        points = np.array([arm.points(pose)[0] for pose in poses])
+        palms, _, heads = person.at(seconds)
+        _, velocities, _ = person.at(seconds - LAG_S)
+        closing = closing_speed(seconds, points[:, 0], palms, limits.contact, None, velocities)
+        laws.judge_near("body: closing speed near the hand, m/s", closing, BODY_SPEED * limits.contact.speed)
+        face = face_speed(seconds, points, heads, limits.face)
+        laws.judge_near("body: speed near the head, m/s", face, BODY_SPEED * limits.face.speed + COUNT_SPEED)
+    followed = person.while_tracking(rows) & person.while_tracking(rows - LAG_S) & (rows < 1e-9 * until_ns)
+    speeds = np.array(box.velocities)
+    for at in _runs(followed):
+        change = np.abs(speeds[at][SPAN_MS:] - speeds[at][:-SPAN_MS]) / (1e-3 * SPAN_MS)
+        laws.judge("body: acceleration, of what is allowed", _largest(change / limits.acceleration), BODY_ACCELERATION)
+
+
+def _driven(trial: ArmTrial) -> list[tuple[Array, Array, Array]]:
+    """Cycles that gave goals one after the other, without a gap: times (C,), s, goals and joints (C, J), rad.
+
+    Where a cycle after a standstill repeats what was sent before it, cycles count from the next goal on.
+    """
+    found, run, last = list[tuple[Array, Array, Array]](), list[tuple[float, Array, Array]](), None
+    for cycle in trial.cycles:
+        begun, sent = 1e-9 * cycle.begun_ns, cycle.sent if cycle.mode is Mode.DRIVING else None
+        if run and (sent is None or begun - run[-1][0] > MISSED / RATE_HZ):
+            found.append(_columns(run))
+            run = []
+        if sent is not None and (run or last is None or (sent.positions != last).any()):
+            run.append((begun, sent.positions, cycle.state.positions))
+        last = None if sent is None else sent.positions
+    return [*found, _columns(run)] if run else found
+
+
+def _columns(run: list[tuple[float, Array, Array]]) -> tuple[Array, Array, Array]:
+    return np.array([it for it, _, _ in run]), np.array([it for _, it, _ in run]), np.array([it for _, _, it in run])
+
+
+def _within(velocities: Array, apart: Array, most: float) -> Array:
+    """Velocities (N, 3), m/s, of hands ``apart`` (N, 3), m, from a plate, no faster than ``most`` towards it: what a
+    hand is faster by itself does not count in any cycle."""
+    line = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-9)[:, None]
+    own = np.maximum(0.0, -np.einsum("ti,ti->t", velocities, line) - most)
+    return velocities + own[:, None] * line
+
+
+def _averaged(rows: Array) -> Array:
+    """(N, 3), each with the :data:`CYCLES` - 1 before it."""
+    padded = np.concatenate([np.repeat(rows[:1], CYCLES - 1, axis=0), rows])
+    return np.lib.stride_tricks.sliding_window_view(padded, CYCLES, axis=0).mean(axis=-1)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[slice]:
+    """Where ``mask`` (N,) is true without a break."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _largest(values: Array) -> float:
+    return float(values.max(initial=0.0))

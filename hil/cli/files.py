@@ -1,0 +1,64 @@
+"""The commands between our files and those of other programs: a session exported, foreign motion imported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from highfive.hil.cli.options import Json, Overwrite
+from highfive.hil.runtime.console import print_result, progress_bars
+
+app = typer.Typer()
+
+
+@app.command()
+def export(
+    session: Annotated[Path, typer.Argument(metavar="SESSION", help="A session's session.mcap, or its folder.")],
+    to: Annotated[str, typer.Option("--to", help="bvh, glb, csv, npz, c3d or bids (docs/recordings.md).")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder, or a name with the format's ending (default: beside the recording, with its name)."),
+    ] = None,
+    trial: Annotated[int | None, typer.Option(min=0, help="Only this high five, by its number from 0.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the files that are written.")] = False,
+    json: Json = False,
+) -> None:
+    """Turn a session's recording into files of other programs: animation, tables, motion capture, BIDS."""
+    from highfive.hil.commands.export import ExportOptions, export, print_export  # noqa: PLC0415
+
+    with progress_bars() as bar:
+        result = export(ExportOptions(session, to, out, trial, overwrite), bar)
+    print_result(result, json, print_export)
+
+
+@app.command("import")
+def import_motion(
+    to: Annotated[Path, typer.Option("--to", help="Folder for the C3D files and trials.csv.")],
+    files: Annotated[
+        list[Path] | None, typer.Argument(metavar="[FILE]...", help="BVH, TRC or CSV files, a trial each.")
+    ] = None,
+    human: Annotated[
+        str | None,
+        typer.Option("--human", "--person", help="Prefix of the person's points; without FILE, her file or folder."),
+    ] = None,
+    avatar: Annotated[
+        str | None, typer.Option(help="Prefix of whom the avatar learns from; without FILE, that one's file or folder.")
+    ] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(help="mm, cm, m, in, or metres a unit (default: as the file, or a person's size, says)."),
+    ] = None,
+    up: Annotated[str | None, typer.Option(help="The files' vertical, y or z (default: found by the heads).")] = None,
+    emotion: Annotated[str, typer.Option(help="Emotion of these trials, for trials.csv.")] = "",
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Turn motion of other programs (BVH, TRC, CSV) into C3D files and trials.csv, to train on or to play."""
+    from highfive.hil.commands.import_motion import ImportOptions, import_motion, print_imported  # noqa: PLC0415
+
+    options = ImportOptions(tuple(files or ()), to, human, avatar, units, up, emotion, overwrite)
+    with progress_bars() as bar:
+        result = import_motion(options, bar)
+    print_result(result, json, print_imported)

@@ -1,0 +1,130 @@
+"""``highfive export``: a session's recording as the files of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from highfive.hil.commands.written_files import write_files
+from highfive.hil.recording.exports.bids import bids_files
+from highfive.hil.recording.exports.export_file import ExportFile, trial_names
+from highfive.hil.recording.exports.motion_files import bvh_files, c3d_files
+from highfive.hil.recording.exports.session_arrays import SessionArrays, session_arrays
+from highfive.hil.recording.exports.tables import csv_files, npz_file
+from highfive.hil.recording.recording import read_recording
+from highfive.hil.runtime.console import Bar, counted, say_aside
+from highfive.hil.runtime.folders import check_file, results_folder
+from highfive.hil.view.moving_skin import glb_files
+from highfive.model.errors import HighFiveError
+
+BY_TRIAL: dict[str, Callable[[Sequence[SessionArrays], Sequence[str]], list[ExportFile]]] = {
+    "bvh": bvh_files,
+    "glb": glb_files,
+    "c3d": c3d_files,
+}
+"""Formats of one motion a file."""
+FORMATS = (*BY_TRIAL, "csv", "npz", "bids")
+_SESSION = "session.mcap"
+_LARGE = 8 << 20
+"""Bytes of a recording, from which on reading it takes two seconds and more."""
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What to export, and where.
+
+    Attributes:
+        recording: an MCAP file, or the folder of a session.
+        format: one of :data:`FORMATS`.
+        out: a folder, or a file's name with the format's ending; None for beside the recording, with its name.
+        trial: only the high five of this number.
+        overwrite: replace files that are there.
+    """
+
+    recording: Path
+    format: str
+    out: Path | None = None
+    trial: int | None = None
+    overwrite: bool = False
+
+
+def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
+    """Writes the files, all or none of them, and says what they are.
+
+    Raises:
+        HighFiveError: an unknown format, a recording that cannot be read or lacks what the format is of, or files that
+            are there already or cannot be written.
+    """
+    if options.format not in FORMATS:
+        raise HighFiveError(f"--to {options.format}: no such format; there are {', '.join(FORMATS)}")
+    path = options.recording / _SESSION if options.recording.is_dir() else options.recording
+    large = path.is_file() and path.stat().st_size > _LARGE
+    advance = bar("reading", 1) if large else None
+    arrays = session_arrays(read_recording(path), path.name)
+    if advance is not None:
+        advance()
+    if options.trial is not None:
+        arrays = arrays.trial(arrays.place_of(options.trial))
+    if not arrays.complete:
+        end = arrays.times[-1]
+        say_aside(f"{path.name} has no end: exported is what there is of it, up to its last whole chunk ({end:.1f} s)")
+    trials = _trials(arrays, path.name, options.format)
+    folder, files = _planned(options, path, arrays, trials)
+    with results_folder(folder, options.overwrite) if options.format == "bids" else nullcontext():
+        for file in files:
+            check_file(folder / file.name, options.overwrite)
+        write_files(files, folder, bar)
+    spans = [trial.spans[0] for trial in trials]
+    return {
+        "format": options.format,
+        "recording": str(path),
+        "files": [str(folder / file.name) for file in files],
+        "frames": sum(map(len, trials)),
+        "duration": round(1e-9 * sum(span.end_ns - span.start_ns for span in spans), 6),
+        "trials": [span.number for span in spans],
+        "complete": arrays.complete,
+    }
+
+
+def print_export(result: dict[str, Any]) -> None:
+    """The same for people."""
+    files = result["files"]
+    shown = files if len(files) <= 4 else [files[0], f"… and {len(files) - 1} more"]
+    print(f"{counted(len(result['trials']), 'high five')}, {result['frames']} frames, {result['duration']:.1f} s:")
+    for name in shown:
+        print(f"  {name}")
+
+
+def _trials(arrays: SessionArrays, name: str, kind: str) -> list[SessionArrays]:
+    """The high fives that a format can hold: what moves has two ticks."""
+    trials = [arrays.trial(place) for place in range(len(arrays.spans))]
+    if kind in ("csv", "npz"):
+        return trials
+    moving = [trial for trial in trials if len(trial) > 1]
+    if not moving:
+        raise HighFiveError(f"{name} holds no high five of two ticks or more; csv and npz hold single ticks")
+    if len(moving) < len(trials):
+        say_aside(f"left out: {counted(len(trials) - len(moving), 'high five')} of a single tick")
+    return moving
+
+
+def _planned(
+    options: ExportOptions, path: Path, arrays: SessionArrays, trials: Sequence[SessionArrays]
+) -> tuple[Path, list[ExportFile]]:
+    """The folder, and the files to be written there."""
+    kind, out = options.format, options.out
+    if kind == "bids":
+        return out or path.with_name(f"{path.stem}_bids"), bids_files(trials, path.name)
+    named = out is not None and out.suffix.lower() == f".{kind}" and not out.is_dir()
+    folder = path.parent if out is None else out.parent if named else out
+    stem = out.stem if out is not None and named else path.stem
+    if kind == "csv":
+        return folder, csv_files(arrays, stem)
+    if kind == "npz":
+        return folder, [npz_file(arrays, f"{stem}.npz")]
+    if named and options.trial is not None:
+        return folder, BY_TRIAL[kind](trials, [f"{stem}.{kind}"])
+    return folder, BY_TRIAL[kind](trials, trial_names(stem, [trial.spans[0] for trial in trials], f".{kind}"))

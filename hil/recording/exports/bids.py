@@ -1,0 +1,242 @@
+"""A session as a BIDS data set of motion: one run a high five, one file a tracking system.
+
+Format: Brain Imaging Data Structure, motion (Jeung et al. 2024; bids-specification, "Motion"). ``tracksys-person`` is
+what the session tracked of the person, ``tracksys-avatar`` what it showed her. The files of a run have the same rows:
+they need no alignment. A recording knows no date: ``acq_time`` counts from 1 January 1900, whose year says that
+it is none, and only differences mean anything.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from functools import partial
+from math import isnan
+from typing import Any
+
+import numpy as np
+
+from highfive.hil.recording.exports.export_file import ExportFile, of_bytes
+from highfive.hil.recording.exports.session_arrays import SessionArrays
+from highfive.hil.recording.exports.tables import contact_rows
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.model.geometry.rotations import Array
+
+VERSION = "1.10.0"
+"""Of the specification."""
+TASK = "highfive"
+NO_DATE = datetime(1900, 1, 1)
+_SUBJECT = "sub-01"
+_WORLD, _PARENT = "world", "parent"
+_DESCRIPTION = (
+    "A person raises the right hand, and an avatar, or a servo arm, meets it with its own in an emotional style."
+)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of a motion file: as ``_channels.tsv`` describes it, and its values (T,)."""
+
+    name: str
+    component: str
+    kind: str
+    point: str
+    units: str
+    frame: str
+    values: Array
+
+
+def bids_files(trials: Sequence[SessionArrays], source: str) -> list[ExportFile]:
+    """All files of the data set; ``source`` names the recording in its README."""
+    files = [
+        of_bytes("dataset_description.json", partial(_json, _dataset(source))),
+        of_bytes("README.md", partial(_readme, source)),
+        of_bytes("participants.tsv", lambda: b"participant_id\tspecies\n" + f"{_SUBJECT}\thomo sapiens\n".encode()),
+        of_bytes("participants.json", partial(_json, {"species": {"Description": "Who raised the hand."}})),
+    ]
+    scans = []
+    numbers = [trial.spans[0].number for trial in trials]
+    runs = numbers if len(set(numbers)) == len(numbers) else range(len(trials))  # some were broken off
+    for trial, number in zip(trials, runs, strict=True):
+        run = f"{_SUBJECT}_task-{TASK}_%srun-{number:02d}"
+        folder = f"{_SUBJECT}/motion"
+        for system, channels_of in (("person", person_channels), ("avatar", avatar_channels)):
+            name = run % f"tracksys-{system}_"
+            files += _motion_files(f"{folder}/{name}", trial, system, channels_of)
+            scans.append((f"motion/{name}_motion.tsv", trial.times[0]))
+        files += [
+            of_bytes(f"{folder}/{run % ''}_events.tsv", partial(_events, trial)),
+            of_bytes(f"{folder}/{run % ''}_events.json", partial(_json, _EVENTS)),
+        ]
+    scan_rows = [("filename", "acq_time"), *((name, _date(start)) for name, start in scans)]
+    return [*files, of_bytes(f"{_SUBJECT}/{_SUBJECT}_scans.tsv", partial(_tsv, scan_rows))]
+
+
+def person_channels(trial: SessionArrays) -> list[Channel]:
+    """Points, head and palm as the tracker knew them, and the markers, NaN where they were not measured."""
+    channels = [channel for point, at in trial.points.items() for channel in _positions(point, at)]
+    channels += _turns("head", trial.head_orientation, _WORLD)
+    markers = np.where(trial.seen[..., None], trial.markers, np.nan)
+    for marker, name in enumerate(trial.names):
+        channels += _positions(f"marker_{name}", markers[:, marker])
+    valid = Channel("valid", "n/a", "MISC", "n/a", "n/a", "n/a", trial.valid.astype(float))
+    return [*channels, valid, _latency(trial)]
+
+
+def avatar_channels(trial: SessionArrays) -> list[Channel]:
+    """Each joint's place in the world, and its rotation relative to its parent (the pelvis': to the world)."""
+    channels = []
+    for joint, name in enumerate(avatar_skeleton().names):
+        channels += _positions(name, trial.positions[:, joint])
+        channels += _turns(name, trial.quaternions[:, joint], _PARENT if joint else _WORLD)
+    return [*channels, _latency(trial)]
+
+
+def _positions(point: str, values: Array) -> Iterable[Channel]:
+    return (Channel(f"{point}_{axis}", axis, "POS", point, "m", _WORLD, values[:, i]) for i, axis in enumerate("xyz"))
+
+
+def _turns(point: str, values: Array, frame: str) -> Iterable[Channel]:
+    columns = {"x": 1, "y": 2, "z": 3, "w": 0}
+    return (
+        Channel(f"{point}_q{axis}", f"quat_{axis}", "ORNT", point, "n/a", frame, values[:, column])
+        for axis, column in columns.items()
+    )
+
+
+def _latency(trial: SessionArrays) -> Channel:
+    return Channel("latency", "n/a", "LATENCY", "n/a", "s", "n/a", trial.times - trial.times[0])
+
+
+def _motion_files(
+    name: str, trial: SessionArrays, system: str, channels_of: Callable[[SessionArrays], list[Channel]]
+) -> list[ExportFile]:
+    return [
+        of_bytes(f"{name}_motion.tsv", lambda: _rows(channels_of(trial)), len(trial)),
+        of_bytes(f"{name}_motion.json", lambda: _json(_motion(trial, system, channels_of(trial)))),
+        of_bytes(f"{name}_channels.tsv", lambda: _channels(channels_of(trial))),
+        of_bytes(f"{name}_channels.json", partial(_json, _FRAMES)),
+    ]
+
+
+def _motion(trial: SessionArrays, system: str, channels: Sequence[Channel]) -> dict[str, Any]:
+    kinds = [channel.kind for channel in channels]
+    steps = np.diff(trial.times)
+    nominal = round(1.0 / float(np.median(steps)), 3) if len(steps) else 120.0
+    effective = float(1.0 / steps.mean()) if len(steps) else nominal
+    return {
+        "TaskName": TASK,
+        "TaskDescription": _DESCRIPTION,
+        "TrackingSystemName": system,
+        "Manufacturer": "High Five",
+        "RecordingType": "continuous",
+        "RecordingDuration": round(float(trial.times[-1] - trial.times[0]), 6),
+        "SamplingFrequency": nominal,
+        "SamplingFrequencyEffective": round(effective, 6),
+        "MotionChannelCount": len(channels),
+        **{f"{kind}ChannelCount": kinds.count(kind) for kind in ("POS", "ORNT", "LATENCY", "MISC")},
+        "TrackedPointsCount": len({channel.point for channel in channels} - {"n/a"}),
+        "MissingValues": "n/a",
+    }
+
+
+def _rows(channels: Sequence[Channel]) -> bytes:
+    text = io.StringIO()
+    for row in np.stack([channel.values for channel in channels], axis=1).tolist():
+        text.write("\t".join(["n/a" if isnan(value) else f"{value:.6g}" for value in row]) + "\n")
+    return text.getvalue().encode()
+
+
+def _channels(channels: Sequence[Channel]) -> bytes:
+    head = ("name", "component", "type", "tracked_point", "units", "reference_frame")
+    return _tsv([head, *((c.name, c.component, c.kind, c.point, c.units, c.frame) for c in channels)])
+
+
+def _events(trial: SessionArrays) -> bytes:
+    (row,) = contact_rows(trial)
+    more = [_cell(row[name]) for name in _MORE]
+    events = [("0", f"{trial.times[-1] - trial.times[0]:.6f}", "high_five", *more)]
+    if row["met_time"] is not None:
+        events.append((f"{row['met_time']:.6f}", "0", "contact", *more))
+    return _tsv([("onset", "duration", "trial_type", *_MORE), *events])
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "n/a" if value is None or value == "" else str(int(value)) if isinstance(value, bool) else str(value)
+
+
+def _date(start_s: float) -> str:
+    return (NO_DATE + timedelta(seconds=float(start_s))).isoformat(timespec="microseconds")
+
+
+def _tsv(rows: Iterable[Sequence[str]]) -> bytes:
+    return "".join(
+        "\t".join(cell.replace("\t", " ").replace("\n", " ") for cell in row) + "\n" for row in rows
+    ).encode()
+
+
+def _json(value: Mapping[str, Any]) -> bytes:
+    return (json.dumps(value, indent=2, ensure_ascii=False) + "\n").encode()
+
+
+def _dataset(source: str) -> dict[str, Any]:
+    return {
+        "Name": f"High fives of {source}",
+        "BIDSVersion": VERSION,
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "High Five", "Description": "highfive export --to bids"}],
+    }
+
+
+def _readme(source: str) -> bytes:
+    return (
+        f"# High fives of {source}\n\n{_DESCRIPTION}\n\n"
+        "One run a high five, numbered as in the session's report. tracksys-person: what was tracked of the person, in "
+        "metres (x from the avatar to the person, y to the avatar's left, z up; the floor is z = 0). tracksys-avatar: "
+        "what the avatar did. acq_time in scans.tsv counts from 1 January 1900: the recording knows no date.\n"
+    ).encode()
+
+
+_AXES = {
+    "SpatialAxes": "ALS",
+    "RotationRule": "right-hand",
+    "RotationOrder": "n/a",
+}
+_FRAMES = {
+    "reference_frame": {
+        "Description": "Axes in which positions and rotations are given.",
+        "Levels": {
+            _WORLD: {
+                **_AXES,
+                "Description": "x from the avatar to the person, y to the avatar's left, z up; origin on the floor "
+                "under the avatar's pelvis at rest.",
+            },
+            _PARENT: {
+                **_AXES,
+                "Description": "The parent joint's own axes, which are those of the world while the body stands with "
+                "hanging arms.",
+            },
+        },
+    }
+}
+_MORE = ("trial", "emotion", "style", "cell", "met", "distance", "approach_speed")
+_EVENTS = {
+    "onset": {"Description": "From the first sample of the run.", "Units": "s"},
+    "duration": {"Description": "0 for what has none.", "Units": "s"},
+    "trial_type": {
+        "Description": "What happened.",
+        "Levels": {"high_five": "One high five, from its first tick to its last.", "contact": "The palms met."},
+    },
+    "trial": {"Description": "Number of the high five in the session."},
+    "emotion": {"Description": "In which the person raised the hand, as far as that is known."},
+    "style": {"Description": "In which the avatar answered."},
+    "cell": {"Description": "Where the hand was raised: A to C low to high, 1 to 3 from the avatar's right."},
+    "met": {"Description": "Whether the palms met.", "Levels": {"1": "yes", "0": "no"}},
+    "distance": {"Description": "From palm to palm at their nearest, or as they met.", "Units": "m"},
+    "approach_speed": {"Description": "Of the palms towards each other as they met.", "Units": "m/s"},
+}

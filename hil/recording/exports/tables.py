@@ -1,0 +1,154 @@
+"""Wide tables with a header (CSV) and arrays by name (NPZ): for R, MATLAB, pandas and NumPy.
+
+Metres, seconds of the recording, quaternions w, x, y, z; an empty cell is a value that was not measured, 1 is yes and 0
+no. A row is a tick: one of the person, one of the avatar, one of the markers; and a row a high five of the contacts.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable
+from functools import partial
+from math import isnan
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highfive.hil.recording.exports.export_file import ExportFile, of_bytes
+from highfive.hil.recording.exports.session_arrays import SessionArrays
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.model.geometry.rotations import Array
+
+CONTACT = ("met_time", "distance", "gap", "lateral", "palm_angle", "approach_speed", "peak_force", "uncorrected_error")
+"""Numbers of a judged contact, as ``/contact`` names them: s after the trial's start, m, rad, m/s, N."""
+_TEXTS = ("title", "emotion", "style", "cell")
+
+
+def csv_files(arrays: SessionArrays, stem: str) -> list[ExportFile]:
+    """``STEM_person.csv``, ``_avatar.csv``, ``_contacts.csv``, and ``_markers.csv`` where markers were recorded."""
+    tables: list[tuple[str, Callable[[SessionArrays], dict[str, Array]]]]
+    tables = [("person", person_columns), ("avatar", avatar_columns)]
+    tables += [("markers", marker_columns)] if arrays.names else []
+    files = [of_bytes(f"{stem}_{name}.csv", partial(_tick_table, arrays, of), len(arrays)) for name, of in tables]
+    return [*files, of_bytes(f"{stem}_contacts.csv", partial(_contact_table, arrays))]
+
+
+def npz_file(arrays: SessionArrays, name: str) -> ExportFile:
+    """One ``.npz`` with all of it, without pickled objects."""
+    return of_bytes(name, partial(_npz, arrays), len(arrays))
+
+
+def person_columns(arrays: SessionArrays) -> dict[str, Array]:
+    """Column -> (T,): the person's points, head and palm."""
+    columns = {name: values for point, at in arrays.points.items() for name, values in _xyz(point, at)}
+    columns |= dict(_xyz("palm_normal", arrays.palm_normal)) | dict(_quaternion("head", arrays.head_orientation))
+    return columns | {"valid": arrays.valid.astype(float), "age": arrays.age}
+
+
+def avatar_columns(arrays: SessionArrays) -> dict[str, Array]:
+    """Column -> (T,): each joint's place in the world, and its rotation relative to its parent (root: the world)."""
+    columns: dict[str, Array] = {}
+    for joint, name in enumerate(avatar_skeleton().names):
+        columns |= dict(_xyz(name, arrays.positions[:, joint])) | dict(_quaternion(name, arrays.quaternions[:, joint]))
+    return columns
+
+
+def marker_columns(arrays: SessionArrays) -> dict[str, Array]:
+    """Column -> (T,): the person's markers, NaN where they were not measured."""
+    places = _unseen_as_nan(arrays)
+    return {column: values for m, name in enumerate(arrays.names) for column, values in _xyz(name, places[:, m])}
+
+
+def contact_rows(arrays: SessionArrays) -> list[dict[str, Any]]:
+    """A row a high five: what it was, when, and how the palms met; None where nothing was judged."""
+    rows = []
+    for span in arrays.spans:
+        start, contact = 1e-9 * span.start_ns, span.contact
+        where = contact.get("where")
+        where = where if isinstance(where, list) and len(where) == 3 else [None] * 3
+        met_time = _number(contact.get("met_time"))
+        rows.append(
+            {"trial": span.number, "start": start, "duration": 1e-9 * (span.end_ns - span.start_ns)}
+            | {name: span.text(name) for name in _TEXTS}
+            | {name: _yes(contact.get(name)) for name in ("met", "out_of_reach")}
+            | {"contact_time": None if met_time is None else start + met_time}
+            | {name: _number(contact.get(name)) for name in CONTACT}
+            | {f"where_{axis}": _number(value) for axis, value in zip("xyz", where, strict=True)}
+        )
+    return rows
+
+
+def _xyz(name: str, values: Array) -> Iterable[tuple[str, Array]]:
+    return ((f"{name}_{axis}", values[:, i]) for i, axis in enumerate("xyz"))
+
+
+def _quaternion(name: str, values: Array) -> Iterable[tuple[str, Array]]:
+    return ((f"{name}_q{axis}", values[:, i]) for i, axis in enumerate("wxyz"))
+
+
+def _tick_table(arrays: SessionArrays, columns_of: Callable[[SessionArrays], dict[str, Array]]) -> bytes:
+    columns = columns_of(arrays)
+    text = io.StringIO()
+    text.write(",".join(("time", "trial", "phase", *columns)) + "\n")
+    for time, trial, phase, row in zip(
+        arrays.times, arrays.trials, arrays.phases, np.stack(list(columns.values()), axis=1), strict=True
+    ):
+        cells = ",".join(["" if isnan(value) else f"{value:.6g}" for value in row.tolist()])
+        text.write(f"{time:.9f},{trial},{phase},{cells}\n")
+    return text.getvalue().encode()
+
+
+def _contact_table(arrays: SessionArrays) -> bytes:
+    text, rows = io.StringIO(), contact_rows(arrays)
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    return "" if value is None else int(value) if isinstance(value, bool) else value
+
+
+def _npz(arrays: SessionArrays) -> bytes:
+    rows = contact_rows(arrays)
+    held: dict[str, NDArray[Any]] = {
+        "time": arrays.times, "trial": arrays.trials, "phase": arrays.phases,
+        **{f"person_{name}": values for name, values in arrays.points.items()},
+        "person_palm_normal": arrays.palm_normal, "person_head_quaternion": arrays.head_orientation,
+        "person_valid": arrays.valid, "person_age": arrays.age,
+        "avatar_joints": np.array(avatar_skeleton().names), "avatar_root": arrays.root,
+        "avatar_quaternions": arrays.quaternions, "avatar_positions": arrays.positions,
+        "avatar_orientations": arrays.orientations,
+        "marker_names": np.array(arrays.names, dtype=np.str_), "markers": _unseen_as_nan(arrays),
+    }  # fmt: skip
+    for name in rows[0]:
+        held[f"trials_{name}"] = _array([row[name] for row in rows])
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **held)
+    return buffer.getvalue()
+
+
+def _unseen_as_nan(arrays: SessionArrays) -> Array:
+    return np.where(arrays.seen[..., None], arrays.markers, np.nan)
+
+
+def _array(values: list[Any]) -> NDArray[Any]:
+    """Numbers with NaN for what is not known, or texts."""
+    if all(isinstance(value, str) for value in values):
+        return np.array(values, dtype=np.str_)
+    if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
+        return np.array(values, dtype=np.int64)
+    return np.array([np.nan if value is None else float(value) for value in values])
+
+
+def _number(value: Any) -> float | None:
+    return 0.0 + value if isinstance(value, int | float) and not isinstance(value, bool) else None  # and no -0
+
+
+def _yes(value: Any) -> bool | None:
+    return value if isinstance(value, bool) else None

@@ -1,0 +1,169 @@
+"""What viewers make of a recording: readers that are not ours."""
+
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from recorded_trials import record_trial
+from trial_results import some_results
+
+from highfive.hil.recording import schemas
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.viewer_messages import Transforms, joints_of
+from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.trials.summary import SessionSettings
+from highfive.model.geometry import rotations
+
+FOXGLOVE = "@foxglove/studio-base@1.48.0"
+"""The last open release of Foxglove's own viewer (MPL-2.0)."""
+_PARSE = """
+const fs = require("fs"), dir = process.argv[1] + "/package/assets/";
+const found = fs.readdirSync(dir).map(name => fs.readFileSync(dir + name, "utf8"))
+    .find(text => text.includes("function parseJsonSchema("));
+const source = found.slice(found.indexOf("function parseJsonSchema("));
+const parse = new Function("base64", source.slice(0, source.indexOf("\\n}\\n") + 3) + "return parseJsonSchema;")({});
+const answers = {};
+for (const [name, schema] of Object.entries(JSON.parse(fs.readFileSync(0)))) {
+    try { answers[name] = [...parse(schema, name).datatypes.keys()]; } catch (error) { answers[name] = String(error); }
+}
+console.log(JSON.stringify(answers));
+"""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("viewers") / "session.mcap"
+    with SessionRecorder(path, SessionSettings(seed=3, model="default", trials=1)) as recorder:
+        record_trial(recorder, some_results()[0])
+        recorder.record_event("contact", trial=0, emotion="sad")
+        recorder.record_log("WARNING", "the disk is slow")
+    return path
+
+
+def decoded(path: Path) -> dict[str, list[Any]]:
+    """Messages by topic, as the ``mcap`` package and protobuf decode them."""
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message, content in make_reader(
+            file, decoder_factories=[DecoderFactory()], validate_crcs=True
+        ).iter_decoded_messages(topics=["/tf", "/markers", "/skeleton", "/log"]):
+            assert schema is not None and schema.name.startswith("foxglove.")
+            stamps = {"/tf": "transforms", "/skeleton": "entities"}.get(channel.topic)
+            for one in [content] if stamps is None else getattr(content, stamps):
+                assert one.timestamp.ToNanoseconds() == message.log_time
+            found.setdefault(channel.topic, []).append(content)
+    return found
+
+
+def test_the_transforms_place_every_body_where_it_was(recorded: Path) -> None:
+    result, messages = some_results()[0], decoded(recorded)["/tf"]
+    assert len(messages) == -(-len(result.times) // 4)
+    for number in (0, 31, 60):
+        places = {"world": (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))}
+        for one in messages[number].transforms:
+            at, turn = places[one.parent_frame_id]
+            by = one.rotation
+            move = np.array([one.translation.x, one.translation.y, one.translation.z])
+            places[one.child_frame_id] = (
+                at + rotations.rotate(turn, move),
+                rotations.multiply(turn, np.array([by.w, by.x, by.y, by.z])),
+            )
+        names = avatar_skeleton().names
+        drawn = np.array([places[f"avatar/{name}"][0] for name in names])
+        np.testing.assert_allclose(drawn, joints_of([result.poses[4 * number]])[0], atol=1e-6)
+        person = result.people[4 * number]
+        np.testing.assert_allclose(places["person/wrist"][0], person.wrist, atol=1e-6)
+        palm, turn = places["person/palm"]
+        np.testing.assert_allclose(palm, person.palm.position, atol=1e-6)
+        normal = rotations.rotate(turn, np.array([0.0, 0.0, 1.0]))
+        np.testing.assert_allclose(normal, person.palm.normal, atol=1e-5)
+
+
+def test_the_arm_is_drawn_where_its_joints_are() -> None:
+    joints = np.array([0.3, -0.6, 0.4, 0.1, 0.5, -0.2])
+    moved, still = (
+        {one.child_frame_id: one for one in Transforms().arm(7, at).transforms} for at in (joints, np.zeros(6))
+    )
+    assert moved.keys() == still.keys() and all(name.startswith("arm/") for name in moved)
+    ends = [
+        np.array([getattr(them[name].translation, axis) for axis in "xyz"])
+        for them in (moved, still)
+        for name in list(moved)[-1:]
+    ]
+    assert np.linalg.norm(ends[0] - ends[1]) > 0.1
+
+
+def test_markers_are_points_and_words_are_a_log(recorded: Path) -> None:
+    result, found = some_results()[0], decoded(recorded)
+    cloud = found["/markers"][5]
+    fields = {field.name: field.offset for field in cloud.fields}
+    raw = np.frombuffer(cloud.data, dtype=np.uint8).reshape(-1, cloud.point_stride)
+    for axis, name in enumerate("xyz"):
+        values = raw[:, fields[name] : fields[name] + 4].copy().view(np.float32)[:, 0]
+        np.testing.assert_allclose(values, result.markers[5].positions[:, axis], atol=1e-6)
+    assert raw[:, fields["seen"]].astype(bool).tolist() == result.markers[5].seen.tolist()
+    (line,) = found["/log"]
+    assert (line.level, line.message) == (3, "the disk is slow")
+
+
+def test_every_json_message_keeps_to_its_schema(recorded: Path) -> None:
+    kinds = {"number": (int, float), "integer": int, "string": str, "boolean": bool, "object": dict}
+    with recorded.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            if channel.message_encoding != "json":
+                continue
+            said, data = json.loads(schema.data), json.loads(message.data)
+            assert set(said["required"]) <= data.keys() <= said["properties"].keys(), channel.topic
+            for name, value in data.items():
+                kind = said["properties"][name]
+                items = value if kind["type"] == "array" else [value]
+                one = kind.get("items", kind)["type"]
+                assert all(isinstance(item, kinds[one]) for item in items), (channel.topic, name)
+
+
+@pytest.mark.slow(40)
+def test_foxglove_itself_can_plot_every_json_topic(tmp_path: Path) -> None:
+    if shutil.which("npm") is None or shutil.which("node") is None:
+        pytest.skip("no npm here")
+    fetched = subprocess.run(["npm", "pack", FOXGLOVE], cwd=tmp_path, capture_output=True, text=True, check=False)
+    if fetched.returncode:
+        pytest.skip("npm cannot fetch anything here")
+    subprocess.run(["tar", "xzf", fetched.stdout.split()[-1]], cwd=tmp_path, check=True)
+    ours = {topic: schemas.schema_of(topic) for topic in schemas.TOPICS}
+    wrong = {"rows": {"type": "object", "properties": {"a": {"type": "array", "items": {"type": "array"}}}}}
+    answer = subprocess.run(
+        ["node", "-e", _PARSE, tmp_path], input=json.dumps(ours | wrong), capture_output=True, text=True, check=True
+    )
+    said = json.loads(answer.stdout)
+    assert "Unsupported type" in said.pop("rows")  # it would tell
+    assert all(isinstance(types, list) and topic in types for topic, types in said.items()), said
+
+
+def test_the_times_of_all_topics_are_of_one_clock(tmp_path: Path) -> None:
+    """A session that keeps time begins at 0 of its recording, and says of each high five when that was."""
+    result = some_results()[0]
+    path = tmp_path / "paced.mcap"
+    with SessionRecorder(
+        path, SessionSettings(seed=3, model="m", trials=2), None, lambda: 1_700_000_000_000_000_000
+    ) as it:
+        record_trial(it, result, from_ns=5_000_000_000_000)
+        record_trial(it, replace(result, number=1), from_ns=5_030_000_000_000)
+    with path.open("rb") as file:
+        messages = [
+            (channel.topic, message.log_time, json.loads(message.data))
+            for _, channel, message in make_reader(file).iter_messages(topics=["/trial", "/tick"])
+        ]
+    trials = [(time, data["host_ns"], data["utc"]) for topic, time, data in messages if topic == "/trial"]
+    assert trials == [
+        (0, 5_000_000_000_000, "2023-11-14T22:13:20.000+00:00"),
+        (30_000_000_000, 5_030_000_000_000, "2023-11-14T22:13:20.000+00:00"),
+    ]
+    assert all(data["at_ns"] - time == 5_000_000_000_000 for topic, time, data in messages if topic == "/tick")

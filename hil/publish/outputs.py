@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class SessionOutputs:
     """Takes what :class:`BackgroundRecorder` takes, and hands ticks and events to publishers as well.
 
-    Use it in ``with``: publishers hear ``session_start`` and ``session_end``; streams of others are recorded meanwhile.
+    Use it in ``with``: streams of others are recorded meanwhile.
     """
 
     def __init__(
@@ -94,7 +94,6 @@ class SessionOutputs:
 
     def __enter__(self) -> SessionOutputs:
         """Self; the session begins."""
-        self._publish("session_start", self._clock.now(), {})
         if self._streams:
             from highfive.hil.recording.lsl_inlets import LslInlets  # noqa: PLC0415  (loads the library)
 
@@ -106,7 +105,6 @@ class SessionOutputs:
     ) -> None:
         """The session is over."""
         self._leave_streams()
-        self._publish("session_end", self._clock.now(), {})
         for publisher in self._publishers:
             publisher.close()
         self._recorder.close()

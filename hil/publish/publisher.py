@@ -14,7 +14,7 @@ class SessionEvent:
     """Something happened.
 
     Attributes:
-        name: as in the recording: ``trial_start``, ``contact``, …; and ``session_start``, ``session_end``.
+        name: as in the recording: ``session_start``, ``trial_start``, ``contact``, …
         at_ns: when, ns on the session's clock.
         about: ``trial``, ``emotion``, ``style``, ``detail``, as far as there are such.
     """

@@ -1,10 +1,13 @@
 """Shared fixtures."""
 
+import atexit
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -24,6 +27,12 @@ if "CI" not in os.environ:
 # What is compiled is kept: for the other workers, for the commands that tests start, and for the next run.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # hundreds of small ones, too
+
+# Of LSL streams this process sees its own, and those of what it starts: other workers have some of the same name.
+_LSL = Path(tempfile.mkdtemp(prefix="highfive-lsl-")) / "lsl_api.cfg"
+_LSL.write_text(f"[lab]\nSessionID = highfive-{os.getpid()}\n[log]\nlevel = -3\n", encoding="utf-8")
+atexit.register(shutil.rmtree, _LSL.parent, ignore_errors=True)
+os.environ["LSLAPICFG"] = str(_LSL)
 
 # The shapes that the values at the seams declare are checked while the tests run, from when they are first imported.
 CHECKED = [

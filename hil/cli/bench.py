@@ -232,6 +232,16 @@ def bench_view(
     _run(json, lambda bar: bench.view(seconds, seed, bar))
 
 
+@app.command("publish")
+def bench_publish(
+    pairs: Annotated[int, typer.Option(min=1, help="Pairs of high fives, published and not.")] = 3,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Let a program hear a session by LSL, VMC and Foxglove: what arrives, and what that costs a tick."""
+    _run(json, lambda bar: bench.publish(pairs, seed, bar))
+
+
 @app.command("webcam")
 def bench_webcam(
     every: Annotated[int, typer.Option(min=1, max=4, help="Look at one picture in so many, of 15 a second.")] = 1,

@@ -126,6 +126,20 @@ def simulate(
     port: Port = None,
     no_open: NoOpen = False,
     https: Https = False,
+    publish: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WAYS",
+            help="Let other programs hear it: lsl, vmc or vmc://HOST:PORT, foxglove; several with commas between.",
+        ),
+    ] = None,
+    publish_network: Annotated[
+        bool, typer.Option("--publish-network", help="With --publish: also programs on other computers.")
+    ] = False,
+    record_lsl: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Record this LSL stream beside the session; may be given again."),
+    ] = None,
     camera: Annotated[
         Path | None,
         typer.Option(
@@ -145,6 +159,7 @@ def simulate(
     """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
     from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
     from highfive.hil.commands.session_lines import print_session  # noqa: PLC0415
+    from highfive.hil.commands.session_outputs import published  # noqa: PLC0415
     from highfive.hil.commands.simulate import SimulateOptions, simulate, which_model  # noqa: PLC0415
     from highfive.hil.commands.simulate_options import PageOptions, WebcamOptions  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
@@ -171,6 +186,9 @@ def simulate(
         else None,
         headset=headset,
         webcam=WebcamOptions(height, fov, camera),
+        publish=published(publish),
+        publish_network=publish_network,
+        record_lsl=tuple(record_lsl or ()),
         overwrite=overwrite,
     )
     folder = out or next_folder("session")

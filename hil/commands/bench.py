@@ -182,6 +182,13 @@ def view(seconds: float, seed: int, bar: Bar) -> Measured:
     return Measured(bench_view(ViewBenchOptions(seconds, seed), bar), print_view)
 
 
+def publish(pairs: int, seed: int, bar: Bar) -> Measured:
+    """A session that others hear; see :mod:`highfive.hil.bench.publish`."""
+    from highfive.hil.bench.publish import PublishBenchOptions, bench_publish, print_publish
+
+    return Measured(bench_publish(PublishBenchOptions(pairs, seed), bar), print_publish)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked

@@ -12,9 +12,11 @@ import numpy as np
 
 from highfive.hil.commands.programme import Programme
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.hil.recording.background import BackgroundRecorder, said_in
+from highfive.hil.publish.outputs import SessionOutputs
+from highfive.hil.recording.background import said_in
 from highfive.hil.recording.recorded_tick import recorded_tick
 from highfive.hil.recording.recorder import TrialHead
+from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
@@ -60,7 +62,7 @@ def play(
     scene: Scene,
     partners: list[Partner],
     person: LivePerson | None,
-    recorder: BackgroundRecorder,
+    recorder: SessionOutputs,
     bar: Bar,
     watch: ArmWatch | None,
     page: LivePage | None,
@@ -93,7 +95,7 @@ def play(
                 called, number = style_name(style), programme.number
                 try:
                     programme.begin(partner, style)
-                    paced = person is not None or watch is not None or view is not None
+                    paced = recorder.paced or person is not None or watch is not None or view is not None
                     head = TrialHead(number, partner, called, style, session.corrects, paced)
                     kept = _Kept(recorder, head, watch, session, replay)
                     result, trouble = _trial(
@@ -142,13 +144,14 @@ class _Kept:
 
     def __init__(
         self,
-        recorder: BackgroundRecorder,
+        recorder: SessionOutputs,
         head: TrialHead,
         watch: ArmWatch | None,
         session: Session,
         replay: Replay | None,
     ) -> None:
         """Begins with the first tick."""
+        self.paced = head.paced
         self._recorder, self._head, self._watch = recorder, head, watch
         self._session, self._replay = session, replay
         self._asked = session.weights, session.corrects
@@ -185,7 +188,7 @@ class _Kept:
 
 def _view(
     page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None,
-    recorder: BackgroundRecorder,
+    recorder: SessionOutputs,
 ) -> SessionView:  # fmt: skip
     from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
 
@@ -196,7 +199,7 @@ def _view(
 
 
 def _tell_broken_off(
-    number: int, trouble: str, recorder: BackgroundRecorder, watch: ArmWatch | None, *, first: bool
+    number: int, trouble: str, recorder: SessionOutputs, watch: ArmWatch | None, *, first: bool
 ) -> None:
     """A high five that was broken off.
 
@@ -237,7 +240,7 @@ def _trial(
     replay: Replay | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""
-    if person is None and watch is None and view is None:
+    if not kept.paced:
         recorded = None if replay is None else replay.inputs(number, session)
         return run_trial(number, partner, session, playout, recorded, keep=kept), ""
     try:
@@ -278,9 +281,8 @@ def _trial(
 def _recorded(partner: Partner, watch: ArmWatch | None, view: SessionView | None) -> Iterable[TickInput]:
     """The partner's recording at the pace of the clock; the arm's, where there is one."""
     source = C3DSource(partner.recording, RATE_HZ)
-    if watch is not None:
-        from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
+    if watch is None and view is not None:
+        return as_captured(view.in_time(source))
+    from highfive.hil.arm.lifecycle import at_their_time  # noqa: PLC0415
 
-        return as_captured(at_their_time(source, watch.loop.clock))
-    assert view is not None
-    return as_captured(view.in_time(source))
+    return as_captured(at_their_time(source, MACHINE if watch is None else watch.loop.clock))

@@ -17,6 +17,7 @@ from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wirin
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.play_trials import Played, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
+from highfive.hil.commands.session_outputs import check_output_options, open_outlets, open_publishers, session_outputs
 from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
@@ -95,6 +96,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             net_files()  # are they there?
         model, scene, watch, page, person = _model(options, bar), build_scene(), None, None, None
         with ExitStack() as parts:
+            publishers = open_publishers(options, parts)
             if worn:  # the page is what tracks her
                 watch = _arm_watch(options, bar, load_marker_set(SCHEME), parts)
                 page = _page(options, model, watch, parts)
@@ -111,6 +113,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             replay = replay_of(options, _name(options)) if again else None
             partners = partners_of(options, model, bar, person) if replay is None else replay.partners(options.trials)
             settings = _settings(options, len(partners))
+            publishers += open_outlets(options, partners[0].marker_set.names, person, parts)
             if not worn:
                 watch = _arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
@@ -120,9 +123,12 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts, None if beside is None else (beside, person))
             drift = None if beside is None else _drift(beside, person, page)
-            paced = person is not None or watch is not None or page is not None
-            recorder = BackgroundRecorder(SessionRecorder(folder / RECORDING, settings, session.chain), paced=paced)
-            played = play(options, session, scene, partners, person, recorder, bar, watch, page, replay, drift)
+            paced = publishers or options.record_lsl or person is not None or watch is not None or page is not None
+            recorder = BackgroundRecorder(
+                SessionRecorder(folder / RECORDING, settings, session.chain), paced=bool(paced)
+            )
+            outputs = session_outputs(options, recorder, publishers)
+            played = play(options, session, scene, partners, person, outputs, bar, watch, page, replay, drift)
             if page is not None:
                 page.tell("over", message=f"The session is over: {folder / 'report.html'}")
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
@@ -145,6 +151,7 @@ def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack) -> Simulat
 def _check(options: SimulateOptions, live: bool, again: bool) -> None:
     """That the options go together."""
     check_live_options(options, live)
+    check_output_options(options, again=again)
     if again:
         check_replay_options(options)
     if options.view is not None and options.arm is not None and options.arm.port == "virtual":

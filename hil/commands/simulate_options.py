@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from highfive.hil.publish.wanted import Wanted
 from highfive.model import DEFAULT_MODEL
 
 if TYPE_CHECKING:
@@ -66,6 +67,9 @@ class SimulateOptions:
         view: the live page that shows it; None for none.
         headset: registration of a headset that the live person wears beside a lab's system; None for none.
         webcam: where the source is the webcam of the live page.
+        publish: the ways in which other programs hear it.
+        publish_network: also those on other computers.
+        record_lsl: names of LSL streams that are recorded beside it.
         arm: a servo arm that takes part, at the pace of the clock; None for none.
         overwrite: write into a folder that holds something.
     """
@@ -88,5 +92,8 @@ class SimulateOptions:
     view: PageOptions | None = None
     headset: Path | None = None
     webcam: WebcamOptions = WebcamOptions()
+    publish: tuple[Wanted, ...] = ()
+    publish_network: bool = False
+    record_lsl: tuple[str, ...] = ()
     arm: ArmOptions | None = None
     overwrite: bool = False

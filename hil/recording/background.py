@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from queue import Full, Queue
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
+from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.console import LOGGER, say_aside
 from highfive.hil.session.shown import Shown
 from highfive.hil.trials.trial_result import TrialResult
@@ -74,6 +75,10 @@ class BackgroundRecorder:
         """See :meth:`SessionRecorder.record_shown`."""
         self._give(lambda: self._recorder.record_shown(page, shown, bound_ns))
 
+    def record_stream(self, samples: StreamSamples) -> None:
+        """See :meth:`SessionRecorder.record_stream`; the first ones of a stream, which name its channels, always."""
+        self._give(lambda: self._recorder.record_stream(samples), always=samples.begins)
+
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`SessionRecorder.record_log`."""
         self._give(lambda: self._recorder.record_log(level, text), always=True)
@@ -129,10 +134,18 @@ class BackgroundRecorder:
             say_aside(f"{error}; the session goes on without a recording", logging.WARNING)
 
 
+class KeepsLog(Protocol):
+    """What is said to the user goes there."""
+
+    def record_log(self, level: str, text: str) -> None:
+        """See :meth:`SessionRecorder.record_log`."""
+        ...
+
+
 class _Said(logging.Handler):
     """Hands on what is said to the user."""
 
-    def __init__(self, recorder: BackgroundRecorder) -> None:
+    def __init__(self, recorder: KeepsLog) -> None:
         super().__init__()
         self._recorder = recorder
 
@@ -144,7 +157,7 @@ class _Said(logging.Handler):
 
 
 @contextmanager
-def said_in(recorder: BackgroundRecorder) -> Iterator[None]:
+def said_in(recorder: KeepsLog) -> Iterator[None]:
     """What is said to the user meanwhile is in the recording, too."""
     handler = _Said(recorder)
     LOGGER.addHandler(handler)

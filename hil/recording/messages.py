@@ -5,6 +5,7 @@ Units: m, rad, s, ns where a name says so. Quaternions are w, x, y, z, each join
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,11 @@ def rounded(values: Array, digits: int = 5) -> list[Any]:
 def known(value: float) -> float | None:
     """A number that JSON can hold; None for NaN and infinity."""
     return round(value, 5) if np.isfinite(value) else None
+
+
+def number(value: Any) -> float | None:
+    """All of a number of somebody else's, as JSON can hold it; None for NaN and infinity."""
+    return value if math.isfinite(value) else None
 
 
 def pose(pose: Pose) -> dict[str, Any]:

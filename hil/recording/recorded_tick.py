@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
-from highfive.hil.session.session import Tick, TickInput
+from highfive.hil.session.session import Sighting, Tick, TickInput
 from highfive.hil.sim.avatar import Pose
 from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, TrackedMarkers
 from highfive.model.online.contact_forecast import ContactForecast
@@ -29,6 +29,7 @@ class RecordedTick:
         weight: share of the correction.
         expected: s, time to contact as the model says.
         tick_ms: markers in to corrected pose out.
+        sighting: the person at the frame's own time; None where no frame had come.
     """
 
     frame: MarkerFrame | None
@@ -44,6 +45,12 @@ class RecordedTick:
     weight: float
     expected: float
     tick_ms: float
+    sighting: Sighting | None = None
+
+    @property
+    def captured_ns(self) -> int:
+        """When the person was seen as in ``sighting``, on the session's clock, ns."""
+        return self.at_ns if self.sighting is None else self.at_ns - self.time_ns + self.sighting.markers.time_ns
 
 
 def pose_digest(pose: Pose) -> str:
@@ -57,5 +64,5 @@ def recorded_tick(begins: TickInput, tick: Tick, played: Pose, tick_ms: float) -
     return RecordedTick(
         begins.frame, begins.time_ns, begins.at_ns, tick.markers, tick.person, tick.generated, tick.pose, played,
         current_forecast(tick.response), tick.target.phase.value, tick.target.weight, tick.response.time_to_contact,
-        tick_ms,
+        tick_ms, tick.sighting,
     )  # fmt: skip

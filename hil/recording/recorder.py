@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -23,6 +24,7 @@ from mcap_protobuf.schema import register_schema
 from highfive.hil.recording import messages, schemas, viewer_messages
 from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
 from highfive.hil.recording.sink import Sink
+from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import utc_ns
 from highfive.hil.session.shown import Shown
 from highfive.hil.sim.avatar import avatar_skeleton
@@ -40,9 +42,11 @@ if TYPE_CHECKING:
 FORMAT = 2
 """Of recordings; those before say none."""
 CHUNK_NS = 500_000_000
+EARLY = 1000
+"""Chunks of other programs' streams that are kept until the first high five begins; of more the oldest goes."""
 PAUSE_NS = 1_000_000_000
 """Between two high fives whose clocks both start at 0: those of simulated people, played as fast as it goes."""
-_DRAWN_EVERY = 4
+DRAWN_EVERY = 4
 """Ticks between two skeletons, and two sets of transforms: viewers need no more than 30 a second."""
 
 
@@ -102,6 +106,7 @@ class SessionRecorder:
         self._head: TrialHead | None = None  # of a high five that has not begun yet
         self._start = self._end = self._count = 0
         self._transforms = viewer_messages.Transforms()
+        self._early: deque[StreamSamples] = deque(maxlen=EARLY)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = Sink(self._file)
@@ -113,7 +118,7 @@ class SessionRecorder:
             self._writer.start(profile="", library="high-five")
         except OSError as error:
             raise self._fail(error) from None
-        self._channels = {topic: self._register(topic) for topic in schemas.TOPICS} | {
+        self._channels = {topic: self._register(topic, *fields) for topic, fields in schemas.TOPICS.items()} | {
             topic: self._writer.register_channel(topic, MessageEncoding.Protobuf, register_schema(self._writer, kind))
             for topic, kind in viewer_messages.TOPICS.items()
         }
@@ -122,9 +127,9 @@ class SessionRecorder:
         self._add("/session", 0, {"format": FORMAT, **about, "chain": chain, "units": units})
         self._flush()
 
-    def _register(self, topic: str) -> int:
-        schema = json.dumps(schemas.schema_of(topic)).encode()
-        number = self._writer.register_schema(schemas.TOPICS[topic][0], SchemaEncoding.JSONSchema, schema)
+    def _register(self, topic: str, name: str, fields: Mapping[str, schemas.Field]) -> int:
+        schema = json.dumps(schemas.schema(name, fields)).encode()
+        number = self._writer.register_schema(name, SchemaEncoding.JSONSchema, schema)
         return self._writer.register_channel(topic, MessageEncoding.JSON, number)
 
     def begin_trial(self, head: TrialHead) -> None:
@@ -143,7 +148,7 @@ class SessionRecorder:
         self._add("/generated", now, messages.pose(tick.generated))
         self._add("/avatar", now, messages.pose(tick.played))
         self._add_drawn("/markers", now, viewer_messages.point_cloud(now, tick.markers))
-        if number % _DRAWN_EVERY == 0:
+        if number % DRAWN_EVERY == 0:
             self._add_drawn("/tf", now, self._transforms.body(now, tick.played, tick.person))
             self._add_drawn("/skeleton", now, viewer_messages.skeleton(now, tick.played, tick.person))
         if tick.forecast is not None:
@@ -175,6 +180,8 @@ class SessionRecorder:
              "marker_set": partner.marker_set.name, "markers": list(tick.markers.names), "host_ns": tick.at_ns,
              "utc": utc},
         )  # fmt: skip
+        while self._early:
+            self.record_stream(self._early.popleft())
 
     def record_arm(self, ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> None:
         """What a servo arm did, by the session's clock; after the first tick of the high five."""
@@ -183,7 +190,7 @@ class SessionRecorder:
         for cycle in cycles:
             now = self._at(cycle.state.time_ns)
             self._add("/arm", now, messages.arm_cycle(cycle))
-            if cycle.number % _DRAWN_EVERY == 0:
+            if cycle.number % DRAWN_EVERY == 0:
                 self._add_drawn("/tf", now, self._transforms.arm(now, cycle.state.positions))
 
     def record_played(self, arm: ArmTrial) -> None:
@@ -216,6 +223,23 @@ class SessionRecorder:
         about = {"page": page, "frame": shown.frame, "dropped": shown.dropped, "bound_ns": bound_ns}
         times = {"pose_ns": shown.pose_ns, "display_ns": shown.display_ns}
         self._add("/shown", self._at(shown.display_ns), {**about, **times})
+
+    def record_stream(self, samples: StreamSamples) -> None:
+        """Samples of another program's stream; such as are older than the session are of its first moment."""
+        if self._zero_ns is None:
+            self._early.append(samples)
+            return
+        topic = f"{schemas.STREAMS}{samples.name}"
+        key = f"{topic} {'text' if samples.text else 'numbers'}"
+        if key not in self._channels:
+            self._channels[key] = self._register(topic, *schemas.stream_definition(text=samples.text))
+        labels = {"labels": list(samples.labels)} if samples.begins else {}
+        for values, stamp, time_ns in zip(samples.values, samples.stamps, samples.times_ns, strict=True):
+            row = list(values) if samples.text else [messages.number(value) for value in values]
+            message = {"values": row, "stamp": stamp, "time_ns": time_ns, **labels}
+            self._write(key, max(0, time_ns - self._zero_ns), _as_json(message))
+            labels = {}
+            self._cut_chunk(time_ns - self._zero_ns)
 
     def record_log(self, level: str, text: str) -> None:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
@@ -256,18 +280,23 @@ class SessionRecorder:
 
     def _at(self, session_ns: int) -> int:
         """The recording's time of a time of the session's clock; nothing comes before the high five that it is of."""
-        return max(self._start, session_ns - (self._zero_ns or 0))
+        return self._start if self._zero_ns is None else max(self._start, session_ns - self._zero_ns)
 
     def _ended(self, now: int) -> None:
         self._end = max(now, self._end)
+        if self._chunk_start is not None and now < self._chunk_start:
+            self._flush()
+        else:
+            self._cut_chunk(now)
+
+    def _cut_chunk(self, now: int) -> None:
         if self._chunk_start is None:
             self._chunk_start = now
-        elif now - self._chunk_start >= CHUNK_NS or now < self._chunk_start:
+        elif now - self._chunk_start >= CHUNK_NS:
             self._flush()
 
     def _add(self, topic: str, time_ns: int, message: Mapping[str, Any]) -> None:
-        data = json.dumps(schemas.flattened(topic, message), separators=(",", ":"), allow_nan=False).encode()
-        self._write(topic, time_ns, data)
+        self._write(topic, time_ns, _as_json(schemas.flattened(topic, message)))
 
     def _add_drawn(self, topic: str, time_ns: int, message: Any) -> None:
         self._write(topic, time_ns, message.SerializeToString())
@@ -313,3 +342,7 @@ class SessionRecorder:
             f"what it holds up to {1e-9 * self._end:.1f} s can be read, make room for the rest"
         )
         return self._failure
+
+
+def _as_json(message: Mapping[str, Any]) -> bytes:
+    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()

@@ -49,7 +49,7 @@ class SessionRecording:
     Attributes:
         settings: of the session, as :class:`highfive.hil.trials.summary.SessionSettings` names them, and the versions.
         joints: names of the skeleton's joints.
-        channels: messages of each topic, in order.
+        channels: messages of each topic, in order; ``/lsl/NAME`` is what was recorded beside the session.
         complete: the file was closed; otherwise its end is missing and this is all up to the last whole chunk.
         chain: settings of pose and tracker, by field; None where they were not recorded.
     """
@@ -100,7 +100,7 @@ def read_recording(path: Path | str) -> SessionRecording:
         except StopIteration as end:
             complete = bool(end.value)
             break
-        channels[topic].append(message)
+        channels.setdefault(topic, []).append(message)
     about = channels["/session"][0].data
     kept = {topic: tuple(messages) for topic, messages in channels.items()}
     return SessionRecording(about["settings"], tuple(about["joints"]), kept, complete, about.get("chain"))
@@ -153,11 +153,14 @@ _CUT_SHORT = (
 
 
 def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[tuple[str, int, dict[str, Any]]]:
-    """Topic, time and content of each message on ``topics``; rows are rows, and points have their names."""
+    """Topic, time and content of each message on ``topics`` and of every other program's stream; rows are rows, and
+    points and channels have their names.
+    """
     found: dict[int, tuple[str, str]] = {}
     names: list[str] = []
+    labels: dict[str, list[str]] = {}
     for record in reader.records:
-        if isinstance(record, Channel) and record.topic in topics:
+        if isinstance(record, Channel) and (record.topic in topics or record.topic.startswith(schemas.STREAMS)):
             found[record.id] = record.topic, record.message_encoding
         elif isinstance(record, Message) and record.channel_id in found:
             topic, encoding = found[record.channel_id]
@@ -166,6 +169,8 @@ def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[tuple[s
                 if topic in schemas.TOPICS and isinstance(data, dict):
                     data = schemas.restored(topic, data)
                     names = data.get("markers", names) if topic == "/trial" else names
+                elif topic not in topics and isinstance(data, dict):
+                    data["labels"] = labels[topic] = data.get("labels", labels.get(topic, []))
             elif topic == MARKERS:
                 data = {"names": names, **cloud_points(record.data)}
             else:

@@ -119,9 +119,25 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
 """Schema name and fields of each topic."""
 
 
+STREAMS = "/lsl/"
+"""Before the name of another program's stream, which is a topic of its own."""
+_SAMPLE = {"stamp": _NUMBER, "time_ns": _WHOLE, "labels": Field("string", listed=True, optional=True)}
+_STREAM_OF_NUMBERS = "high_five.StreamNumbers", {"values": _LIST, **_SAMPLE}
+_STREAM_OF_TEXTS = "high_five.StreamTexts", {"values": _NAMES, **_SAMPLE}
+
+
+def stream_definition(*, text: bool) -> tuple[str, dict[str, Field]]:
+    """Schema name and fields of a stream's topic. ``labels`` are those of the first message until others come."""
+    return _STREAM_OF_TEXTS if text else _STREAM_OF_NUMBERS
+
+
 def schema_of(topic: str) -> dict[str, Any]:
     """The JSON schema of a topic's messages."""
-    name, fields = TOPICS[topic]
+    return schema(*TOPICS[topic])
+
+
+def schema(name: str, fields: Mapping[str, Field]) -> dict[str, Any]:
+    """The JSON schema of messages with these fields."""
     return {
         "title": name,
         "type": "object",

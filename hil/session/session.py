@@ -76,6 +76,14 @@ class CalmGoal:
 
 
 @dataclass(frozen=True)
+class Sighting:
+    """The person as a frame shows her, at the frame's own time; neither predicted nor steadied."""
+
+    markers: TrackedMarkers
+    person: HumanArm
+
+
+@dataclass(frozen=True)
 class Tick:
     """What one frame led to, or the time that passed without one.
 
@@ -92,6 +100,7 @@ class Tick:
         palm: its palm.
         miss: m, distance of ``palm`` from ``target``.
         out_of_reach: the target cannot be reached.
+        sighting: what the frame showed; None where none had come.
     """
 
     time_ns: int
@@ -106,6 +115,7 @@ class Tick:
     palm: PalmPose
     miss: float
     out_of_reach: bool
+    sighting: Sighting | None = None
 
 
 @dataclass(frozen=True)
@@ -230,10 +240,12 @@ class Session:
             HighFiveError: there is neither frame nor time.
         """
         time_ns, dt = self._elapsed(frame, time_ns)
+        sighting = None
         if frame is not None:
             markers = self._tracker.update(frame)
             self._late_ns = time_ns - frame.source_time_ns
             person = self._arm(markers)
+            sighting = Sighting(markers, person)
             self._responder.observe(markers, person)
             if time_ns > frame.source_time_ns:
                 ahead = self._tracker.at(time_ns)
@@ -256,11 +268,13 @@ class Session:
         calm_seen = None if seen is None else calm_palm
         calm = CalmGoal(calm_palm, self._calm_reach.step(palm, calm_seen, expectation, shoulder, dt))
         if not self._correct:
-            return Tick(time_ns, markers, person, calm, response, generated, palm, target, generated, palm, 0.0, False)
+            return Tick(
+                time_ns, markers, person, calm, response, generated, palm, target, generated, palm, 0.0, False, sighting
+            )
         corrected = self._correction.solve(generated, target.position, target.normal, target.weight, dt)
         return Tick(
             time_ns, markers, person, calm, response, generated, palm, target,
-            corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach,
+            corrected.pose, corrected.palm, corrected.miss, corrected.out_of_reach, sighting,
         )  # fmt: skip
 
     def _elapsed(self, frame: MarkerFrame | None, time_ns: int | None) -> tuple[int, float]:

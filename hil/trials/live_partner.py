@@ -140,6 +140,17 @@ class LivePerson:
         """The person's."""
         return self._set
 
+    @property
+    def rate_hz(self) -> float:
+        """Of her system's frames, by their stamps."""
+        return 1e9 / self._source.period_ns
+
+    @property
+    def latency_ns(self) -> int:
+        """From when the cameras see her until her system sends it, as it says, ns; 0 where it does not."""
+        newest = self._source.newest(self._clock.now())
+        return 0 if newest is None else newest.latency_ns
+
     def partner(self, emotion: str) -> Partner:
         """The person, to be answered in an emotion."""
         count = len(self._set)

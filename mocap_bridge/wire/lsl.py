@@ -106,6 +106,18 @@ def parse_description(xml: str, channels: int) -> Layout:
     )
 
 
+def channel_labels(xml: str, channels: int) -> tuple[str, ...]:
+    """A name for each of a stream's channels, whatever they are; one without a label has its number, from 1 on.
+
+    Raises:
+        DescriptionError: it is no XML, too long, or describes more channels than there are.
+    """
+    if not 0 < channels <= MAX_CHANNELS:
+        raise DescriptionError(f"the stream has {channels} channels; at most {MAX_CHANNELS} are read")
+    labels = [_text(channel, "label") for channel in _channels(xml, channels)]
+    return tuple((labels[k] if k < len(labels) else "") or str(k + 1) for k in range(channels))
+
+
 def _channels(xml: str, channels: int) -> list[ElementTree.Element]:
     if len(xml) > MAX_DESCRIPTION:
         raise DescriptionError(

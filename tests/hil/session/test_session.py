@@ -154,6 +154,25 @@ def test_settings_bound_the_pose_s_speed_and_delay_it(
     assert np.abs(calmer - usual[0])[half].max() < np.abs(usual - usual[0])[half].max()
 
 
+def test_a_sighting_is_the_person_at_the_frame_s_own_time(
+    start: Callable[[str], Session], frames: dict[str, list[MarkerFrame]], undisturbed: dict[str, list[Tick]]
+) -> None:
+    late = 25_000_000
+    session, ticks = start("angry"), []
+    for frame in frames["angry"]:
+        ticks.append(session.step(frame, frame.source_time_ns + late))
+    assert session.step(None, ticks[-1].time_ns + late).sighting is None
+    ahead = []
+    for frame, tick, now in zip(frames["angry"], ticks, undisturbed["angry"], strict=True):
+        assert tick.sighting is not None and now.sighting is not None
+        assert tick.sighting.markers.time_ns == frame.source_time_ns == tick.time_ns - late
+        # However far the tick is ahead, what was seen is the same, to the bit.
+        np.testing.assert_array_equal(tick.sighting.markers.positions, now.sighting.markers.positions)
+        np.testing.assert_array_equal(tick.sighting.person.wrist, now.sighting.person.wrist)
+        ahead.append(np.linalg.norm(tick.person.wrist - tick.sighting.person.wrist))
+    assert max(ahead) > 0.02  # m: a hand that is quick
+
+
 def test_a_stranger_far_away_is_met_with_calm(
     start: Callable[[str], Session], frames: dict[str, list[MarkerFrame]]
 ) -> None:

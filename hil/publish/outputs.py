@@ -1,0 +1,126 @@
+"""Where a session goes: into its recording, and to whoever else hears it; and whom else it records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from highfive.hil.publish.background import BackgroundPublisher
+from highfive.hil.publish.publisher import SessionEvent, ShownPicture
+from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.recorded_tick import RecordedTick
+from highfive.hil.recording.recorder import TrialHead
+from highfive.hil.recording.stream_samples import StreamSamples
+from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.session.shown import Shown
+from highfive.hil.trials.trial_result import TrialResult
+
+if TYPE_CHECKING:
+    from highfive.hil.arm.loop import ArmTick
+    from highfive.hil.drivers.bus.cycle_ring import Cycle
+    from highfive.hil.recording.lsl_inlets import LslInlets
+
+
+class SessionOutputs:
+    """Takes what :class:`BackgroundRecorder` takes, and hands ticks and events to publishers as well.
+
+    Use it in ``with``: streams of others are recorded meanwhile.
+    """
+
+    def __init__(
+        self,
+        recorder: BackgroundRecorder,
+        publishers: Sequence[BackgroundPublisher] = (),
+        streams: Sequence[str] = (),
+        *,
+        local_only: bool = True,
+        clock: Clock = MACHINE,
+    ) -> None:
+        """Of one session.
+
+        Args:
+            recorder: which nobody else uses from now on.
+            publishers: likewise.
+            streams: names of the LSL streams that are recorded beside it.
+            local_only: those of this machine alone.
+            clock: of the session, where it has publishers or streams.
+        """
+        self._recorder, self._publishers, self._clock = recorder, tuple(publishers), clock
+        self._streams, self._local_only = tuple(streams), local_only
+        self._inlets: LslInlets | None = None
+        self._end_ns = 0  # of the last tick
+
+    @property
+    def paced(self) -> bool:
+        """Others hear the session, or are heard by it: it goes at the pace of the clock."""
+        return bool(self._publishers or self._streams)
+
+    def begin_trial(self, head: TrialHead) -> None:
+        """See :meth:`BackgroundRecorder.begin_trial`."""
+        self._recorder.begin_trial(head)
+
+    def record_tick(self, tick: RecordedTick) -> None:
+        """See :meth:`BackgroundRecorder.record_tick`."""
+        self._end_ns = tick.at_ns
+        self._recorder.record_tick(tick)
+        for publisher in self._publishers:
+            publisher.give(tick)
+
+    def record_arm(self, ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> None:
+        """See :meth:`BackgroundRecorder.record_arm`."""
+        self._recorder.record_arm(ticks, cycles)
+
+    def end_trial(self, result: TrialResult) -> None:
+        """See :meth:`BackgroundRecorder.end_trial`."""
+        self._recorder.end_trial(result)
+
+    def record_event(self, event: str, at_ns: int | None = None, **about: Any) -> None:
+        """See :meth:`BackgroundRecorder.record_event`; from any thread."""
+        self._recorder.record_event(event, at_ns, **about)
+        self._publish(event, at_ns if at_ns is not None else self._end_ns or self._clock.now(), about)
+
+    def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
+        """See :meth:`BackgroundRecorder.record_shown`."""
+        self._recorder.record_shown(page, shown, bound_ns)
+        for publisher in self._publishers:
+            publisher.give(ShownPicture(page, shown, bound_ns))
+
+    def record_log(self, level: str, text: str) -> None:
+        """See :meth:`BackgroundRecorder.record_log`; from any thread."""
+        self._recorder.record_log(level, text)
+
+    def record_stream(self, samples: StreamSamples) -> None:
+        """See :meth:`BackgroundRecorder.record_stream`; from any thread."""
+        self._recorder.record_stream(samples)
+
+    def discard(self) -> None:
+        """Leaves nothing of the recording."""
+        self._leave_streams()
+        self._recorder.discard()
+
+    def __enter__(self) -> SessionOutputs:
+        """Self; the session begins."""
+        if self._streams:
+            from highfive.hil.recording.lsl_inlets import LslInlets  # noqa: PLC0415  (loads the library)
+
+            self._inlets = LslInlets(self._streams, self, local_only=self._local_only, clock=self._clock)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The session is over."""
+        self._leave_streams()
+        for publisher in self._publishers:
+            publisher.close()
+        self._recorder.close()
+
+    def _leave_streams(self) -> None:
+        if self._inlets is not None:
+            self._inlets.close()
+            self._inlets = None
+
+    def _publish(self, event: str, at_ns: int, about: dict[str, Any]) -> None:
+        for publisher in self._publishers:
+            publisher.give(SessionEvent(event, at_ns, about))

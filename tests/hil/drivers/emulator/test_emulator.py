@@ -103,6 +103,9 @@ def test_faults_while_it_runs() -> None:
         wait_for(lambda: reply(line, wire.ping(4), 0.3) == [4])
         with pytest.raises(HighFiveError):
             emulator.set_faults("nonsense")
+        with pytest.raises(HighFiveError, match="there is no servo 99; there are 1, 2, 3, 4, 5, 6, 7"):
+            emulator.set_faults("dead=99")
+        assert reply(line, wire.ping(4)) == [4]  # it goes on
 
 
 def test_what_cannot_be_emulated_is_one_line(tmp_path: Path) -> None:
@@ -113,6 +116,7 @@ def test_what_cannot_be_emulated_is_one_line(tmp_path: Path) -> None:
         EmulatorOptions(link=str(tmp_path / "no" / "folder")),
         EmulatorOptions(plant="no.such:plant"),
         EmulatorOptions(faults=("nonsense",)),
+        EmulatorOptions(faults=("dead=99",)),
         EmulatorOptions(servos=("1=AX-12",)),
         EmulatorOptions(servos=("300=XM540-W270",)),
         EmulatorOptions(baud_rate=12),

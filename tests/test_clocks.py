@@ -29,7 +29,7 @@ STOPWATCHES = {
 SLEEPERS = {
     "hil/runtime/clock.py": "the machine's clock",
     "hil/runtime/interrupts.py": "a Ctrl-C that was swallowed is raised again a moment later, in a thread of its own",
-    "hil/drivers/emulator/emulator.py": "servos on a pseudo-terminal, for another process; in virtual time there is none",
+    "hil/drivers/emulator/emulator.py": "servos on a pseudo-terminal, which virtual time has not",
     "mocap_bridge/sources/vicon.py": "1 ms, before a server on the wire that has no new frame yet is asked once more",
 }
 """Who sleeps, and what for."""

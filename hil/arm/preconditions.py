@@ -93,6 +93,7 @@ def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
         raise HighFiveError(f"{options.port}: {first_of(troubles)}")
     if options.estop is not None:
         check_pipe(options.estop)
+    parse_faults(options.faults, rig.servos)
     watchdog = min(rig.settings.watchdog, limits.timing.watchdog_s)
     return limits, replace(rig, settings=replace(rig.settings, watchdog=watchdog))
 

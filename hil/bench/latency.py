@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from highfive.hil.bench.live_people import LiveJob, System, figures, people, play, shown_pair
+from highfive.hil.bench.live_people import LiveJob, System, check_cells, figures, people, play, shown_pair
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -33,9 +33,7 @@ def bench_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
     for latency in options.latencies_ms:
         if not 0.0 <= latency <= 500.0:
             raise HighFiveError(f"a latency of {latency:g} ms; expected 0 to 500")
-    strange = [cell for cell in options.cells if cell not in CELLS]
-    if strange:
-        raise HighFiveError(f"unknown cell {strange[0]!r}; the grid has {', '.join(CELLS)}")
+    check_cells(options.cells)
     persons = people(tuple(EMOTIONS), options.cells, options.seed, bar)
     cases = [(latency, reported) for latency in options.latencies_ms for reported in (True, False)]
     jobs = [

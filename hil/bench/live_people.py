@@ -38,6 +38,7 @@ from highfive.hil.trials.trial import run_trial
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.model import DEFAULT_MODEL
+from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.trained import HGPDM
 
@@ -82,6 +83,8 @@ class LiveFelt:
         error: m, of the played palm from the true one when they first touched; NaN where they did not.
         time_error: s, by how much that was later than the person's own contact.
         palm_speed: over the true one, of the tracked palm while it moved; NaN where it was never seen moving.
+        palm_speed_rms: root mean square of what the tracked palm's speed was off by then, tick by tick, over the true
+            one.
         arm: how the twin's plate met the palm, and why it was stopped, '' where it was not; None where none took part.
     """
 
@@ -91,7 +94,18 @@ class LiveFelt:
     error: float
     time_error: float
     palm_speed: float
+    palm_speed_rms: float
     arm: tuple[ContactOutcome, str] | None = None
+
+
+def check_cells(cells: Sequence[str]) -> None:
+    """Looks whether the grid has them.
+
+    Raises:
+        HighFiveError: it has not; it says which.
+    """
+    if strange := [cell for cell in cells if cell not in CELLS]:
+        raise HighFiveError(f"unknown cell {strange[0]!r}; the grid has {', '.join(CELLS)}")
 
 
 def people(emotions: Sequence[str], cells: Sequence[str], seed: int, bar: Bar) -> list[Partner]:
@@ -203,14 +217,14 @@ def meet(
     assert person.palm is not None
     truth = CubicSpline(np.arange(len(person.palm)) / RATE_HZ, person.palm)
     end = (len(person.palm) - 1) / RATE_HZ
-    palm_speed = _palm_speed(ticks, shown, truth, end)
+    palm_speeds = _palm_speeds(ticks, shown, truth, end)
     by_arm = None if arm is None else _by_arm(arm, person)
     if result.contact.met_time_ns is None:
-        return LiveFelt(person.emotion, person.cell, False, np.nan, np.nan, palm_speed, by_arm)
+        return LiveFelt(person.emotion, person.cell, False, np.nan, np.nan, *palm_speeds, by_arm)
     at = contact_tick(result)
     error = float(np.linalg.norm(result.palm[at] - truth(min(shown[at], end))))
     late = float(shown[at]) - person.contact_frame / RATE_HZ
-    return LiveFelt(person.emotion, person.cell, True, error, late, palm_speed, by_arm)
+    return LiveFelt(person.emotion, person.cell, True, error, late, *palm_speeds, by_arm)
 
 
 def _by_arm(arm: ArmWatch, person: Partner) -> tuple[ContactOutcome, str] | None:
@@ -223,25 +237,35 @@ def here() -> Placement:
     return Placement(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), ("where it was simulated",))
 
 
-def _palm_speed(ticks: Sequence[Tick], shown: np.ndarray, truth: CubicSpline, end: float) -> float:
+def _palm_speeds(ticks: Sequence[Tick], shown: np.ndarray, truth: CubicSpline, end: float) -> tuple[float, float]:
+    """Tracked over true, of the whole way; and the root mean square of the relative error, tick by tick."""
     true = np.linalg.norm(truth(np.clip(shown, 0.0, end), 1), axis=1)
     tracked = np.array([np.linalg.norm(tick.person.palm.velocity) for tick in ticks])
     moving = (true > FAST) & (shown < end) & np.array([tick.person.valid for tick in ticks])
-    return float(tracked[moving].sum() / true[moving].sum()) if moving.any() else np.nan
+    if not moving.any():
+        return np.nan, np.nan
+    off = tracked[moving] / true[moving] - 1.0
+    return float(tracked[moving].sum() / true[moving].sum()), float(np.sqrt(np.mean(off**2)))
 
 
 def figures(felt: Sequence[LiveFelt]) -> dict[str, Any]:
-    """Medians and worst over the high fives: mm, ms, and the error of the palm's speed as a fraction; None of none."""
+    """Medians and worst over the high fives: mm, ms, and the errors of the palm's speed as fractions; None of none.
+
+    ``palm_speed_error`` is of the median over whole ways, in which fast and slow cancel out; ``palm_speed_rms``, over
+    all high fives, is of single ticks.
+    """
     touched = [one for one in felt if one.touched]
     errors = 1e3 * np.array([one.error for one in touched])
     times = 1e3 * np.abs([one.time_error for one in touched])
     speeds = np.array([one.palm_speed for one in felt if np.isfinite(one.palm_speed)])
+    squares = np.array([one.palm_speed_rms for one in felt if np.isfinite(one.palm_speed_rms)]) ** 2
     return {
         "trials": len(felt),
         "touched": len(touched),
         "contact_error_mm": _median_and_max(errors, 2),
         "time_error_ms": _median_and_max(times, 1),
         "palm_speed_error": round(float(np.abs(np.median(speeds) - 1.0)), 4) if len(speeds) else None,
+        "palm_speed_rms": round(float(np.sqrt(squares.mean())), 4) if len(squares) else None,
     }
 
 

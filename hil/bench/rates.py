@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from highfive.hil.bench.contact import contact_figures
-from highfive.hil.bench.live_people import LiveFelt, LiveJob, System, figures, people, play, shown_pair
+from highfive.hil.bench.live_people import LiveFelt, LiveJob, System, check_cells, figures, people, play, shown_pair
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.sim.people.emotions import EMOTIONS
@@ -41,9 +41,7 @@ def bench_rates(options: RatesOptions, bar: Bar) -> dict[str, Any]:
     for rate in options.rates:
         if not 0.0 < rate <= 2000.0:
             raise HighFiveError(f"a rate of {rate:g} Hz; expected more than 0 and at most 2000")
-    strange = [cell for cell in options.cells if cell not in CELLS]
-    if strange:
-        raise HighFiveError(f"unknown cell {strange[0]!r}; the grid has {', '.join(CELLS)}")
+    check_cells(options.cells)
     persons = people(tuple(EMOTIONS), options.cells, options.seed, bar)
     jobs = [
         LiveJob(
@@ -71,12 +69,15 @@ def _of_twin(felt: Sequence[LiveFelt]) -> dict[str, Any]:
 
 def print_rates(result: dict[str, Any]) -> None:
     """The figures, for people."""
-    print("rate    touched    palm to true palm    time of contact     palm speed")
+    print("rate    touched    palm to true palm    time of contact     palm speed, and in a tick")
     for rate, row in result.items():
-        speed = "   -" if row["palm_speed_error"] is None else f"{100.0 * row['palm_speed_error']:4.1f} %"
+        speed, single = (
+            "   -" if row[name] is None else f"{100.0 * row[name]:4.1f} %"
+            for name in ("palm_speed_error", "palm_speed_rms")
+        )
         print(
             f"{rate:>4} Hz  {row['touched']:>3} of {row['trials']:<3}  {shown_pair(row['contact_error_mm'], 'mm', 2)}"
-            f"      {shown_pair(row['time_error_ms'], 'ms', 1)}    {speed}"
+            f"      {shown_pair(row['time_error_ms'], 'ms', 1)}    {speed} / {single}"
         )
     for rate, row in result.items():
         if twin := row.get("twin"):

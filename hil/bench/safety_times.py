@@ -53,6 +53,7 @@ class Stopped:
         stood_ms: until the body stood, ms after it.
         mode: of the driver in the end.
         trips: watchdogs that have tripped.
+        moved: rad, the furthest that a joint's body was after it from where it was then.
     """
 
     changed_ms: float
@@ -60,6 +61,7 @@ class Stopped:
     stood_ms: float
     mode: Mode
     trips: int
+    moved: float
 
 
 Happening = Callable[["Swinging"], None]
@@ -131,7 +133,9 @@ def stopped_by(happening: Happening, phase: float, rig: Rig | None = None) -> St
 
 def _stopped(box: BlackBox, arm: VirtualArm, trips: int, at: int) -> Stopped:
     changed, stood = box.last_change_ns(at) - at, max(0, box.stands_since_ns() - at)
-    return Stopped(1e-6 * changed, box.commanded_after_ms(at), 1e-6 * stood, arm.mode, trips)
+    positions = np.array(box.positions)[np.searchsorted(box.times, at) - 1 :]
+    moved = float(np.abs(positions - positions[0]).max())
+    return Stopped(1e-6 * changed, box.commanded_after_ms(at), 1e-6 * stood, arm.mode, trips, moved)
 
 
 def _swing(it: Swinging) -> None:

@@ -161,7 +161,7 @@ def _paced(session: Session, person: Partner, seconds: float, bar: Bar) -> dict[
     frames = list(_again_and_again(frames_of(person, System(), 0, np.random.default_rng(0)), seconds + 1.0))
     advance = bar("paced", round(seconds))
     session.reset()
-    took, late_ms, wakes, ended = list[float](), list[float](), list[float](), threading.Event()
+    took, tick_ms, wakes, ended = list[float](), list[float](), list[float](), threading.Event()
     sleeper = threading.Thread(target=sleeps, args=(wakes, ended), daemon=True)
     with closing(LiveSource("paced", lambda: _Paced(frames), None)) as source:
         source.first()
@@ -175,7 +175,7 @@ def _paced(session: Session, person: Partner, seconds: float, bar: Bar) -> dict[
                 done = time.monotonic_ns()
                 if begins.frame is not None:
                     took.append(1e-6 * (done - begins.frame.arrival_time_ns))
-                late_ms.append(1e-6 * (done - started))
+                tick_ms.append(1e-6 * (done - started))
                 if (passed := round(seconds - (end - time.monotonic()))) > shown:
                     advance()
                     shown = passed
@@ -185,9 +185,9 @@ def _paced(session: Session, person: Partner, seconds: float, bar: Bar) -> dict[
         ended.set()
         sleeper.join()
     return {
-        "ticks": len(late_ms),
+        "ticks": len(tick_ms),
         "arrival_to_pose_ms": percentiles(took),
-        "tick_ms": percentiles(late_ms),
+        "tick_ms": percentiles(tick_ms),
         "late": late,
         "sleeper_late_ms": percentiles(wakes),
     }

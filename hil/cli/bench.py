@@ -17,13 +17,18 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
+LONGEST_S = 86_400.0
+"""Nobody measures for more than a day; what counts in session time may have a month."""
+
 
 def _run(json: bool, measure: Callable[[Bar], bench.Measured]) -> None:
     """Measures, and prints what was found."""
     with progress_bars() as bar:
         found = measure(bar)
     print_result(found.figures, json, found.show)
-    if found.figures.get("broken"):  # a law, by a schedule of faults, an arm or a session
+    figures = found.figures
+    rig_stops = figures.get("rig", {}).get("stops")  # of ``bench contact``
+    if figures.get("broken") or figures.get("stopped") or rig_stops:  # a law was, and an arm, in a session or of many
         raise typer.Exit(1)
 
 
@@ -80,7 +85,9 @@ def bench_protocols(
     ] = None,
     protocol: Annotated[list[str] | None, typer.Option(help="Only this protocol; may be given again.")] = None,
     person: Person = None,
-    seconds: Annotated[float, typer.Option(min=1.0, help="For each protocol, and again for its slow reader.")] = 60.0,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, max=LONGEST_S, help="For each protocol, and again for its slow reader.")
+    ] = 60.0,
     json: Json = False,
 ) -> None:
     """Time frames from a server's wire to the tracked palm, and a slow reader, for each live protocol on loopback."""
@@ -89,7 +96,7 @@ def bench_protocols(
 
 @app.command("bus")
 def bench_bus(
-    seconds: Annotated[float, typer.Option(min=1.0, help="For each client.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=1.0, max=LONGEST_S, help="For each client.")] = 10.0,
     json: Json = False,
 ) -> None:
     """Time write and read cycles with seven emulated servos whose bytes take their time on the line."""
@@ -147,7 +154,7 @@ def bench_arms(
 
 @app.command("session")
 def bench_session(
-    minutes: Annotated[float, typer.Option(help="Of virtual time.")] = 10.0,
+    minutes: Annotated[float, typer.Option(min=0.1, max=LONGEST_S / 60.0, help="Of virtual time.")] = 10.0,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -157,7 +164,7 @@ def bench_session(
 
 @app.command("tick")
 def bench_tick(
-    seconds: Annotated[float, typer.Option(help="Of the paced part.")] = 20.0,
+    seconds: Annotated[float, typer.Option(min=2.0, max=LONGEST_S, help="Of the paced part.")] = 20.0,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -167,7 +174,9 @@ def bench_tick(
 
 @app.command("recording")
 def bench_recording(
-    hours: Annotated[float, typer.Option(help="Of a session, by the recording's own clock.")] = 8.0,
+    hours: Annotated[
+        float, typer.Option(min=0.01, max=720.0, help="Of a session, by the recording's own clock.")
+    ] = 8.0,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -224,7 +233,7 @@ def bench_sync(
 
 @app.command("view")
 def bench_view(
-    seconds: Annotated[float, typer.Option(min=1.0, help="For so long poses are counted.")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=1.0, max=LONGEST_S, help="For so long poses are counted.")] = 60.0,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -245,8 +254,12 @@ def bench_publish(
 @app.command("webcam")
 def bench_webcam(
     every: Annotated[int, typer.Option(min=1, max=4, help="Look at one picture in so many, of 15 a second.")] = 1,
-    latency: Annotated[float, typer.Option(help="From a picture until its landmarks arrive, ms.")] = 80.0,
-    hold: Annotated[float, typer.Option(help="For so long the hand is held where it is to be met, s.")] = 0.5,
+    latency: Annotated[
+        float, typer.Option(min=0.0, max=500.0, help="From a picture until its landmarks arrive, ms.")
+    ] = 80.0,
+    hold: Annotated[
+        float, typer.Option(min=0.0, max=2.0, help="For so long the hand is held where it is to be met, s.")
+    ] = 0.5,
     json: Json = False,
 ) -> None:
     """Play high fives with a rendered person as the webcam's nets saw her: touched on the screen, the wrist."""

@@ -25,6 +25,8 @@ def check_live_options(options: SimulateOptions, live: bool) -> None:
     check_webcam_options(options)
     if options.place is not None and not live:
         raise HighFiveError("--place keeps where a live person stands; add --source ADDRESS")
+    if options.place is not None and not options.place.parent.is_dir():
+        raise HighFiveError(f"--place {options.place}: there is no folder {options.place.parent}; make it first")
     if options.latency_ms and not live:
         raise HighFiveError("--latency is of a live person's system; add --source ADDRESS")
     if not 0.0 <= options.latency_ms <= LONGEST_LATENCY_MS:

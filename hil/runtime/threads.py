@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import connection, get_context, parent_process
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import TypeVar
 
@@ -51,7 +53,8 @@ def use_one_blas_thread() -> None:
 def parallel_map(
     function: Callable[[Job], Result], jobs: Sequence[Job], progress: Callable[[int], Callable[[], None]]
 ) -> Iterator[Result]:
-    """Results in order of the jobs, which a process a core works off.
+    """Results in order of the jobs, which a process a core works off. Whoever leaves early, by Ctrl-C too, ends them
+    in what they do.
 
     Args:
         function: a function of a module, not a closure, nor of the script that runs.
@@ -66,7 +69,14 @@ def parallel_map(
             advance()
         return
     # Spawned, not forked: JAX may run threads in this process.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker) as pool:
+    context = get_context("spawn")
+    over, end = context.Pipe(duplex=False)
+    with (
+        over,
+        end,
+        TemporaryDirectory(ignore_cleanup_errors=True) as scratch,
+        ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(over, scratch)) as pool,
+    ):
         try:
             with interrupts_held(), _script_hidden():
                 results = pool.map(function, jobs)
@@ -74,7 +84,8 @@ def parallel_map(
                 yield result
                 advance()
         except BaseException:
-            pool.shutdown(cancel_futures=True)  # leaving alone would wait for every job
+            end.close()  # leaving alone would wait for every job, and cancelling for those that have begun
+            pool.shutdown(cancel_futures=True)
             raise
 
 
@@ -89,16 +100,17 @@ def _script_hidden() -> Iterator[None]:
         sys.modules["__main__"] = script
 
 
-def _begin_worker() -> None:
+def _begin_worker(over: connection.Connection, scratch: str) -> None:
     use_one_blas_thread()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    tempfile.tempdir = scratch  # a worker that is ended in a job leaves its temporary files to its parent
+    threading.Thread(target=_end_with_parent, args=(over,), daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(over: connection.Connection) -> None:
     """A parent that was killed tells its workers nothing: they would wait for their next job for good."""
     parent = parent_process()
     if parent is not None:
-        connection.wait([parent.sentinel])
+        connection.wait([parent.sentinel, over])
         os._exit(1)
 
 

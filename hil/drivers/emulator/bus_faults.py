@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 from highfive.hil.drivers.bus.packet import LAST_ID
@@ -87,6 +87,20 @@ def parse_fault(text: str) -> BusFault:
     return BusFault(kind, servos, amount, start, end)
 
 
-def parse_faults(texts: Iterable[str]) -> tuple[BusFault, ...]:
-    """Several of them; a text may hold more than one, with commas between."""
-    return tuple(parse_fault(one) for text in texts for one in text.split(",") if one.strip())
+def parse_faults(texts: Iterable[str], servos: Collection[int] | None = None) -> tuple[BusFault, ...]:
+    """Several of them; a text may hold more than one, with commas between.
+
+    Args:
+        texts: the faults.
+        servos: IDs that there are; None where that is not known yet.
+
+    Raises:
+        HighFiveError: one is spelt otherwise, or of an ID that is not there.
+    """
+    given = [one for text in texts for one in text.split(",") if one.strip()]
+    faults = tuple(parse_fault(one) for one in given)
+    for text, fault in zip(given, faults, strict=True):
+        if servos is not None and (strange := fault.servos.difference(servos)):
+            known = ", ".join(map(str, sorted(servos)))
+            raise HighFiveError(f"fault {text!r}: there is no servo {min(strange)}; there are {known}")
+    return faults

@@ -113,6 +113,11 @@ class EmulatedBus:
         """What goes wrong, with times that count from the bus's beginning."""
         return tuple(self._faults)
 
+    @property
+    def ids(self) -> set[int]:
+        """Of the servos, as they are now."""
+        return {servo.id for servo in self.servos}
+
     def set_faults(self, faults: Iterable[BusFault], now_ns: int = 0) -> None:
         """From now on only these, and their times count from now."""
         self._faults = [fault.after(now_ns * 1e-9) for fault in faults]

@@ -92,9 +92,9 @@ class Emulator:
 
         Raises:
             HighFiveError: they are spelt otherwise than :func:`~highfive.hil.drivers.emulator.bus_faults.parse_fault`
-            wants.
+            wants, or of a servo that is not there.
         """
-        parsed = parse_faults([faults] if isinstance(faults, str) else faults)
+        parsed = parse_faults([faults] if isinstance(faults, str) else faults, self._bus.ids)
         in_force = Event()
         with self._lock:
             self._requested = parsed, in_force

@@ -70,9 +70,8 @@ def make_bus(options: EmulatorOptions) -> EmulatedBus:
     """The bus of the options, with their faults.
 
     Raises:
-        HighFiveError: there is no such rig or plant, or a fault is spelt otherwise.
+        HighFiveError: there is no such rig or plant, or a fault is spelt otherwise or of a servo that is not there.
     """
-    faults = parse_faults(options.faults)
     if options.servos:
         servos, joints = [_servo(text, options.baud_rate or FACTORY_BAUD) for text in options.servos], None
     else:
@@ -80,7 +79,7 @@ def make_bus(options: EmulatorOptions) -> EmulatedBus:
         servos, joints = build_servos(rig, configured=options.configured, baud_rate=options.baud_rate)
     plant = None if options.plant is None else _plant(options.plant)
     bus = EmulatedBus(servos, joints, plant, paced=options.paced, seed=options.seed)
-    bus.set_faults(faults)
+    bus.set_faults(parse_faults(options.faults, bus.ids))
     return bus
 
 
@@ -141,13 +140,14 @@ class EmulatorProcess:
         They are in force when this returns.
 
         Raises:
-            HighFiveError: they are spelt wrongly, or it has ended.
+            HighFiveError: they are spelt wrongly, or of a servo that is not there, or it has ended.
         """
         texts = [faults] if isinstance(faults, str) else list(faults)
         parse_faults(texts)
         self._say(",".join(texts))
-        if not self._heard():
-            raise HighFiveError(_ENDED)
+        said = self._heard()
+        if "faults" not in said:
+            raise HighFiveError(said.get("error", _ENDED))
 
     def kill(self) -> None:
         """Ends it as a power cut would."""
@@ -213,8 +213,12 @@ def _listen(
 ) -> None:
     try:
         for line in instructions:
-            emulator.set_faults(line.strip()).wait()
-            answer({"faults": line.strip()})
+            try:
+                emulator.set_faults(line.strip()).wait()
+            except HighFiveError as error:
+                answer({"error": str(error)})
+            else:
+                answer({"faults": line.strip()})
     finally:
         ended.set()
 

@@ -63,8 +63,8 @@ def test_a_raised_hand_is_seen_and_a_hanging_one_is_not(motion) -> None:
 
 
 def test_figures_are_of_those_that_were_touched() -> None:
-    felt = [LiveFelt("sad", "A1", True, 0.001 * k, 0.0, 1.0) for k in range(1, 21)]
-    found = figures([*felt, LiveFelt("sad", "A1", False, np.nan, np.nan, 1.0)])
+    felt = [LiveFelt("sad", "A1", True, 0.001 * k, 0.0, 1.0, 0.0) for k in range(1, 21)]
+    found = figures([*felt, LiveFelt("sad", "A1", False, np.nan, np.nan, 1.0, 0.0)])
     assert found == {"trials": 21, "touched": 20, "true_error_mm": {"median": 10.5, "p95": 19.05}}
     assert figures([])["touched"] == 0
 

@@ -48,7 +48,7 @@ def test_latency_costs_less_where_it_is_made_up_for(person: Partner) -> None:
 
 def test_people_whom_nobody_touched_have_no_figures() -> None:
     """As before a system of one frame a second: JSON has no NaN, and a table shows that there is nothing."""
-    missed = LiveFelt("sad", "B2", False, np.nan, np.nan, np.nan)
+    missed = LiveFelt("sad", "B2", False, np.nan, np.nan, np.nan, np.nan)
     row = figures([missed, missed])
     assert json.loads(json.dumps(row, allow_nan=False)) == {
         "trials": 2,
@@ -56,17 +56,19 @@ def test_people_whom_nobody_touched_have_no_figures() -> None:
         "contact_error_mm": {"median": None, "max": None},
         "time_error_ms": {"median": None, "max": None},
         "palm_speed_error": None,
+        "palm_speed_rms": None,
     }
     assert shown_pair(row["contact_error_mm"], "mm", 2).split() == ["-", "/", "-", "mm"]
     print_rates({"1": row})
     print_latency({"500": {"with": row, "without": row}})
-    touched = LiveFelt("sad", "B2", True, 0.002, -0.01, 0.99)
+    touched = LiveFelt("sad", "B2", True, 0.002, -0.01, 0.99, 0.05)
     assert figures([missed, touched]) == {
         "trials": 2,
         "touched": 1,
         "contact_error_mm": {"median": 2.0, "max": 2.0},
         "time_error_ms": {"median": 10.0, "max": 10.0},
         "palm_speed_error": 0.01,
+        "palm_speed_rms": 0.05,
     }
 
 

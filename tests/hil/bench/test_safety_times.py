@@ -37,6 +37,9 @@ ESTOP_MS, SILENT_MS, DEAD_SERVO_MS, HOLD_MS = 20.0, 100.0, 50.0, 100.0
 STANDS_MS = 240.0
 """The body stands before the look at it ends."""
 
+STAYS = 4 * 2 * np.pi / 4096
+"""rad: four counts of a servo; so little a limp arm sags by, or one that is just held, and nothing makes it jump."""
+
 # The driver's next look is half a ms away at most, and the hold takes one cycle. A host that is silent for 50 ms is
 # held where the arm is; one that is gone is found out in the same time. Where both are gone nobody is left but the
 # servos' own watchdogs: 80 ms.
@@ -76,7 +79,12 @@ def stop_in_time(happening: Happening, tick: int, phases: Sequence[float], refer
     ]
     # A driver whose host dies while it switches servos on does so to the end, and they hold; watchdogs that trip after
     # that make goals of where the joints stand.
-    times = [one.commanded_ms if tick == ENGAGING else one.changed_ms for one in found]
+    own = tick == ENGAGING and happening is kill_host
+    times = [one.commanded_ms if own else one.changed_ms for one in found]
+    if tick == ENGAGING:
+        assert max(one.moved for one in found) <= STAYS, found
+        assert {one.trips for one in found} == ({0} if happening is pull else {0, len(SERVOS)}), found
+        assert happening is not kill_both or max(times) > 60.0, "by the servos' own watchdogs"
     assert tell(f"{happening.__name__} in tick {tick}", times) <= BOUNDS[happening], found
     assert tell("  the body stands", [one.stood_ms for one in found]) <= STANDS_MS, found
 
@@ -89,7 +97,9 @@ def ticks(reference: ReferenceTrajectory) -> tuple[int, ...]:
 @pytest.mark.parametrize("happening", [pull, kill_host, kill_both])
 def test_it_stops_the_arm_in_time_in_a_high_five_too(happening: Happening, reference: ReferenceTrajectory) -> None:
     for number, tick in enumerate(ticks(reference)):
-        stop_in_time(happening, tick, PHASES[2 + 3 * number :: 12], reference)
+        # Of the instants of switching on one in which the arm is limp, and one in which it is held.
+        phases = PHASES[2::6] if tick == ENGAGING else PHASES[2 + 3 * number :: 12]
+        stop_in_time(happening, tick, phases, reference)
 
 
 @pytest.mark.slow(50)

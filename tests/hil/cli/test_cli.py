@@ -1,12 +1,16 @@
 """The command line: bad input gives one line and exit code 2; --json gives one object."""
 
 from pathlib import Path
+from typing import Any
 
 import ezc3d
 import numpy as np
 import pytest
+import typer
 
 from highfive.hil.cli import main as cli
+from highfive.hil.cli.bench import _run
+from highfive.hil.commands.bench import Measured
 from highfive.mocap_bridge.files.trial_table import write_table
 
 
@@ -88,6 +92,42 @@ def test_unknown_cell_option_and_command(highfive) -> None:
     assert_one_line(highfive("simulate", "--trials", "none"), "--trials")
     assert_one_line(highfive("simulate", "--nonsense"), "--nonsense")
     assert_one_line(highfive("wave"), "wave")
+
+
+@pytest.mark.parametrize("value", ["inf", "nan", "-1", "1e9"])
+@pytest.mark.parametrize(
+    ("bench", "option"),
+    [
+        ("session", "--minutes"),
+        ("recording", "--hours"),
+        ("tick", "--seconds"),
+        ("bus", "--seconds"),
+        ("protocols", "--seconds"),
+        ("view", "--seconds"),
+        ("webcam", "--hold"),
+        ("webcam", "--latency"),
+        ("rates", "--rate"),
+        ("latency", "--latency"),
+    ],
+)
+def test_what_cannot_be_measured_for_so_long_is_refused(highfive, bench: str, option: str, value: str) -> None:
+    assert_one_line(highfive("bench", bench, option, value))
+
+
+@pytest.mark.parametrize(
+    ("figures", "code"),
+    [
+        ({"broken": [], "stopped": "", "rig": {"stops": 0}}, 0),
+        ({"broken": [{"law": "closing speed"}]}, 1),
+        ({"stopped": "servo 4 does not answer"}, 1),
+        ({"stopped": [{"arm": 3, "why": "servo 4 does not answer"}]}, 1),
+        ({"twin": {}, "rig": {"stops": 1}}, 1),
+    ],
+)
+def test_a_bench_that_broke_a_law_or_stopped_an_arm_ends_with_one(figures: dict[str, Any], code: int) -> None:
+    bench = typer.Typer()
+    bench.command()(lambda: _run(False, lambda bar: Measured(figures, lambda found: None)))
+    assert (bench(args=[], standalone_mode=False) or 0) == code
 
 
 def test_model_files_that_are_none(highfive, tmp_path: Path) -> None:

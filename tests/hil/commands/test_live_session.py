@@ -158,6 +158,7 @@ fails = failing("simulate")
     [
         pytest.param(("--source", "vicon://127.0.0.1:9"), "nothing listens", marks=pytest.mark.slow),  # it waits 5 s
         (("--source", "vicom://127.0.0.1"), "unknown address"),
+        (("--source", "vicon://127.0.0.1:9", "--place", "no/such/place.toml"), "there is no folder no/such"),
     ],
 )
 def test_what_is_not_there_is_one_line(fails, words: tuple[str, ...], message: str, tmp_path: Path) -> None:

@@ -64,12 +64,8 @@ def test_the_rate_is_the_recordings() -> None:
 
 def test_told_to_stop_it_stops_at_once() -> None:
     notebook, stop = Notebook(), threading.Event()
-    thread = threading.Thread(target=serve, args=(recording(), notebook), kwargs={"loop": True, "stop": stop})
-    thread.start()
-    time.sleep(0.1)
-    stop.set()
-    thread.join(2.0)
-    assert not thread.is_alive()
+    serve(recording(), notebook, loop=True, stop=stop, sent=lambda frame: stop.set() if frame.number == 70 else None)
+    assert [frame.number for frame in notebook.frames] == list(range(71))
 
 
 def test_a_disconnect_hangs_up_once_and_answers_once() -> None:

@@ -84,6 +84,7 @@ def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     assert "nonsense.toml" in said(recorded, "--rig", nonsense)
     assert "go wrong on an emulated arm" in said(recorded, "--port", "/dev/ttyUSB99", "--arm", "--faults", "dead=4")
     assert "no fault 'tired'" in said(recorded, "--port", "virtual", "--faults", "tired")
+    assert "no servo 99; there are 1, 2," in said(recorded, "--port", "virtual", "--faults", "dead=99@1")
 
 
 def test_a_session_whose_arm_cannot_be_used_is_refused_at_once_and_leaves_no_folder(

@@ -214,6 +214,13 @@ def test_late_and_echo() -> None:
     assert data.startswith(wire.ping(1)) and times[0] == 300 * MS + 100_000
 
 
+def test_a_fault_of_a_servo_that_is_not_there_is_refused() -> None:
+    assert len(parse_faults(["dead=1+3,noise", "late:20"], bus_of(3).ids)) == 3
+    for text in ("dead=4", "dead=1,late=2+9:20"):
+        with pytest.raises(HighFiveError, match=r"there is no servo \d; there are 1, 2, 3$"):
+            parse_faults([text], bus_of(3).ids)
+
+
 def test_what_happens_to_servos() -> None:
     bus = bus_of(3)
     bus.set_faults(parse_faults(["overload=1@0.5,hot=2:95@0.5,brownout=3:5@0.5-1"]))

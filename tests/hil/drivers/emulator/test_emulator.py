@@ -45,6 +45,8 @@ def test_the_terminals_baud_rate_is_the_hosts() -> None:
         assert reply(line, wire.ping(3)) == [3]
         line.baudrate = BAUD
         assert reply(line, wire.ping(3), 0.5) == []
+        for _ in range(2):  # acknowledged a round of the emulator apart: it has read what there was
+            emulator.set_faults("")
         line.baudrate = 57_600
         assert reply(line, wire.ping(3)) == [3]
     assert emulator.summary["instructions"]["ping"] == 3
@@ -103,6 +105,9 @@ def test_faults_while_it_runs() -> None:
         wait_for(lambda: reply(line, wire.ping(4), 0.3) == [4])
         with pytest.raises(HighFiveError):
             emulator.set_faults("nonsense")
+        with pytest.raises(HighFiveError, match="there is no servo 99; there are 1, 2, 3, 4, 5, 6, 7"):
+            emulator.set_faults("dead=99")
+        assert reply(line, wire.ping(4)) == [4]  # it goes on
 
 
 def test_what_cannot_be_emulated_is_one_line(tmp_path: Path) -> None:
@@ -113,6 +118,7 @@ def test_what_cannot_be_emulated_is_one_line(tmp_path: Path) -> None:
         EmulatorOptions(link=str(tmp_path / "no" / "folder")),
         EmulatorOptions(plant="no.such:plant"),
         EmulatorOptions(faults=("nonsense",)),
+        EmulatorOptions(faults=("dead=99",)),
         EmulatorOptions(servos=("1=AX-12",)),
         EmulatorOptions(servos=("300=XM540-W270",)),
         EmulatorOptions(baud_rate=12),

@@ -41,11 +41,15 @@ FOLDERS = {
 FILES = {
     "train --out": ["train", "absent"],
     "calibrate subject --out": ["calibrate", "subject", "absent.c3d"],
+    "calibrate headset --out": ["calibrate", "headset", "--source", "vicon://127.0.0.1:9"],
     "stream --record": ["stream", "vicon://127.0.0.1:9"],
     "bench contact --picture": ["bench", "contact", "--baseline", "absent.json"],
     "rig reach --picture": ["rig", "reach"],
 }
-ENDINGS = {"train --out": ".safetensors", "calibrate subject --out": ".toml", "stream --record": ".c3d"}
+ENDINGS = {
+    "train --out": ".safetensors", "calibrate subject --out": ".toml", "calibrate headset --out": ".toml",
+    "stream --record": ".c3d",
+}  # fmt: skip
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
 READ = {
     *("simulate --data", "simulate --rig-file", "simulate --limits", "simulate --estop"),
@@ -55,7 +59,13 @@ READ = {
     *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),
     *("bench protocols --file", "bench contact --baseline"),
     *("rig emulate --rig", "rig check --rig", "rig configure --rig", "rig release --rig", "rig play --rig"),
-    *("rig play session", "rig play --limits", "rig play --estop"),
+    *("rig play session", "rig play --limits", "rig play --estop", "export session", "import files"),
+    "simulate --headset",
+}
+# A folder or a file, as the format has it, or given by what is read: tested where the command is.
+ELSEWHERE = {
+    "export --out": "commands/test_export.py",
+    "import --to": "commands/test_import.py",
 }
 LINKS = {"rig emulate --port-link"}
 # Read where they are there, made where they are not: tests/calibration/test_placement_file.py.
@@ -90,9 +100,11 @@ def paths() -> Iterator[str]:
 
 
 def test_no_command_writes_where_this_file_does_not_look() -> None:
-    assert set(paths()) == READ | LINKS | KEPT | FOLDERS.keys() | FILES.keys()
+    assert set(paths()) == READ | LINKS | KEPT | FOLDERS.keys() | FILES.keys() | ELSEWHERE.keys()
+    for name, tested in ELSEWHERE.items():
+        assert "overwrite" in (Path(__file__).parent.parent / tested).read_text(), name
     for command, callback in commands(cli.app):
-        writes = any(name.startswith(f"{command} --") for name in FOLDERS | FILES)
+        writes = any(name.startswith(f"{command} --") for name in FOLDERS | FILES | ELSEWHERE)
         assert ("overwrite" in inspect.signature(callback).parameters) == writes, command  # type: ignore[arg-type]
 
 

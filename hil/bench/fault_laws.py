@@ -16,6 +16,9 @@ from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED
 
 _FEWEST = 3  # ticks
+RELEASED, LAY = "torque off in a sound servo, rad from where the arm lay", 0.05
+"""The law, and rad: as near to where a limp arm lay it does not fall."""
+
 _SETTLED = 150  # rows of the box, ms, at its end in which the body stands
 
 
@@ -98,17 +101,25 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
 
 
 def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
-    """Currents that the servos may draw, where the body was, and whether it stands in the end."""
-    powered = np.array([all(row) for row in box.powered])
+    """Currents that the servos may draw, where the body was, that nobody lets it fall, and whether it stands in the end.
+
+    A joint that its servos have let down by themselves, by a fault of the bus, moves as it falls.
+    """
+    powered, sound = np.array(box.powered), np.array(box.sound)
     current = np.array([it.current for it in limits.joints])
-    allowed = np.array(box.allowed)[powered]
+    allowed = np.array(box.allowed)[powered.all(axis=1)]
     if len(allowed):
         laws.judge("goal current, of what is allowed", float((allowed / current).max()), 1.0 + 1e-3)
     positions, velocities = np.array(box.positions), np.abs(np.array(box.velocities))
     beyond = np.maximum(positions - MECHANICAL[:, 1], MECHANICAL[:, 0] - positions)
     laws.judge("body: position beyond its stop, rad", float(beyond.max()), 0.05)
-    if powered.any():
-        moving = (velocities / limits.speed)[powered]
-        laws.judge("body: speed, of what is allowed", float(moving.max()), 1.25)
-    if powered[-_SETTLED:].all():
+    on = np.flatnonzero(powered.any(axis=1))
+    if not len(on):  # it lies limp as it fell when the plant was switched on
+        return
+    moving = (velocities / limits.speed)[on[0] :][sound[on[0] :]]
+    laws.judge("body: speed, of what is allowed", float(moving.max(initial=0.0)), 1.25)
+    # As the servos are switched on they may be let go of again, over a mismatch: where it lay, the arm does not fall.
+    away = np.abs(positions - positions[on[0]]).max(axis=1)[np.array(box.released).any(axis=1)]
+    laws.judge(RELEASED, float(away.max(initial=0.0)), LAY)
+    if sound[-_SETTLED:].all():
         laws.judge("body: speed in the end, rad/s", float(velocities[-_SETTLED:].max()), STANDS)

@@ -10,7 +10,7 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm.lifecycle import emulator_options
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import judge_body
+from highfive.hil.bench.fault_laws import LAY, RELEASED, judge_body
 from highfive.hil.bench.fault_recording import judge_recording, record
 from highfive.hil.bench.fault_run import FaultJob, FaultRun, run_schedule
 from highfive.hil.bench.fault_schedule import (
@@ -47,8 +47,10 @@ from highfive.hil.bench.long_session import LongSessionOptions, bench_long_sessi
 from highfive.hil.bench.motion_laws import judge_body_motion, judge_wire_motion
 from highfive.hil.bench.session_phases import Occurrence
 from highfive.hil.bench.virtual_play import default_planner
+from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
+from highfive.hil.drivers.values import JointCommand
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.limits_file import load_limits
@@ -321,6 +323,38 @@ def test_a_body_that_leaves_its_limits_breaks_laws() -> None:
         change(box)
         judge_body(laws, box, limits)
         assert law in [name for name, _ in laws.broken]
+
+
+def test_an_arm_that_falls_breaks_a_law(partner: Partner, monkeypatch: pytest.MonkeyPatch) -> None:
+    hold = JointBus.hold
+
+    def let_go(joints: JointBus) -> JointCommand:
+        """A driver that is wrong: it switches torque off as the arm is to be stopped."""
+        held = hold(joints)
+        assert not joints.release()
+        return held
+
+    monkeypatch.setattr(JointBus, "hold", let_go)
+    laws, _ = run_schedule(FaultJob(schedule(Happening("emergency stop", 1.2)), partner))
+    assert RELEASED in [law for law, _ in laws.broken]
+    assert laws.worst[RELEASED] > LAY
+
+
+def test_a_servo_that_shuts_down_by_itself_breaks_no_law() -> None:
+    box = BlackBox(make_bus(emulator_options(ArmOptions())), load_rig())
+    servo = box.bus.servos[1]
+    box.look(MS)
+    for one in box.bus.servos:
+        one._put("torque_enable", 1)
+    box.look(2 * MS)
+    servo.fail(servo.values["shutdown"])
+    box.look(3 * MS)
+    servo.reboot(3 * MS)  # its error is gone, its torque stays off
+    box.look(4 * MS)
+    assert not any(map(any, box.released)) and [all(row) for row in box.sound] == [True, True, False, False]
+    box.bus.servos[0]._put("torque_enable", 0)
+    box.look(5 * MS)
+    assert sum(box.released[-1]) == 1
 
 
 def test_no_number_keeps_no_law() -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmTrial
+from highfive.hil.arm.loop import ArmTick
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.black_box import STANDS, BlackBox
 from highfive.hil.bench.laws import COUNT, PERSON_FIRST, ROUNDING, Laws
@@ -13,12 +16,14 @@ from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.safety.envelope import LATE_TICK
 from highfive.hil.safety.limits import MECHANICAL, Limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
-from highfive.hil.safety.states import HALTED
+from highfive.hil.safety.states import HALTED, State
+from highfive.model.geometry.rotations import Array
 
 _FEWEST = 3  # ticks
 RELEASED, LAY = "torque off in a sound servo, rad from where the arm lay", 0.05
 """The law, and rad: as near to where a limp arm lay it does not fall."""
 
+WAY_BACK = "reference: speed on the way back, rad/s"
 _SETTLED = 150  # rows of the box, ms, at its end in which the body stands
 
 
@@ -27,10 +32,11 @@ def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -
 
     Args:
         laws: added to.
-        trial: what the arm did.
+        trial: what the arm did; the way back is judged, too.
         limits: of the envelope.
         arm: the arm's kinematics.
     """
+    trial = trial.with_back
     sent = [it for it in trial.cycles if it.sent is not None]
     goals = np.array([it.sent.positions for it in sent if it.sent is not None])
     if len(goals):
@@ -80,6 +86,7 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     steps = np.clip(np.diff(times), 0.5 * period, LATE_TICK * period)  # what a tick moves by after a pause
     velocities = np.diff(references, axis=0) / steps[:, None]
     laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), ROUNDING)
+    _judge_way_back(laws, ticks, np.abs(velocities), limits)
     first = np.array([bool(it.report.acted & PERSON_FIRST) or it.report.fraction < 1.0 for it in ticks])
     whole = np.diff(times) > 0.5 * period  # of two ticks in a hurry neither tells a velocity
     judged = whole[1:] & whole[:-1] & ~first[2:] & ~first[1:-1]
@@ -100,8 +107,16 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     laws.judge_near("reference: speed near the head, m/s", face, limits.face.speed * ROUNDING)
 
 
+def _judge_way_back(laws: Laws, ticks: Sequence[ArmTick], speeds: Array, limits: Limits) -> None:
+    """Slowly: who comes in faster, to begin with, only slows down. ``speeds`` (T - 1, J), rad/s, between ticks."""
+    back = np.array([it.report.state is State.RETRACTING for it in ticks])
+    faster = speeds[1:] * (speeds[1:] > speeds[:-1]) * (back[2:] & back[1:-1])[:, None]
+    if back.any():
+        laws.judge(WAY_BACK, float(faster.max(initial=0.0)), limits.motion.retract * ROUNDING)
+
+
 def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
-    """Currents that the servos may draw, where the body was, that nobody lets it fall, and whether it stands in the end.
+    """Goal currents, where the body was, that nobody lets it fall, and whether it stands in the end.
 
     A joint that its servos have let down by themselves, by a fault of the bus, moves as it falls.
     """

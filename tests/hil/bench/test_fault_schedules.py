@@ -10,7 +10,7 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm.lifecycle import emulator_options
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import LAY, RELEASED, judge_body
+from highfive.hil.bench.fault_laws import LAY, RELEASED, WAY_BACK, judge_body, judge_commands
 from highfive.hil.bench.fault_recording import judge_recording, record
 from highfive.hil.bench.fault_run import FaultJob, FaultRun, run_schedule
 from highfive.hil.bench.fault_schedule import (
@@ -47,6 +47,7 @@ from highfive.hil.bench.long_session import LongSessionOptions, bench_long_sessi
 from highfive.hil.bench.motion_laws import judge_body_motion, judge_wire_motion
 from highfive.hil.bench.session_phases import Occurrence
 from highfive.hil.bench.virtual_play import default_planner
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
@@ -283,6 +284,30 @@ def test_wire_and_body_that_are_faster_than_a_limit_break_laws(played: FaultRun)
     joints = tuple(replace(joint, acceleration=0.5 * joint.acceleration) for joint in limits.joints)
     broken = {law for law, _ in motion_laws(played, replace(limits, joints=joints)).broken}
     assert broken == {"wire: acceleration, of what is allowed", "body: acceleration, of what is allowed"}
+
+
+def test_the_way_back_is_judged(played: FaultRun) -> None:
+    trial, limits, arm = played.trial, load_limits(), default_planner().arm
+    assert trial is not None and played.laws.worst[WAY_BACK] == pytest.approx(limits.motion.retract, rel=0.02)
+    whole = trial.with_back
+    assert len(trial.back.ticks) > 60 and len(whole.cycles) == len(trial.cycles) + len(trial.back.cycles)
+    assert np.diff([cycle.number for cycle in whole.cycles]).tolist() == [1] * (len(whole.cycles) - 1)
+    assert trial.back.ticks[-1].report.state is State.READY
+
+    def broken(cycles: list[Cycle], limits: Limits = limits) -> set[str]:
+        laws = Laws()
+        judge_commands(laws, replace(trial, back=replace(trial.back, cycles=cycles)), limits, arm)
+        return {law for law, _ in laws.broken}
+
+    def jumps(cycle: Cycle) -> Cycle:
+        assert cycle.sent is not None
+        return replace(cycle, sent=replace(cycle.sent, positions=cycle.sent.positions + 0.05))
+
+    cycles = trial.back.cycles
+    assert not broken(cycles)
+    assert "wire: speed, of what is allowed" in broken([*cycles[:30], *map(jumps, cycles[30:])])
+    slow = replace(limits, motion=replace(limits.motion, retract=0.2))
+    assert broken(cycles, slow) == {WAY_BACK}
 
 
 def test_a_body_that_does_otherwise_than_the_wire_breaks_laws(played: FaultRun) -> None:

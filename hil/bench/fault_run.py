@@ -40,6 +40,7 @@ from highfive.hil.bench.live_people import here, parts
 from highfive.hil.bench.motion_laws import judge_body_motion
 from highfive.hil.bench.session_phases import Occurrence, SessionPhases
 from highfive.hil.bench.virtual_play import default_planner
+from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
@@ -48,6 +49,7 @@ from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.safety.limits_file import load_limits
+from highfive.hil.safety.states import HALTED
 from highfive.hil.session.session import RATE_HZ, Session, TickInput
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.live_settings import LiveSettings
@@ -236,30 +238,42 @@ class FaultRun:
         self.laws.judge("the driver ends by an unexpected error", float(broken), 0.0)
         long = max((line.count("\n") for line in self.said), default=0)
         self.laws.judge("lines that a reason takes beyond one", float(long), 0.0)
-        stopped = self.trial is not None and self.trial.broken_off
-        silent = stopped and not self.said and not any(it.happening.kind in (*DEATHS, *STOPS) for it in self.occurred)
+        gone = any(it.happening.kind in ("Ctrl-C", "host killed", "machine killed") for it in self.occurred)
+        silent = self._stopped and not self.said and not gone  # who is gone says nothing more
         self.laws.judge("stopped without a reason", float(silent), 0.0)
 
+    @property
+    def _stopped(self) -> bool:
+        """The arm was kept from following, or stopped, be it once palms had met or on the way back."""
+        if self.trial is None or self.trial.broken_off:
+            return True
+        whole = self.trial.with_back
+        return whole.ticks[-1].report.state in HALTED or whole.cycles[-1].mode in (Mode.STOPPED, Mode.PORT_LOST)
+
     def _start_again(self, virtual: VirtualRig) -> None:
-        """With all mended and the servos switched off and on the arm can be used again."""
+        """With all mended, and where that is not enough the servos switched off and on, the arm can be used again."""
         clock, bus = virtual.clock, virtual.bus
         end = clock.now() + 5_000_000_000
         while virtual.arm is not None and virtual.arm.task.alive and clock.now() < end:
             clock.wait_until(clock.now() + 10_000_000)
         bus.set_faults([], virtual.now())
+        refused = self._refused(virtual)
+        if refused:
+            for servo in bus.servos:
+                servo.reboot(virtual.now())
+            clock.wait_until(clock.now() + round(1e9 * _BOOTED_S))
+            if again := self._refused(virtual):
+                self.said.append(f"not started again ({refused}), nor after switching off and on ({again})")
+            refused = again
+        self.laws.judge("the arm cannot be started again", float(bool(refused)), 0.0)
+
+    def _refused(self, virtual: VirtualRig) -> str:
+        """Why it cannot be started, '' where it can."""
         try:
             self._begin(virtual)
-            return
         except HighFiveError as error:
-            refused = str(error)
-        for servo in bus.servos:
-            servo.reboot(virtual.now())
-        clock.wait_until(clock.now() + round(1e9 * _BOOTED_S))
-        try:
-            self._begin(virtual)
-        except HighFiveError as error:
-            self.said.append(f"not started again ({refused}), nor after switching off and on ({error})")
-            self.laws.judge("the arm cannot be started again", 1.0, 0.0)
+            return str(error)
+        return ""
 
     def _begin(self, virtual: VirtualRig) -> None:
         with virtual_arm(virtual, retarget=default_planner()) as loop:

@@ -9,6 +9,7 @@ import pytest
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm.lifecycle import emulator_options
+from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.fault_laws import LAY, RELEASED, WAY_BACK, judge_body, judge_commands
 from highfive.hil.bench.fault_recording import judge_recording, record
@@ -225,6 +226,19 @@ def test_a_goal_that_comes_late_breaks_a_law() -> None:
     assert HOLD in broken_by(goal_at(760), None, stall, occurrence("driver stall", 450, 200))
 
 
+def test_a_joint_that_is_held_is_excused_once_a_creep_is_not() -> None:
+    for creeps in (False, True):
+        box = boxed()
+        box.goals = [list(row) for row in box.goals]
+        base = box.goals[0][0]
+        for ms in range(1000):
+            to = base + 0.19 * (1e-3 * max(0, ms - 100) if creeps else ms > 600)
+            box.goals[ms][0] = to
+            box.positions[ms] = box.positions[ms].copy()
+            box.positions[ms][0] = to - 0.005
+        assert bool(broken_by(box, 500 * MS)) == creeps
+
+
 def test_a_servo_whose_watchdog_is_late_or_never_stops_it_breaks_a_law() -> None:
     law = WATCHDOG.format("machine killed")
     for stopped, broken in ((580, False), (620, True), (1000, True)):
@@ -246,10 +260,21 @@ def played(partner: Partner, tmp_path_factory: pytest.TempPathFactory) -> FaultR
     return run
 
 
+def test_a_stop_without_a_reason_breaks_a_law(partner: Partner, monkeypatch: pytest.MonkeyPatch) -> None:
+    def silent(_: ArmLoop) -> str:
+        """A loop that is wrong: it says nothing."""
+        return ""
+
+    monkeypatch.setattr(ArmLoop, "trouble", property(silent))
+    laws, said = run_schedule(FaultJob(schedule(Happening("emergency stop", 1.9)), partner))
+    assert not said and "stopped without a reason" in [law for law, _ in laws.broken]
+
+
 def test_the_contact_is_found_by_its_time(played: FaultRun) -> None:
     assert played.trial is not None
     assert abs(played.trial.met.later) < 0.15
     assert len(played.trial.ticks) > 1.9 * RATE_HZ
+    assert played.laws.worst["the arm cannot be started again"] == 0.0
 
 
 def test_an_arm_that_follows_a_person_who_is_not_measured_breaks_a_law(played: FaultRun) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm.loop import ArmTick
@@ -86,9 +87,9 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     steps = np.clip(np.diff(times), 0.5 * period, LATE_TICK * period)  # what a tick moves by after a pause
     velocities = np.diff(references, axis=0) / steps[:, None]
     laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), ROUNDING)
-    _judge_way_back(laws, ticks, np.abs(velocities), limits)
     first = np.array([bool(it.report.acted & PERSON_FIRST) or it.report.fraction < 1.0 for it in ticks])
     whole = np.diff(times) > 0.5 * period  # of two ticks in a hurry neither tells a velocity
+    _judge_way_back(laws, ticks, np.abs(velocities), whole, limits)
     judged = whole[1:] & whole[:-1] & ~first[2:] & ~first[1:-1]
     change = np.abs(np.diff(velocities, axis=0)) / steps[1:, None] / limits.acceleration
     laws.judge("reference: acceleration, of what is allowed", float(change[judged].max(initial=0.0)), ROUNDING)
@@ -107,11 +108,17 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     laws.judge_near("reference: speed near the head, m/s", face, limits.face.speed * ROUNDING)
 
 
-def _judge_way_back(laws: Laws, ticks: Sequence[ArmTick], speeds: Array, limits: Limits) -> None:
-    """Slowly: who comes in faster, to begin with, only slows down. ``speeds`` (T - 1, J), rad/s, between ticks."""
+def _judge_way_back(
+    laws: Laws, ticks: Sequence[ArmTick], speeds: Array, whole: NDArray[np.bool_], limits: Limits
+) -> None:
+    """Slowly: who comes in faster, to begin with, only slows down.
+
+    ``speeds`` (T - 1, J), rad/s, between ticks, of those that are ``whole`` (T - 1,).
+    """
     back = np.array([it.report.state is State.RETRACTING for it in ticks])
-    faster = speeds[1:] * (speeds[1:] > speeds[:-1]) * (back[2:] & back[1:-1])[:, None]
-    if back.any():
+    judged = back[2:] & back[1:-1] & whole[1:] & whole[:-1]
+    faster = speeds[1:] * (speeds[1:] > speeds[:-1]) * judged[:, None]
+    if judged.any():
         laws.judge(WAY_BACK, float(faster.max(initial=0.0)), limits.motion.retract * ROUNDING)
 
 

@@ -442,6 +442,8 @@ def test_a_session_goes_on_and_on_without_a_missed_cycle() -> None:
     result = bench_long_session(LongSessionOptions(0.5), load_model(DEFAULT_MODEL), quiet)
     assert result["minutes"] >= 0.5 and result["trials"] >= 4 and result["stopped"] == ""
     assert result["missed_cycles"] == result["unanswered"] == 0 < result["cycles"]
+    assert result["cycles"] > 0.9 * 60 * 120 * result["minutes"] - 1.2 * 120  # and those of switching on
+    assert result["pauses"]["count"] == result["trials"] and 10.0 < result["pauses"]["max_ms"] < 1000.0
     assert not result["broken"]
     with pytest.raises(HighFiveError, match=r"ask for 0\.1 at least"):
         bench_long_session(LongSessionOptions(float("nan")), load_model(DEFAULT_MODEL), quiet)

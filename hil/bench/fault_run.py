@@ -19,7 +19,7 @@ from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.fault_laws import judge_body, judge_commands
-from highfive.hil.bench.fault_recording import judge_recording, record
+from highfive.hil.bench.fault_recording import FaultRecording
 from highfive.hil.bench.fault_schedule import (
     BUS,
     DEATHS,
@@ -45,7 +45,6 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.drivers.latch import Cause, Latch
-from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.safety.limits_file import load_limits
@@ -89,7 +88,7 @@ class FaultRun:
         self.box = BlackBox(make_bus(emulator_options(ArmOptions())), load_rig())
         self.trial: ArmTrial | None = None
         self._watch: ArmWatch | None = None
-        self._recorded = False
+        self._recording: FaultRecording | None = None
         self._room: int | None = None  # bytes that the disk still takes
         self._camera: FaultyCamera | None = None
         self._host: list[VirtualTask] = []  # the process's tasks
@@ -128,9 +127,10 @@ class FaultRun:
             about = SessionSettings(seed=self._schedule.seed, model="none", trials=1)
             with (
                 closing(LiveSource("simulated", lambda: link, None, RATE_HZ, scheduler)) as source,
-                SessionRecorder(self._path, about) as recorder,
+                FaultRecording(self._path, about, self._partner, self._room) as recording,
                 virtual_arm(virtual, retarget=default_planner(), estop=estop, has_host=self._has_host) as loop,
             ):
+                self._recording = recording
                 source.first()
                 self._watch = watch = ArmWatch(loop)
                 watch.begin()
@@ -141,12 +141,12 @@ class FaultRun:
                         tick = session.step(begins.frame, begins.time_ns)
                         live.watch(tick)
                         watch.watch(tick)
+                        recording.record(begins, tick, watch)
+                    if recording.ticks:
+                        recording.record_arm(watch)  # of the way back
                 finally:
-                    self.said += [line for line in (loop.trouble, live.trouble) if line]
+                    self.said += [line for line in (loop.trouble, live.trouble, recording.trouble) if line]
                 self.trial = self._done(watch)
-                if self.trial is not None:
-                    self._recorded = True
-                    record(recorder, self.trial, self._room)
         finally:
             phases.end()
 
@@ -187,6 +187,8 @@ class FaultRun:
             driver.hold(until)
         elif it.kind == FULL_DISK:
             self._room = round(it.amount)
+            if self._recording is not None:
+                self._recording.fill(self._room)
         elif it.kind in (*DEATHS, *STOPS):
             first = driver if it.kind == "driver killed" else host
             if first is None or not first.alive:
@@ -200,6 +202,8 @@ class FaultRun:
                 if it.kind == "Ctrl-C":
                     host.interrupt(KeyboardInterrupt())
                 if it.kind in ("host killed", "machine killed"):
+                    if self._recording is not None:
+                        self._recording.kill()
                     for task in self._host:
                         task.kill()
                 if it.kind in ("driver killed", "machine killed") and driver is not None:
@@ -220,8 +224,10 @@ class FaultRun:
             led += [] if estop.pulled_ns is None else [estop.pulled_ns]  # from which on it may brake as hard as it can
             until_ns = min(led, default=self.box.times[-1])
             judge_body_motion(self.laws, self.trial, self.box, limits, planner.arm, until_ns)
-            if self._recorded:
-                judge_recording(self.laws, self.trial, self._path)
+        if self._recording is not None:
+            self._recording.judge(self.laws)
+        if self.occurred and all(it.happening.kind == FULL_DISK for it in self.occurred):
+            self.laws.judge("a full disk stops the arm", float(self._recording is not None and self._stopped), 0.0)
 
     def _judge_errors(self, host: VirtualTask, virtual: VirtualRig) -> None:
         """Nothing ends by an error that is none of ours, and each of ours is one line."""

@@ -12,7 +12,7 @@ from highfive.hil.arm.lifecycle import emulator_options
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.fault_laws import LAY, RELEASED, WAY_BACK, judge_body, judge_commands
-from highfive.hil.bench.fault_recording import judge_recording, record
+from highfive.hil.bench.fault_recording import CUT, LOST
 from highfive.hil.bench.fault_run import FaultJob, FaultRun, run_schedule
 from highfive.hil.bench.fault_schedule import (
     BUS,
@@ -53,13 +53,11 @@ from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.values import JointCommand
-from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.states import State
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.trials.partners import Partner, simulated_partners
-from highfive.hil.trials.summary import SessionSettings
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
@@ -345,18 +343,41 @@ def test_a_body_that_does_otherwise_than_the_wire_breaks_laws(played: FaultRun) 
     assert broken == {"body: acceleration, of what is allowed"}
 
 
-def test_a_message_that_is_not_in_the_recording_breaks_a_law(played: FaultRun, tmp_path: Path) -> None:
-    assert played.trial is not None
-    path = tmp_path / "arm.mcap"
-    with SessionRecorder(path, SessionSettings(seed=1, model="none", trials=1)) as recorder:
-        record(recorder, played.trial, None)
-    for trial, lost in (
-        (played.trial, 0),
-        (replace(played.trial, ticks=played.trial.ticks * 2), len(played.trial.ticks)),
-    ):
+def test_a_message_that_is_not_in_the_recording_breaks_a_law(played: FaultRun) -> None:
+    recording = played._recording
+    assert recording is not None and played.trial is not None and played.laws.worst[LOST] == 0.0
+    assert CUT not in played.laws.worst
+    assert len(recording.arm_ticks) == len(played.trial.with_back.ticks)
+    assert len(recording.cycles) >= len(played.trial.with_back.cycles)
+    recording.cycles.append(recording.cycles[-1] + 1)
+    recording.arm_ticks[7] += 1
+    try:
         laws = Laws()
-        judge_recording(laws, trial, path)
-        assert laws.worst == {"recorded messages that are lost": lost} and bool(laws.broken) == bool(lost)
+        recording.judge(laws)
+        assert laws.broken == [(LOST, 2.0)]
+    finally:
+        recording.cycles.pop()
+        recording.arm_ticks[7] -= 1
+
+
+@pytest.mark.parametrize(
+    "happening", [Happening("host killed", 1.2), Happening("full disk", 1.0, 0.0, 20_000.0), Happening("Ctrl-C", 1.2)]
+)
+def test_what_was_recorded_half_a_second_before_is_there(
+    happening: Happening, partner: Partner, tmp_path: Path
+) -> None:
+    run = FaultRun(FaultJob(schedule(happening), partner), tmp_path)
+    run.run()
+    assert not run.laws.broken and run.laws.worst[LOST] == 0.0
+    if happening.kind == "Ctrl-C":
+        assert CUT not in run.laws.worst
+        return
+    assert 0.1 < run.laws.worst[CUT] <= 0.5
+    recording, laws = run._recording, Laws()
+    assert recording is not None
+    recording.ticks += [recording.ticks[-1] + 400 * MS * n for n in (1, 2)]  # ticks that are in no chunk
+    recording.judge(laws)
+    assert [law for law, _ in laws.broken] == [CUT]
 
 
 def test_a_body_that_leaves_its_limits_breaks_laws() -> None:

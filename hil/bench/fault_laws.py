@@ -38,14 +38,25 @@ def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -
         arm: the arm's kinematics.
     """
     trial = trial.with_back
-    sent = [it for it in trial.cycles if it.sent is not None]
-    goals = np.array([it.sent.positions for it in sent if it.sent is not None])
-    if len(goals):
-        beyond = np.maximum(goals - limits.highest, limits.lowest - goals)
-        laws.judge("wire: position beyond its limit, rad", beyond.max() - limits.feed_forward.largest, COUNT)
+    _judge_positions(laws, trial, limits)
     laws.judge("wire: speed, of what is allowed", _fastest_step(trial, limits), 1.0)
     judge_wire_motion(laws, trial, limits, arm)
     _judge_references(laws, trial, limits, arm)
+
+
+def _judge_positions(laws: Laws, trial: ArmTrial, limits: Limits) -> None:
+    """Within limits, or where the arm stood beyond them as it began; a goal to stay is where a servo said it was."""
+    beyond = -np.inf
+    began = trial.cycles[0].state.positions
+    stood = began
+    for cycle in trial.cycles:
+        if cycle.sent is not None:
+            goals, own = cycle.sent.positions, began if cycle.mode is Mode.DRIVING else stood
+            high, low = np.maximum(limits.highest, own), np.minimum(limits.lowest, own)
+            beyond = max(beyond, float(np.maximum(goals - high, low - goals).max()))
+        stood = cycle.state.positions
+    if np.isfinite(beyond):
+        laws.judge("wire: position beyond its limit, rad", beyond, COUNT)
 
 
 def _fastest_step(trial: ArmTrial, limits: Limits) -> float:

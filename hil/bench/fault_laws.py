@@ -76,7 +76,7 @@ def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
         step = None if before is None else np.abs(cycle.sent.positions - before.positions)
         if step is not None and step.any():
             seconds = now_s - since_s if stood else min(now_s - since_s, late)
-            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * COUNT
+            most = limits.speed * seconds + 2.0 * COUNT
             found = max(found, float((step / most).max()))
         if step is None or step.any():
             before, since_s, stood = cycle.sent, now_s, False

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
-from highfive.hil.arm.loop import ArmLoop, ArmTick
+from highfive.hil.arm.loop import ArmLoop, ArmTick, WayBack
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm
@@ -41,6 +41,7 @@ class ArmTrial:
         met: how plate and palm met.
         due: tick in which the session had the palms touch.
         broken_off: the arm was stopped before plate and palm had touched; it says nothing of how well they meet.
+        back: what it did after its last tick, on its way to where it rests; in none of the figures.
     """
 
     ticks: tuple[ArmTick, ...]
@@ -49,6 +50,14 @@ class ArmTrial:
     met: ContactOutcome
     due: int
     broken_off: bool
+    back: WayBack = field(default_factory=WayBack)
+
+    @property
+    def with_back(self) -> ArmTrial:
+        """The same with the way back among its ticks and cycles: for what is judged of all that went over the wire."""
+        return replace(
+            self, ticks=(*self.ticks, *self.back.ticks), cycles=(*self.cycles, *self.back.cycles), back=WayBack()
+        )
 
     @cached_property
     def times(self) -> Array:
@@ -138,10 +147,11 @@ def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop) -> ArmTr
     Raises:
         HighFiveError: it was not allowed to; it says why. Nothing has moved.
     """
-    ticks, cycles = loop.play(reference.goals)
+    back = WayBack()
+    ticks, cycles = loop.play(reference.goals, back)
     if len(ticks) < FEWEST or len(_meanwhile(ticks, cycles)) < FEWEST:
         return None
-    return arm_trial(reference, loop.retarget, ticks, cycles, loop.relaxation)
+    return replace(arm_trial(reference, loop.retarget, ticks, cycles, loop.relaxation), back=back)
 
 
 def arm_trial(
@@ -209,12 +219,13 @@ class ArmWatch:
         self._ticks: list[ArmTick] = []
         self._session: list[Tick] = []
         self._cycles: list[Cycle] = []
+        self._back = WayBack()
         self._given_up = ConstraintRelaxation()
         self._taken = 0, 0
 
     def begin(self) -> None:
         """A new trial: the arm is checked again."""
-        self._ticks, self._session, self._cycles = [], [], []
+        self._ticks, self._session, self._cycles, self._back = [], [], [], WayBack()
         self._taken = 0, 0
         self.loop.begin()
 
@@ -223,7 +234,7 @@ class ArmWatch:
         yield from self.loop.timed(inputs)
         self._given_up = self.loop.relaxation
         self._cycles += self.loop.cycles()
-        self.loop.rest()
+        self.loop.rest(self._back)
 
     def watch(self, tick: Tick) -> None:
         """One tick of the session."""
@@ -232,10 +243,14 @@ class ArmWatch:
         self._cycles += self.loop.cycles()
 
     def fresh(self) -> tuple[Sequence[ArmTick], Sequence[Cycle]]:
-        """Ticks and cycles of this trial since the last call."""
+        """Ticks and cycles of this trial, and of the way back from it, since the last call."""
         ticks, cycles = self._taken
-        self._taken = len(self._ticks), len(self._cycles)
-        return self._ticks[ticks:], self._cycles[cycles:]
+        back, own = self._back, (len(self._ticks), len(self._cycles))
+        self._taken = own[0] + len(back.ticks), own[1] + len(back.cycles)
+        return (
+            self._ticks[ticks:] + back.ticks[max(0, ticks - own[0]) :],
+            self._cycles[cycles:] + back.cycles[max(0, cycles - own[1]) :],
+        )
 
     def joints(self) -> tuple[Array, Array] | None:
         """(J,) rad as measured last, and as requested last; None before that."""
@@ -263,7 +278,8 @@ class ArmWatch:
         rows = np.arange(len(reference.goals)) / RATE_HZ
         rows = rows[rows <= times[len(frames) - 1] + 0.5 / RATE_HZ]  # what was interrupted is no tick
         moments = np.interp(rows, times[: len(frames)], frames)
-        return arm_trial(reference, self.loop.retarget, self._ticks, self._cycles, self._given_up, moments)
+        trial = arm_trial(reference, self.loop.retarget, self._ticks, self._cycles, self._given_up, moments)
+        return replace(trial, back=self._back)
 
 
 def percentiles(values: Array) -> dict[str, float | None]:

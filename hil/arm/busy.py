@@ -25,7 +25,8 @@ def too_busy(trial: ArmTrial | None, cycles: Sequence[Cycle] = (), stopped_by: C
         stopped_by: the rules that stopped it: between two high fives no tick of a trial has them.
     """
     acted = set(stopped_by) | (set() if trial is None else {r for tick in trial.ticks for r in tick.report.acted})
-    last = [*(() if trial is None else trial.cycles[-_AT_THE_END:]), *cycles[:_AT_THE_END]]
+    of_trial = () if trial is None else (*trial.cycles[-_AT_THE_END:], *trial.back.cycles[-_AT_THE_END:])
+    last = [*of_trial, *cycles[:_AT_THE_END]]
     late = any(cycle.begun_ns - cycle.due_ns > LATE_NS for cycle in last)
     if Rule.DEADLINE not in acted and not (late and Rule.SILENT_SERVO in acted):
         return ""

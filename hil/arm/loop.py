@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -59,6 +59,18 @@ class ArmTick:
     report: Report
     retarget_ms: float
     step_ms: float
+
+
+@dataclass(frozen=True)
+class WayBack:
+    """What the arm does on its way to where it rests, as it comes.
+
+    Attributes:
+        ticks, cycles: of the arm and of the bus.
+    """
+
+    ticks: list[ArmTick] = field(default_factory=list)
+    cycles: list[Cycle] = field(default_factory=list)
 
 
 class Driver(Protocol):
@@ -237,8 +249,12 @@ class ArmLoop:
         step_ms = 1e-6 * (time.perf_counter_ns() - started)
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
-    def play(self, goals: Iterable[PalmGoal]) -> tuple[list[ArmTick], list[Cycle]]:
+    def play(self, goals: Iterable[PalmGoal], back: WayBack | None = None) -> tuple[list[ArmTick], list[Cycle]]:
         """Goals of a high five, one per tick, from now on; then to where the arm rests. Ends early once it was stopped.
+
+        Args:
+            goals: of the ticks.
+            back: added to on the way back.
 
         Returns:
             the ticks, and the cycles of the bus until the last of them.
@@ -262,17 +278,26 @@ class ArmLoop:
             due += period
             if self.trouble and not self._braking:
                 break
-        self.rest()
+        self.rest(back)
         return ticks, cycles
 
-    def rest(self, longest_s: float = REST_S) -> None:
+    def rest(self, back: WayBack | None = None, longest_s: float = REST_S) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
-        end."""
+        end.
+
+        Args:
+            back: added to meanwhile; None leaves the cycles unread.
+            longest_s: s, that this takes.
+        """
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
         due, end = self.clock.now(), self.clock.now() + round(longest_s * 1e9)
         while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
-            self.tick(goal, run=False)
+            self.note_frame()
+            tick = self.tick(goal, run=False)
+            if back is not None:
+                back.ticks.append(tick)
+                back.cycles.extend(self.cycles())
             due += round(1e9 * self._limits.timing.period_s)
             self.clock.wait_until(due)
 

@@ -14,6 +14,7 @@ from highfive.hil.arm.lifecycle import virtual_arm
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.fault_laws import judge_body, judge_commands
 from highfive.hil.bench.laws import Laws, largest
+from highfive.hil.bench.motion_laws import judge_body_motion
 from highfive.hil.bench.perturbed_arm import drawn_perturbation, perturbed_bus
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.bench.virtual_play import default_planner
@@ -65,12 +66,15 @@ class ArmPlayed:
         outcomes: of each high five, by where its plate really was.
         laws: as they were kept.
         speeds: m/s, the body's largest ones near hand and head, really.
+        motion: the worst of :func:`highfive.hil.bench.motion_laws.judge_body_motion`, which is no law here: an arm that
+            is weaker than its model swings.
         trouble: why it was stopped, or not started; '' if it was not.
     """
 
     outcomes: tuple[ContactOutcome, ...]
     laws: Laws
     speeds: tuple[float, float]
+    motion: dict[str, float]
     trouble: str
 
 
@@ -78,6 +82,7 @@ def play_with(job: ArmJob) -> ArmPlayed:
     """Has one arm play its high fives."""
     rig, limits, planner, laws = load_rig(), load_limits(), default_planner(), Laws()
     outcomes: list[ContactOutcome] = []
+    motion = Laws()
     speeds = [(0.0, 0.0)]
     trouble = ""
     with VirtualClock(job.arm) as clock:
@@ -89,6 +94,7 @@ def play_with(job: ArmJob) -> ArmPlayed:
                     trial = played_until_stopped(reference, loop)
                     if trial is not None:
                         judge_commands(laws, trial, limits, planner.arm)
+                        judge_body_motion(motion, trial, box, limits, planner.arm, box.times[-1])
                     if trial is None or loop.trouble:
                         trouble = loop.trouble
                         break
@@ -98,7 +104,9 @@ def play_with(job: ArmJob) -> ArmPlayed:
             trouble = str(error)
         clock.wait_until(clock.now() + _LOOKED_ON_NS)
     judge_body(laws, box, limits)
-    return ArmPlayed(tuple(outcomes), laws, (max(it for it, _ in speeds), max(it for _, it in speeds)), trouble)
+    return ArmPlayed(
+        tuple(outcomes), laws, (max(it for it, _ in speeds), max(it for _, it in speeds)), motion.worst, trouble
+    )
 
 
 def _joints_at(box: BlackBox, times: Sequence[int]) -> list[np.ndarray]:
@@ -151,8 +159,8 @@ def arms_figures(jobs: Sequence[ArmJob], played: Sequence[ArmPlayed]) -> dict[st
     Returns:
         ``arms``, ``high_fives``; ``error_mm``: ``median``, ``p90``, ``max`` of plate to palm where that was possible;
         ``by_arm_mm``: of the arms' medians the ``median`` and the ``max``; ``missed``; ``body_closing_speed`` and
-        ``body_face_speed``, m/s; ``worst``: law → value; ``broken``: ``law``, ``arm``, ``value``; ``stopped``: ``arm``
-        and why.
+        ``body_face_speed``, m/s; ``motion``: figure → worst value, which is held to nothing; ``worst``: law → value;
+        ``broken``: ``law``, ``arm``, ``value``; ``stopped``: ``arm`` and why.
     """
     able = [[it for it in one.outcomes if it.possible] for one in played]
     errors = 1e3 * np.array([it.error for one in able for it in one])
@@ -165,6 +173,7 @@ def arms_figures(jobs: Sequence[ArmJob], played: Sequence[ArmPlayed]) -> dict[st
         "missed": sum(not it.touched for one in able for it in one),
         "body_closing_speed": round(max(one.speeds[0] for one in played), 3),
         "body_face_speed": round(max(one.speeds[1] for one in played), 3),
+        "motion": {name: round(value, 4) for name, value in sorted(largest([it.motion for it in played]).items())},
         "worst": {law: round(value, 4) for law, value in sorted(largest([it.laws.worst for it in played]).items())},
         "broken": [
             {"law": law, "arm": job.arm, "value": value}
@@ -189,6 +198,8 @@ def print_arms(result: dict[str, Any]) -> None:
     print(
         f"  the body, m/s       {result['body_closing_speed']} near the hand, {result['body_face_speed']} near the head"
     )
+    for name, value in result["motion"].items():
+        print(f"  {name:<52}{value:>10.4g}   no law here")
     for law, value in result["worst"].items():
         print(f"  {law:<52}{value:>10.4g}")
     for one in result["stopped"]:

@@ -29,6 +29,8 @@ class BlackBox:
         allowed: (J,) A, goal currents.
         positions, velocities: (J,) rad and rad/s of the body.
         powered: (J,) bool, torque is on in every servo of the joint.
+        sound: (J,) bool, no servo of the joint has shut down, or lost its power, since it was last switched on.
+        released: (J,) bool, in a servo of the joint that has not, torque went off since the row before.
         trips: watchdogs that have tripped; a servo whose watchdog trips makes its place its goal.
         watched: servos with torque on whose watchdog runs.
     """
@@ -41,6 +43,8 @@ class BlackBox:
     positions: list[Array] = field(default_factory=list)
     velocities: list[Array] = field(default_factory=list)
     powered: list[list[bool]] = field(default_factory=list)
+    sound: list[list[bool]] = field(default_factory=list)
+    released: list[list[bool]] = field(default_factory=list)
     trips: list[int] = field(default_factory=list)
     watched: list[int] = field(default_factory=list)
 
@@ -50,6 +54,7 @@ class BlackBox:
         self._servos = [by_id[joint.id] for joint in self.rig.joints]
         self._all = [[by_id[servo] for servo in joint.ids] for joint in self.rig.joints]
         self._registers: list[int] = []
+        self._down, self._on = set[int](), set[int]()  # IDs: let down since they were last on; with torque
 
     def look(self, now_ns: int) -> None:
         """Adds a row."""
@@ -66,11 +71,14 @@ class BlackBox:
         registers += [
             s.values[name] for servos in self._all for s in servos for name in ("torque_enable", "bus_watchdog")
         ]
+        registers += [s.let_down for servos in self._all for s in servos]
         if registers == self._registers and self.goals:
             self.goals.append(self.goals[-1])
             self.allowed.append(self.allowed[-1])
             self.powered.append(self.powered[-1])
             self.watched.append(self.watched[-1])
+            self.sound.append(self.sound[-1])
+            self.released.append([False] * len(self._all))
             return
         self._registers = registers
         self.goals.append(
@@ -80,11 +88,22 @@ class BlackBox:
         self.powered.append([all(s.values["torque_enable"] for s in servos) for servos in self._all])
         running = [s.values["torque_enable"] and s.values["bus_watchdog"] > 0 for servos in self._all for s in servos]
         self.watched.append(sum(map(bool, running)))
+        self._look_at_torque()
+
+    def _look_at_torque(self) -> None:
+        """Who has it, and who lost it by itself: a servo that starts again after that is not sound before it is on."""
+        servos = [servo for joint in self._all for servo in joint]
+        on = {servo.id for servo in servos if servo.values["torque_enable"]}
+        self._down = (self._down | {servo.id for servo in servos if servo.let_down}) - on
+        off = self._on - on - self._down
+        self._on = on
+        self.sound.append([all(s.id not in self._down for s in joint) for joint in self._all])
+        self.released.append([any(s.id in off for s in joint) for joint in self._all])
 
     def clear(self) -> None:
         """Forgets what was."""
         rows_of = (self.times, self.goals, self.allowed, self.positions, self.velocities)
-        for rows in (*rows_of, self.powered, self.trips, self.watched):
+        for rows in (*rows_of, self.powered, self.sound, self.released, self.trips, self.watched):
             rows.clear()
 
     def last_change_ns(self, since_ns: int) -> int:
@@ -97,14 +116,16 @@ class BlackBox:
         """When a servo last had another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
 
         What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count, nor
-        does a joint that is commanded to stay where it is.
+        does a joint that is commanded to stay where it is: once for each joint, a creep is not excused.
         """
         times, powered = np.array(self.times), np.array(self.powered)
         own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
         goals, positions = np.array(self.goals), np.array(self.positions)
         stays = (np.abs(goals - positions) < HERE) & (np.abs(np.array(self.velocities)) < SAGS)
-        changed = ((np.diff(goals, axis=0) != 0.0) & ~stays[1:]).any(axis=1) & ~own
-        changed &= (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
+        within = (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
+        moved = (np.diff(goals, axis=0) != 0.0) & within[:, None] & ~own[:, None]
+        held = moved & stays[1:]
+        changed = (moved & ~(held & (np.cumsum(held, axis=0) == 1))).any(axis=1)
         return 1e-6 * float(times[1:][changed].max(initial=since_ns) - since_ns)
 
     def stopped_after_ms(self, since_ns: int) -> float | None:

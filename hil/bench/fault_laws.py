@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from highfive.hil.arm.arm_trial import ArmTrial
+from highfive.hil.arm.loop import ArmTick
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.black_box import STANDS, BlackBox
 from highfive.hil.bench.laws import COUNT, PERSON_FIRST, ROUNDING, Laws
@@ -13,9 +17,14 @@ from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.safety.envelope import LATE_TICK
 from highfive.hil.safety.limits import MECHANICAL, Limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
-from highfive.hil.safety.states import HALTED
+from highfive.hil.safety.states import HALTED, State
+from highfive.model.geometry.rotations import Array
 
 _FEWEST = 3  # ticks
+RELEASED, LAY = "torque off in a sound servo, rad from where the arm lay", 0.05
+"""The law, and rad: as near to where a limp arm lay it does not fall."""
+
+WAY_BACK = "reference: speed on the way back, rad/s"
 _SETTLED = 150  # rows of the box, ms, at its end in which the body stands
 
 
@@ -24,18 +33,30 @@ def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -
 
     Args:
         laws: added to.
-        trial: what the arm did.
+        trial: what the arm did; the way back is judged, too.
         limits: of the envelope.
         arm: the arm's kinematics.
     """
-    sent = [it for it in trial.cycles if it.sent is not None]
-    goals = np.array([it.sent.positions for it in sent if it.sent is not None])
-    if len(goals):
-        beyond = np.maximum(goals - limits.highest, limits.lowest - goals)
-        laws.judge("wire: position beyond its limit, rad", beyond.max() - limits.feed_forward.largest, COUNT)
+    trial = trial.with_back
+    _judge_positions(laws, trial, limits)
     laws.judge("wire: speed, of what is allowed", _fastest_step(trial, limits), 1.0)
     judge_wire_motion(laws, trial, limits, arm)
     _judge_references(laws, trial, limits, arm)
+
+
+def _judge_positions(laws: Laws, trial: ArmTrial, limits: Limits) -> None:
+    """Within limits, or where the arm stood beyond them as it began; a goal to stay is where a servo said it was."""
+    beyond = -np.inf
+    began = trial.cycles[0].state.positions
+    stood = began
+    for cycle in trial.cycles:
+        if cycle.sent is not None:
+            goals, own = cycle.sent.positions, began if cycle.mode is Mode.DRIVING else stood
+            high, low = np.maximum(limits.highest, own), np.minimum(limits.lowest, own)
+            beyond = max(beyond, float(np.maximum(goals - high, low - goals).max()))
+        stood = cycle.state.positions
+    if np.isfinite(beyond):
+        laws.judge("wire: position beyond its limit, rad", beyond, COUNT)
 
 
 def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
@@ -55,7 +76,7 @@ def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
         step = None if before is None else np.abs(cycle.sent.positions - before.positions)
         if step is not None and step.any():
             seconds = now_s - since_s if stood else min(now_s - since_s, late)
-            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * COUNT
+            most = limits.speed * seconds + 2.0 * COUNT
             found = max(found, float((step / most).max()))
         if step is None or step.any():
             before, since_s, stood = cycle.sent, now_s, False
@@ -79,6 +100,7 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     laws.judge("reference: speed, of what is allowed", float((np.abs(velocities) / limits.speed).max()), ROUNDING)
     first = np.array([bool(it.report.acted & PERSON_FIRST) or it.report.fraction < 1.0 for it in ticks])
     whole = np.diff(times) > 0.5 * period  # of two ticks in a hurry neither tells a velocity
+    _judge_way_back(laws, ticks, np.abs(velocities), whole, limits)
     judged = whole[1:] & whole[:-1] & ~first[2:] & ~first[1:-1]
     change = np.abs(np.diff(velocities, axis=0)) / steps[1:, None] / limits.acceleration
     laws.judge("reference: acceleration, of what is allowed", float(change[judged].max(initial=0.0)), ROUNDING)
@@ -97,18 +119,40 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     laws.judge_near("reference: speed near the head, m/s", face, limits.face.speed * ROUNDING)
 
 
+def _judge_way_back(
+    laws: Laws, ticks: Sequence[ArmTick], speeds: Array, whole: NDArray[np.bool_], limits: Limits
+) -> None:
+    """Slowly: who comes in faster, to begin with, only slows down.
+
+    ``speeds`` (T - 1, J), rad/s, between ticks, of those that are ``whole`` (T - 1,).
+    """
+    back = np.array([it.report.state is State.RETRACTING for it in ticks])
+    judged = back[2:] & back[1:-1] & whole[1:] & whole[:-1]
+    faster = speeds[1:] * (speeds[1:] > speeds[:-1]) * judged[:, None]
+    if judged.any():
+        laws.judge(WAY_BACK, float(faster.max(initial=0.0)), limits.motion.retract * ROUNDING)
+
+
 def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
-    """Currents that the servos may draw, where the body was, and whether it stands in the end."""
-    powered = np.array([all(row) for row in box.powered])
+    """Goal currents, where the body was, that nobody lets it fall, and whether it stands in the end.
+
+    A joint that its servos have let down by themselves, by a fault of the bus, moves as it falls.
+    """
+    powered, sound = np.array(box.powered), np.array(box.sound)
     current = np.array([it.current for it in limits.joints])
-    allowed = np.array(box.allowed)[powered]
+    allowed = np.array(box.allowed)[powered.all(axis=1)]
     if len(allowed):
         laws.judge("goal current, of what is allowed", float((allowed / current).max()), 1.0 + 1e-3)
     positions, velocities = np.array(box.positions), np.abs(np.array(box.velocities))
     beyond = np.maximum(positions - MECHANICAL[:, 1], MECHANICAL[:, 0] - positions)
     laws.judge("body: position beyond its stop, rad", float(beyond.max()), 0.05)
-    if powered.any():
-        moving = (velocities / limits.speed)[powered]
-        laws.judge("body: speed, of what is allowed", float(moving.max()), 1.25)
-    if powered[-_SETTLED:].all():
+    on = np.flatnonzero(powered.any(axis=1))
+    if not len(on):  # it lies limp as it fell when the plant was switched on
+        return
+    moving = (velocities / limits.speed)[on[0] :][sound[on[0] :]]
+    laws.judge("body: speed, of what is allowed", float(moving.max(initial=0.0)), 1.25)
+    # As the servos are switched on they may be let go of again, over a mismatch: where it lay, the arm does not fall.
+    away = np.abs(positions - positions[on[0]]).max(axis=1)[np.array(box.released).any(axis=1)]
+    laws.judge(RELEASED, float(away.max(initial=0.0)), LAY)
+    if sound[-_SETTLED:].all():
         laws.judge("body: speed in the end, rad/s", float(velocities[-_SETTLED:].max()), STANDS)

@@ -1,49 +1,123 @@
 """What a session under faults leaves on the disk, which may be full.
 
-As in the product the arm's ticks and cycles are written once its high five is over and it rests, with the arm still
-switched on: a disk that is full from any instant before is met at that write, after so many bytes of it.
+As in the product each tick, and what the arm did meanwhile, is recorded as it comes, and the way back at the end; in
+virtual time the recorder writes at once.
 """
 
 from __future__ import annotations
 
 import resource
-import signal
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from highfive.hil.arm.arm_trial import ArmTrial
+from highfive.hil.arm.arm_trial import ArmWatch
 from highfive.hil.bench.laws import Laws
-from highfive.hil.recording.recorder import SessionRecorder
-from highfive.hil.recording.recording import read_recording
+from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.recorded_tick import recorded_tick
+from highfive.hil.recording.recorder import CHUNK_NS, SessionRecorder, TrialHead
+from highfive.hil.recording.recording import SessionRecording, read_recording
+from highfive.hil.runtime.console import LOGGER
+from highfive.hil.session.session import Tick, TickInput
+from highfive.hil.trials.partners import Partner
+from highfive.hil.trials.summary import SessionSettings
+
+LOST, CUT = "recorded messages that are lost or out of order", "recording lost before a kill or a full disk, s"
+"""Laws; of the second :data:`~highfive.hil.recording.recorder.CHUNK_NS` are allowed."""
 
 
-def record(recorder: SessionRecorder, trial: ArmTrial, room: int | None) -> None:
-    """Writes what the arm did; with ``room``, bytes, once more, onto a disk that takes no more than those.
+class FaultRecording:
+    """The recording of a session under faults; close it, or use it in ``with``.
 
-    Raises:
-        HighFiveError: it does not fit.
+    Attributes:
+        ticks, arm_ticks, cycles: ns of the clock, of each that was given.
     """
-    recorder.record_played(trial)
-    if room is not None:
-        with _full_disk(recorder.path.stat().st_size + room):
-            recorder.record_played(trial)
+
+    def __init__(self, path: Path, about: SessionSettings, partner: Partner, room: int | None) -> None:
+        """Begins; ``room`` as of :meth:`fill`.
+
+        Raises:
+            HighFiveError: not even that fits on the disk.
+        """
+        self._path, self._killed, self._most = path, path.with_name("killed.mcap"), room
+        self.ticks, self.arm_ticks, self.cycles = list[int](), list[int](), list[int]()
+        with self._disk():
+            self._recorder = BackgroundRecorder(SessionRecorder(path, about), paced=False)
+            self._recorder.begin_trial(TrialHead(0, partner, partner.emotion, {partner.emotion: 1.0}, paced=True))
+
+    @property
+    def trouble(self) -> str:
+        """Why no more is recorded, in one line; '' as long as it is."""
+        return self._recorder.trouble
+
+    def fill(self, room: int) -> None:
+        """The disk takes no more than so many bytes from now on."""
+        self._most = self._path.stat().st_size + room
+
+    def record(self, begins: TickInput, tick: Tick, watch: ArmWatch) -> None:
+        """A tick, and what the arm did since the one before."""
+        if not self.trouble:
+            self.ticks.append(begins.at_ns)
+        with self._disk():
+            self._recorder.record_tick(recorded_tick(begins, tick, tick.pose, 0.0))
+        self.record_arm(watch)
+
+    def record_arm(self, watch: ArmWatch) -> None:
+        """What the arm did since the last tick."""
+        ticks, cycles = watch.fresh()
+        if not self.trouble:
+            self.arm_ticks += [tick.frame_ns for tick in ticks]
+            self.cycles += [cycle.state.time_ns for cycle in cycles]
+        with self._disk():
+            self._recorder.record_arm(ticks, cycles)
+
+    def kill(self) -> None:
+        """The host is killed now: keeps the file as it is, before anything closes it."""
+        shutil.copyfile(self._path, self._killed)
+
+    def __enter__(self) -> FaultRecording:
+        """Self."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Closes."""
+        with self._disk():
+            self._recorder.close()
+
+    def judge(self, laws: Laws) -> None:
+        """What was given can be read, in order; of a host that was killed, or a full disk, all but the last chunk."""
+        if not self.ticks:
+            return
+        killed = self._killed.exists()
+        found = read_recording(self._killed if killed else self._path)
+        cut = killed or (self._most is not None and (bool(self.trouble) or not found.complete))
+        lost = 0
+        for topic, given in (("/tick", self.ticks), ("/safety", self.arm_ticks), ("/arm", self.cycles)):
+            expected, times = [max(0, at - self.ticks[0]) for at in given], _times(found, topic)
+            lost += sum(a != b for a, b in zip(expected, times, strict=False)) + max(0, len(times) - len(expected))
+            lost += 0 if cut else max(0, len(expected) - len(times))
+        laws.judge(LOST, float(lost), 0.0)
+        missing = self.ticks[len(_times(found, "/tick")) : -1]  # the last one is what made the chunk long enough
+        if cut:
+            laws.judge(CUT, 1e-9 * (missing[-1] - missing[0]) if missing else 0.0, 1e-9 * CHUNK_NS)
+
+    @contextmanager
+    def _disk(self) -> Iterator[None]:
+        """Files cannot grow beyond what the disk takes; what the recorder says of that is asked for, not shown."""
+        if self._most is None:
+            yield
+            return
+        before, shown = resource.getrlimit(resource.RLIMIT_FSIZE), LOGGER.disabled
+        resource.setrlimit(resource.RLIMIT_FSIZE, (self._most, before[1]))  # Python ignores SIGXFSZ
+        LOGGER.disabled = True
+        try:
+            yield
+        finally:
+            LOGGER.disabled = shown
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def judge_recording(laws: Laws, trial: ArmTrial, path: Path) -> None:
-    """Every tick and cycle of what was written first can be read, whatever came of the second."""
-    found = read_recording(path).channels
-    lost = max(len(trial.ticks) - len(found["/safety"]), len(trial.cycles) - len(found["/arm"]))
-    laws.judge("recorded messages that are lost", float(max(0, lost)), 0.0)
-
-
-@contextmanager
-def _full_disk(size: int) -> Iterator[None]:
-    """Files cannot grow beyond that, bytes, as on a disk that is full."""
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
+def _times(found: SessionRecording, topic: str) -> list[int]:
+    """ns of the recording's clock."""
+    return [message.time_ns for message in found.channels[topic]]

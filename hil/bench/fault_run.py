@@ -19,7 +19,7 @@ from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.fault_laws import judge_body, judge_commands
-from highfive.hil.bench.fault_recording import judge_recording, record
+from highfive.hil.bench.fault_recording import FaultRecording
 from highfive.hil.bench.fault_schedule import (
     BUS,
     DEATHS,
@@ -40,14 +40,15 @@ from highfive.hil.bench.live_people import here, parts
 from highfive.hil.bench.motion_laws import judge_body_motion
 from highfive.hil.bench.session_phases import Occurrence, SessionPhases
 from highfive.hil.bench.virtual_play import default_planner
+from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.drivers.latch import Cause, Latch
-from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.runtime.virtual_clock import VirtualClock, VirtualTask
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.safety.limits_file import load_limits
+from highfive.hil.safety.states import HALTED
 from highfive.hil.session.session import RATE_HZ, Session, TickInput
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.live_settings import LiveSettings
@@ -87,7 +88,7 @@ class FaultRun:
         self.box = BlackBox(make_bus(emulator_options(ArmOptions())), load_rig())
         self.trial: ArmTrial | None = None
         self._watch: ArmWatch | None = None
-        self._recorded = False
+        self._recording: FaultRecording | None = None
         self._room: int | None = None  # bytes that the disk still takes
         self._camera: FaultyCamera | None = None
         self._host: list[VirtualTask] = []  # the process's tasks
@@ -126,9 +127,10 @@ class FaultRun:
             about = SessionSettings(seed=self._schedule.seed, model="none", trials=1)
             with (
                 closing(LiveSource("simulated", lambda: link, None, RATE_HZ, scheduler)) as source,
-                SessionRecorder(self._path, about) as recorder,
+                FaultRecording(self._path, about, self._partner, self._room) as recording,
                 virtual_arm(virtual, retarget=default_planner(), estop=estop, has_host=self._has_host) as loop,
             ):
+                self._recording = recording
                 source.first()
                 self._watch = watch = ArmWatch(loop)
                 watch.begin()
@@ -139,12 +141,12 @@ class FaultRun:
                         tick = session.step(begins.frame, begins.time_ns)
                         live.watch(tick)
                         watch.watch(tick)
+                        recording.record(begins, tick, watch)
+                    if recording.ticks:
+                        recording.record_arm(watch)  # of the way back
                 finally:
-                    self.said += [line for line in (loop.trouble, live.trouble) if line]
+                    self.said += [line for line in (loop.trouble, live.trouble, recording.trouble) if line]
                 self.trial = self._done(watch)
-                if self.trial is not None:
-                    self._recorded = True
-                    record(recorder, self.trial, self._room)
         finally:
             phases.end()
 
@@ -185,6 +187,8 @@ class FaultRun:
             driver.hold(until)
         elif it.kind == FULL_DISK:
             self._room = round(it.amount)
+            if self._recording is not None:
+                self._recording.fill(self._room)
         elif it.kind in (*DEATHS, *STOPS):
             first = driver if it.kind == "driver killed" else host
             if first is None or not first.alive:
@@ -198,6 +202,8 @@ class FaultRun:
                 if it.kind == "Ctrl-C":
                     host.interrupt(KeyboardInterrupt())
                 if it.kind in ("host killed", "machine killed"):
+                    if self._recording is not None:
+                        self._recording.kill()
                     for task in self._host:
                         task.kill()
                 if it.kind in ("driver killed", "machine killed") and driver is not None:
@@ -218,8 +224,10 @@ class FaultRun:
             led += [] if estop.pulled_ns is None else [estop.pulled_ns]  # from which on it may brake as hard as it can
             until_ns = min(led, default=self.box.times[-1])
             judge_body_motion(self.laws, self.trial, self.box, limits, planner.arm, until_ns)
-            if self._recorded:
-                judge_recording(self.laws, self.trial, self._path)
+        if self._recording is not None:
+            self._recording.judge(self.laws)
+        if self.occurred and all(it.happening.kind == FULL_DISK for it in self.occurred):
+            self.laws.judge("a full disk stops the arm", float(self._recording is not None and self._stopped), 0.0)
 
     def _judge_errors(self, host: VirtualTask, virtual: VirtualRig) -> None:
         """Nothing ends by an error that is none of ours, and each of ours is one line."""
@@ -236,30 +244,42 @@ class FaultRun:
         self.laws.judge("the driver ends by an unexpected error", float(broken), 0.0)
         long = max((line.count("\n") for line in self.said), default=0)
         self.laws.judge("lines that a reason takes beyond one", float(long), 0.0)
-        stopped = self.trial is not None and self.trial.broken_off
-        silent = stopped and not self.said and not any(it.happening.kind in (*DEATHS, *STOPS) for it in self.occurred)
+        gone = any(it.happening.kind in ("Ctrl-C", "host killed", "machine killed") for it in self.occurred)
+        silent = self._stopped and not self.said and not gone  # who is gone says nothing more
         self.laws.judge("stopped without a reason", float(silent), 0.0)
 
+    @property
+    def _stopped(self) -> bool:
+        """The arm was kept from following, or stopped, be it once palms had met or on the way back."""
+        if self.trial is None or self.trial.broken_off:
+            return True
+        whole = self.trial.with_back
+        return whole.ticks[-1].report.state in HALTED or whole.cycles[-1].mode in (Mode.STOPPED, Mode.PORT_LOST)
+
     def _start_again(self, virtual: VirtualRig) -> None:
-        """With all mended and the servos switched off and on the arm can be used again."""
+        """With all mended, and where that is not enough the servos switched off and on, the arm can be used again."""
         clock, bus = virtual.clock, virtual.bus
         end = clock.now() + 5_000_000_000
         while virtual.arm is not None and virtual.arm.task.alive and clock.now() < end:
             clock.wait_until(clock.now() + 10_000_000)
         bus.set_faults([], virtual.now())
+        refused = self._refused(virtual)
+        if refused:
+            for servo in bus.servos:
+                servo.reboot(virtual.now())
+            clock.wait_until(clock.now() + round(1e9 * _BOOTED_S))
+            if again := self._refused(virtual):
+                self.said.append(f"not started again ({refused}), nor after switching off and on ({again})")
+            refused = again
+        self.laws.judge("the arm cannot be started again", float(bool(refused)), 0.0)
+
+    def _refused(self, virtual: VirtualRig) -> str:
+        """Why it cannot be started, '' where it can."""
         try:
             self._begin(virtual)
-            return
         except HighFiveError as error:
-            refused = str(error)
-        for servo in bus.servos:
-            servo.reboot(virtual.now())
-        clock.wait_until(clock.now() + round(1e9 * _BOOTED_S))
-        try:
-            self._begin(virtual)
-        except HighFiveError as error:
-            self.said.append(f"not started again ({refused}), nor after switching off and on ({error})")
-            self.laws.judge("the arm cannot be started again", 1.0, 0.0)
+            return str(error)
+        return ""
 
     def _begin(self, virtual: VirtualRig) -> None:
         with virtual_arm(virtual, retarget=default_planner()) as loop:

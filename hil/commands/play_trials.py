@@ -218,7 +218,7 @@ def _tell_broken_off(
 def _remedy(watch: ArmWatch, arm: ArmTrial | None) -> str:
     from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
 
-    return too_busy(arm, watch.loop.cycles(), watch.loop.stopped_by)
+    return too_busy(arm, [*watch.fresh()[1], *watch.loop.cycles()], watch.loop.stopped_by)
 
 
 def _advise(remedy: str) -> None:

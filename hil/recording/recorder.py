@@ -194,13 +194,14 @@ class SessionRecorder:
                 self._add_drawn("/tf", now, self._transforms.arm(now, cycle.state.positions))
 
     def record_played(self, arm: ArmTrial) -> None:
-        """What the arm did in a high five that was recorded before, a second after what came before."""
+        """What the arm did in a high five that was recorded before, and after it, a second after what came before."""
         first = arm.ticks[0].frame_ns
         self._start = self._end + PAUSE_NS if self._count else 0
         self._zero_ns = first - self._start
         self._count += 1
-        self.record_arm(arm.ticks, arm.cycles)
-        self._end = self._at(arm.ticks[-1].frame_ns)
+        whole = arm.with_back
+        self.record_arm(whole.ticks, whole.cycles)
+        self._end = self._at(whole.ticks[-1].frame_ns)
         self._flush()
 
     def end_trial(self, result: TrialResult) -> None:

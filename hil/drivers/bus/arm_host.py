@@ -118,6 +118,10 @@ class ArmHost:
         self._read = found[-1].number + 1 if found else self._read
         return found
 
+    def cycles(self, start: int) -> list[Cycle]:
+        """Those from number ``start`` on that the ring still holds, oldest first; they are not taken for read."""
+        return self._shared.cycles(start)
+
     def close(self, timeout_s: float = 3.0) -> None:
         """Ends the other side. The arm holds where it is, once it stands with the last command's current: torque stays
         on, watchdogs are switched off."""

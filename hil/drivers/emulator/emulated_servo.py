@@ -114,6 +114,11 @@ class EmulatedServo:
         """Its hardware error status is not 0."""
         return bool(self.values["hardware_error_status"])
 
+    @property
+    def let_down(self) -> bool:
+        """It has switched its torque off by itself, by its shutdown register or for want of power."""
+        return shut_down(self.values) or not self._powered(self.voltage)
+
     def listening(self, now_ns: int) -> bool:
         """Whether it hears anything: it has power and has finished starting."""
         return self._powered(self.voltage) and now_ns >= self._silent_until

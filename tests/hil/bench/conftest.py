@@ -1,4 +1,4 @@
-"""A recorded high five for the benchmarks of the arm."""
+"""A recorded high five for the benchmarks of the arm, and who is met under faults."""
 
 import pytest
 from recorded_trials import record_trial
@@ -9,6 +9,7 @@ from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay_goals import recorded_high_fives
 from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.hil.trials.summary import SessionSettings
 
 
@@ -18,3 +19,8 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> ReferenceTrajectory:
     with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=1)) as recorder:
         record_trial(recorder, simulated_result(build_scene(), 0, "neutral", "B2"))
     return recorded_high_fives(read_recording(path), path)[0]
+
+
+@pytest.fixture(scope="session")
+def partner() -> Partner:
+    return simulated_partners(1, ["happy"], ["B2"], 3)[0]

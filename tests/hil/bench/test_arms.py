@@ -112,11 +112,12 @@ def test_a_law_can_fail_and_is_then_named_with_its_arm(reference: ReferenceTraje
     assert {"wire: speed, of what is allowed", "body: speed, of what is allowed"} <= {law for law, _ in laws.broken}
 
     kept = play_with(ArmJob(12, (reference,)))
-    broken = ArmPlayed((trial.met,), laws, (0.1, 0.1), "")
+    broken = ArmPlayed((trial.met,), laws, (0.1, 0.1), {"body: a figure": 2.0}, "")
     found = arms_figures([ArmJob(11, (reference,)), ArmJob(12, (reference,))], [broken, kept])
     assert found["arms"] == found["high_fives"] == 2
     assert [(one["law"], one["value"]) for one in found["broken"]] == laws.broken
     assert {one["arm"] for one in found["broken"]} == {11}
+    assert found["motion"]["body: a figure"] == 2.0 and "body: acceleration, of what is allowed" in found["motion"]
     assert all(found["worst"][law] >= round(value, 4) for law, value in laws.broken)
 
 

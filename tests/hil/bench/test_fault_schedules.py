@@ -9,25 +9,17 @@ import pytest
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm.lifecycle import emulator_options
+from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_laws import judge_body
-from highfive.hil.bench.fault_recording import judge_recording, record
+from highfive.hil.bench.fault_laws import LAY, RELEASED, WAY_BACK, judge_body, judge_commands
+from highfive.hil.bench.fault_recording import CUT, LOST
 from highfive.hil.bench.fault_run import FaultJob, FaultRun, run_schedule
 from highfive.hil.bench.fault_schedule import (
-    BUS,
     DEATHS,
-    ENDLESS_S,
-    FOLLOWING,
-    GROUPS,
-    KINDS,
-    MOST,
-    PHASES,
     RETURNING,
-    STALLS,
     SWITCHING_ON,
     FaultSchedule,
     Happening,
-    drawn,
 )
 from highfive.hil.bench.fault_times import (
     ESTOP,
@@ -41,23 +33,21 @@ from highfive.hil.bench.fault_times import (
     judge_times,
 )
 from highfive.hil.bench.faults import FaultsOptions, bench_faults
-from highfive.hil.bench.faulty_camera import BEFORE_S, FaultyCamera
 from highfive.hil.bench.laws import Laws
 from highfive.hil.bench.long_session import LongSessionOptions, bench_long_session
 from highfive.hil.bench.motion_laws import judge_body_motion, judge_wire_motion
 from highfive.hil.bench.session_phases import Occurrence
 from highfive.hil.bench.virtual_play import default_planner
+from highfive.hil.drivers.bus.cycle_ring import Cycle
+from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
-from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.states import State
 from highfive.hil.session.session import RATE_HZ
-from highfive.hil.trials.partners import Partner, simulated_partners
-from highfive.hil.trials.summary import SessionSettings
-from highfive.mocap_bridge.frames import MarkerFrame
-from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.hil.trials.partners import Partner
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model
@@ -69,84 +59,8 @@ def quiet(_: str, __: int):
     return lambda *_, **__: None
 
 
-def test_a_seed_draws_the_same_schedule_and_many_draw_everything() -> None:
-    schedules = [drawn(seed, 16) for seed in range(600)]
-    assert schedules == [drawn(seed, 16) for seed in range(600)]
-    happenings = [it for schedule in schedules for it in schedule.happenings]
-    assert {it.kind for it in happenings} == set(KINDS)
-    assert {it.phase for it in happenings} == set(PHASES)
-    assert {len(schedule.happenings) for schedule in schedules} == set(range(1, MOST + 1))
-    lengths = [it.lasts_s for it in happenings if it.kind in STALLS]
-    assert min(lengths) < 0.05 and max(lengths) == ENDLESS_S and sum(0.5 < one < 5.0 for one in lengths) > 20
-    assert {bool(it.looks) for it in happenings if it.kind in DEATHS} == {True, False}
-    for schedule in schedules:
-        assert str(schedule.seed) in str(schedule)
-        assert all(0.0 <= it.at_s < PHASES[it.phase] and it.kind in str(it) for it in schedule.happenings)
-        for it in schedule.of(*BUS):
-            assert it.bus_fault().kind == it.kind
-
-
-def test_each_group_is_met_in_any_few_schedules() -> None:
-    for first in range(0, 120, 7):
-        few = [drawn(seed, 16) for seed in range(first, first + len(GROUPS))]
-        assert all(any(schedule.of(*group) for schedule in few) for group in GROUPS)
-
-
-@pytest.fixture(scope="module")
-def partner() -> Partner:
-    return simulated_partners(1, ["happy"], ["B2"], 3)[0]
-
-
 def schedule(*happenings: Happening) -> FaultSchedule:
     return FaultSchedule(1, 0, happenings)
-
-
-def frames(partner: Partner, *happenings: Happening) -> list[tuple[int, MarkerFrame]]:
-    """What a camera sends in a second and a half, with when; the arm follows after half a second."""
-    found: list[tuple[int, MarkerFrame]] = []
-    begun = {SWITCHING_ON: 0, FOLLOWING: 500 * MS}
-    now = 0
-    camera = FaultyCamera(partner, schedule(*happenings), lambda it: begun[it] if now >= begun[it] else None, 0)
-    while now < 1500 * MS:
-        found += [(now, frame) for frame in camera.arrived(now)]
-        now = camera.next_ns
-    return found
-
-
-def test_a_camera_sends_the_person_who_stands_until_the_arm_follows(partner: Partner) -> None:
-    sent = frames(partner)
-    assert [frame.number for _, frame in sent] == list(range(180))
-    assert all(frame.arrival_time_ns == at for at, frame in sent)
-    first = max(0, partner.contact_frame - round(BEFORE_S * RATE_HZ))
-    for number, row in ((0, first), (60, first), (61, first + 1), (160, first + 100)):
-        expected = C3DSource(partner.recording, RATE_HZ).frame(row)
-        assert np.array_equal(sent[number][1].positions, expected.positions)
-
-
-@pytest.mark.parametrize("phase", [SWITCHING_ON, FOLLOWING])
-def test_what_goes_wrong_with_frames_is_sent(phase: str, partner: Partner) -> None:
-    begun = 500 * MS if phase == FOLLOWING else 0
-    whole = frames(partner)
-
-    def during(sent: list[tuple[int, MarkerFrame]]) -> list[MarkerFrame]:
-        return [frame for _, frame in sent if 200 <= (frame.number * 1e3 / RATE_HZ) - begun / MS < 400]
-
-    def one(kind: str, amount: float = 0.0) -> list[tuple[int, MarkerFrame]]:
-        return frames(partner, Happening(kind, 0.2, 0.2, amount, phase=phase))
-
-    assert not during(one("stall")) and len(one("stall")) == len(whole) - 24
-    assert {frame.arrival_time_ns for frame in during(one("burst"))} == {begun + 400 * MS}
-    assert not any(frame.valid.any() for frame in during(one("occlusion")))
-    assert 0 < len(during(one("drop", 0.5))) < 24
-    for kind, amount, markers in (("swap", 0.0, 2), ("ghost", 0.3, 1)):
-        changed = [
-            (a.positions != b.positions).any(axis=1).sum()
-            for a, b in zip(during(one(kind, amount)), during(whole), strict=True)
-        ]
-        assert set(changed) == {markers}
-    jumped = frames(partner, Happening("clock jump", 0.2, 0.0, -3.0, phase=phase))
-    steps = np.diff([frame.source_time_ns for _, frame in jumped])
-    assert (steps < 0).sum() == 1 and np.isclose(steps.min(), -3e9 + 1e9 / RATE_HZ, atol=2)
 
 
 def test_a_run_is_the_same_twice(partner: Partner) -> None:
@@ -222,6 +136,19 @@ def test_a_goal_that_comes_late_breaks_a_law() -> None:
     assert HOLD in broken_by(goal_at(760), None, stall, occurrence("driver stall", 450, 200))
 
 
+def test_a_joint_that_is_held_is_excused_once_a_creep_is_not() -> None:
+    for creeps in (False, True):
+        box = boxed()
+        box.goals = [list(row) for row in box.goals]
+        base = box.goals[0][0]
+        for ms in range(1000):
+            to = base + 0.19 * (1e-3 * max(0, ms - 100) if creeps else ms > 600)
+            box.goals[ms][0] = to
+            box.positions[ms] = box.positions[ms].copy()
+            box.positions[ms][0] = to - 0.005
+        assert bool(broken_by(box, 500 * MS)) == creeps
+
+
 def test_a_servo_whose_watchdog_is_late_or_never_stops_it_breaks_a_law() -> None:
     law = WATCHDOG.format("machine killed")
     for stopped, broken in ((580, False), (620, True), (1000, True)):
@@ -243,10 +170,21 @@ def played(partner: Partner, tmp_path_factory: pytest.TempPathFactory) -> FaultR
     return run
 
 
+def test_a_stop_without_a_reason_breaks_a_law(partner: Partner, monkeypatch: pytest.MonkeyPatch) -> None:
+    def silent(_: ArmLoop) -> str:
+        """A loop that is wrong: it says nothing."""
+        return ""
+
+    monkeypatch.setattr(ArmLoop, "trouble", property(silent))
+    laws, said = run_schedule(FaultJob(schedule(Happening("emergency stop", 1.9)), partner))
+    assert not said and "stopped without a reason" in [law for law, _ in laws.broken]
+
+
 def test_the_contact_is_found_by_its_time(played: FaultRun) -> None:
     assert played.trial is not None
     assert abs(played.trial.met.later) < 0.15
     assert len(played.trial.ticks) > 1.9 * RATE_HZ
+    assert played.laws.worst["the arm cannot be started again"] == 0.0
 
 
 def test_an_arm_that_follows_a_person_who_is_not_measured_breaks_a_law(played: FaultRun) -> None:
@@ -283,6 +221,30 @@ def test_wire_and_body_that_are_faster_than_a_limit_break_laws(played: FaultRun)
     assert broken == {"wire: acceleration, of what is allowed", "body: acceleration, of what is allowed"}
 
 
+def test_the_way_back_is_judged(played: FaultRun) -> None:
+    trial, limits, arm = played.trial, load_limits(), default_planner().arm
+    assert trial is not None and played.laws.worst[WAY_BACK] == pytest.approx(limits.motion.retract, rel=0.02)
+    whole = trial.with_back
+    assert len(trial.back.ticks) > 60 and len(whole.cycles) == len(trial.cycles) + len(trial.back.cycles)
+    assert np.diff([cycle.number for cycle in whole.cycles]).tolist() == [1] * (len(whole.cycles) - 1)
+    assert trial.back.ticks[-1].report.state is State.READY
+
+    def broken(cycles: list[Cycle], limits: Limits = limits) -> set[str]:
+        laws = Laws()
+        judge_commands(laws, replace(trial, back=replace(trial.back, cycles=cycles)), limits, arm)
+        return {law for law, _ in laws.broken}
+
+    def jumps(cycle: Cycle) -> Cycle:
+        assert cycle.sent is not None
+        return replace(cycle, sent=replace(cycle.sent, positions=cycle.sent.positions + 0.05))
+
+    cycles = trial.back.cycles
+    assert not broken(cycles)
+    assert "wire: speed, of what is allowed" in broken([*cycles[:30], *map(jumps, cycles[30:])])
+    slow = replace(limits, motion=replace(limits.motion, retract=0.2))
+    assert broken(cycles, slow) == {WAY_BACK}
+
+
 def test_a_body_that_does_otherwise_than_the_wire_breaks_laws(played: FaultRun) -> None:
     box = replace(played.box, positions=list(played.box.positions), velocities=list(played.box.velocities))
     assert played.trial is not None
@@ -293,18 +255,41 @@ def test_a_body_that_does_otherwise_than_the_wire_breaks_laws(played: FaultRun) 
     assert broken == {"body: acceleration, of what is allowed"}
 
 
-def test_a_message_that_is_not_in_the_recording_breaks_a_law(played: FaultRun, tmp_path: Path) -> None:
-    assert played.trial is not None
-    path = tmp_path / "arm.mcap"
-    with SessionRecorder(path, SessionSettings(seed=1, model="none", trials=1)) as recorder:
-        record(recorder, played.trial, None)
-    for trial, lost in (
-        (played.trial, 0),
-        (replace(played.trial, ticks=played.trial.ticks * 2), len(played.trial.ticks)),
-    ):
+def test_a_message_that_is_not_in_the_recording_breaks_a_law(played: FaultRun) -> None:
+    recording = played._recording
+    assert recording is not None and played.trial is not None and played.laws.worst[LOST] == 0.0
+    assert CUT not in played.laws.worst
+    assert len(recording.arm_ticks) == len(played.trial.with_back.ticks)
+    assert len(recording.cycles) >= len(played.trial.with_back.cycles)
+    recording.cycles.append(recording.cycles[-1] + 1)
+    recording.arm_ticks[7] += 1
+    try:
         laws = Laws()
-        judge_recording(laws, trial, path)
-        assert laws.worst == {"recorded messages that are lost": lost} and bool(laws.broken) == bool(lost)
+        recording.judge(laws)
+        assert laws.broken == [(LOST, 2.0)]
+    finally:
+        recording.cycles.pop()
+        recording.arm_ticks[7] -= 1
+
+
+@pytest.mark.parametrize(
+    "happening", [Happening("host killed", 1.2), Happening("full disk", 1.0, 0.0, 20_000.0), Happening("Ctrl-C", 1.2)]
+)
+def test_what_was_recorded_half_a_second_before_is_there(
+    happening: Happening, partner: Partner, tmp_path: Path
+) -> None:
+    run = FaultRun(FaultJob(schedule(happening), partner), tmp_path)
+    run.run()
+    assert not run.laws.broken and run.laws.worst[LOST] == 0.0
+    if happening.kind == "Ctrl-C":
+        assert CUT not in run.laws.worst
+        return
+    assert 0.1 < run.laws.worst[CUT] <= 0.5
+    recording, laws = run._recording, Laws()
+    assert recording is not None
+    recording.ticks += [recording.ticks[-1] + 400 * MS * n for n in (1, 2)]  # ticks that are in no chunk
+    recording.judge(laws)
+    assert [law for law, _ in laws.broken] == [CUT]
 
 
 def test_a_body_that_leaves_its_limits_breaks_laws() -> None:
@@ -321,6 +306,38 @@ def test_a_body_that_leaves_its_limits_breaks_laws() -> None:
         change(box)
         judge_body(laws, box, limits)
         assert law in [name for name, _ in laws.broken]
+
+
+def test_an_arm_that_falls_breaks_a_law(partner: Partner, monkeypatch: pytest.MonkeyPatch) -> None:
+    hold = JointBus.hold
+
+    def let_go(joints: JointBus) -> JointCommand:
+        """A driver that is wrong: it switches torque off as the arm is to be stopped."""
+        held = hold(joints)
+        assert not joints.release()
+        return held
+
+    monkeypatch.setattr(JointBus, "hold", let_go)
+    laws, _ = run_schedule(FaultJob(schedule(Happening("emergency stop", 1.2)), partner))
+    assert RELEASED in [law for law, _ in laws.broken]
+    assert laws.worst[RELEASED] > LAY
+
+
+def test_a_servo_that_shuts_down_by_itself_breaks_no_law() -> None:
+    box = BlackBox(make_bus(emulator_options(ArmOptions())), load_rig())
+    servo = box.bus.servos[1]
+    box.look(MS)
+    for one in box.bus.servos:
+        one._put("torque_enable", 1)
+    box.look(2 * MS)
+    servo.fail(servo.values["shutdown"])
+    box.look(3 * MS)
+    servo.reboot(3 * MS)  # its error is gone, its torque stays off
+    box.look(4 * MS)
+    assert not any(map(any, box.released)) and [all(row) for row in box.sound] == [True, True, False, False]
+    box.bus.servos[0]._put("torque_enable", 0)
+    box.look(5 * MS)
+    assert sum(box.released[-1]) == 1
 
 
 def test_no_number_keeps_no_law() -> None:
@@ -358,6 +375,8 @@ def test_a_session_goes_on_and_on_without_a_missed_cycle() -> None:
     result = bench_long_session(LongSessionOptions(0.5), load_model(DEFAULT_MODEL), quiet)
     assert result["minutes"] >= 0.5 and result["trials"] >= 4 and result["stopped"] == ""
     assert result["missed_cycles"] == result["unanswered"] == 0 < result["cycles"]
+    assert result["cycles"] > 0.9 * 60 * 120 * result["minutes"] - 1.2 * 120  # and those of switching on
+    assert result["pauses"]["count"] == result["trials"] and 10.0 < result["pauses"]["max_ms"] < 1000.0
     assert not result["broken"]
     with pytest.raises(HighFiveError, match=r"ask for 0\.1 at least"):
         bench_long_session(LongSessionOptions(float("nan")), load_model(DEFAULT_MODEL), quiet)

@@ -26,6 +26,7 @@ from highfive.hil.recording.replay import SUFFIX, Replay
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
+from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.session.reach import SEEN_LATE
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.grid import CELLS
@@ -83,6 +84,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     worn = live and wears_headset(options)
     options = with_page(options) if worn else options
     with ExitStack() as stack:
+        stack.enter_context(interrupted_between_ticks())  # first: an arm's handlers of Ctrl-C call this one
         _check(options, live, again)
         beside = registered_headset(options, live)
         if beside is not None and options.view is None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from highfive.hil.commands.headset_beside import registered_headset
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
+from highfive.hil.commands.page_options import check_port
 from highfive.hil.commands.play_trials import Played, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_partners import partners_of, worn_set
@@ -149,6 +150,8 @@ def _check(options: SimulateOptions, live: bool, again: bool) -> None:
     check_live_options(options, live)
     if again:
         check_replay_options(options)
+    if options.view is not None:
+        check_port(options.view)
     if options.view is not None and options.arm is not None and options.arm.port == "virtual":
         raise HighFiveError("--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated")
 

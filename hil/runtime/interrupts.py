@@ -1,4 +1,4 @@
-"""Ctrl-C where no exception may pass: in a callback of the garbage collector, in ``__del__``, in compiled code's answer.
+"""Ctrl-C where no exception may pass: in a callback of the garbage collector, in ``__del__``, in a compiled answer.
 
 JAX has such a callback. Python prints "Exception ignored" there, and the command would run on to its end. Numba calls
 Python to make a named tuple of what a compiled function answers, and crashes where that raises.

@@ -30,7 +30,7 @@ def run_trial(
 ) -> TrialResult:
     """One trial. The partner's recording goes as fast as it can; its figures are the same every time, timings apart.
 
-    Ctrl-C waits for the end of a tick: compiled code crashes where it is interrupted, and a recording holds whole ticks.
+    Ctrl-C waits for the end of a tick: interrupted compiled code crashes, and a recording holds whole ticks.
     The result's style is the partner's emotion; who has set another one puts it in.
 
     Args:

@@ -1,4 +1,4 @@
-"""A Ctrl-C that comes in a callback of the garbage collector is not lost; one that comes in a tick waits for its end."""
+"""A Ctrl-C that comes in a callback of the garbage collector is not lost; one in a tick waits for its end."""
 
 import gc
 import signal

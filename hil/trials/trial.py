@@ -42,14 +42,15 @@ def run_trial(
         watch: is shown each tick.
         keep: is given with what each began, what was played, and what it took, ms; after ``watch``.
     """
-    session.reset()
     synchroniser = Synchroniser()
     avatar, person = synchroniser.open("avatar", POSES), synchroniser.open("person", PEOPLE)
     ticks: list[Tick] = []
     states: list[PlayState] = []
     tick_ms: list[float] = []
-    whole = WholeTick()
+    whole = WholeTick()  # compiled code runs in no other place
     with interrupted_between_ticks():
+        with whole:
+            session.reset()
         for begins in as_captured(C3DSource(partner.recording, RATE_HZ)) if inputs is None else inputs:
             with whole:
                 start = time.perf_counter_ns()

@@ -35,7 +35,7 @@ def live_person(
     if options.place is not None and options.place.exists():
         registered = load_placement(options.place, system)
     if page is not None:
-        wait_until_worn(source, page.address)
+        wait_until_worn(source, page, wiring.clock)
         registered = HERE
     latency_ns = round(1e6 * options.latency_ms)
     person = LivePerson(

@@ -51,6 +51,17 @@ def open_page(
         yield page
 
 
+def saying_to(page: LivePage | None) -> Callable[[str], None]:
+    """What tells a person what to do: on the terminal, and on the page where there is one."""
+
+    def say(message: str) -> None:
+        say_aside(message)
+        if page is not None:
+            page.tell("say", message=f"{message[:1].upper()}{message[1:]}")
+
+    return say
+
+
 def _network(options: PageOptions) -> dict[str, Any]:
     """This machine alone, or with TLS whoever has the address."""
     if not options.https:

@@ -16,7 +16,7 @@ from highfive.hil.commands.headset_beside import registered_headset
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.page_options import check_port
-from highfive.hil.commands.play_trials import Played, play
+from highfive.hil.commands.play_trials import Played, over_message, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
@@ -122,12 +122,13 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             session = _session(options, model, scene, partners[0], person, clock, replay)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts, None if beside is None else (beside, person))
+                _let_speak(person, page)
             drift = None if beside is None else _drift(beside, person, page)
             paced = person is not None or watch is not None or page is not None
             recorder = BackgroundRecorder(SessionRecorder(folder / RECORDING, settings, session.chain), paced=paced)
             played = play(options, session, scene, partners, person, recorder, bar, watch, page, replay, drift)
             if page is not None:
-                page.tell("over", message=f"The session is over: {folder / 'report.html'}")
+                page.tell("over", message=over_message(played, folder))
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
         return _report(options, played, recorder.trouble, replayed, settings, folder, bar, lag)
 
@@ -170,6 +171,14 @@ def _training_trials(data: Path, bar: Bar) -> list[Trial]:
 
     pairs = load_trials(data, progress=lambda total: bar("solving markers", total), learn_only=True)
     return [pair.trial for pair in pairs]
+
+
+def _let_speak(person: LivePerson | None, page: LivePage) -> None:
+    """What a live person is told from now on is on the page, too."""
+    if person is not None:
+        from highfive.hil.commands.page import saying_to  # noqa: PLC0415
+
+        person.say = saying_to(page)
 
 
 def _drift(kept: KeptRegistration, person: LivePerson | None, page: LivePage | None) -> DriftWatch:

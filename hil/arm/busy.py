@@ -16,14 +16,19 @@ LATE_NS = 20_000_000
 _AT_THE_END = 30  # cycles: a quarter of a second
 
 
-def too_busy(trial: ArmTrial | None, cycles: Sequence[Cycle] = (), stopped_by: Collection[Rule] = ()) -> str:
+def too_busy(
+    trial: ArmTrial | None, cycles: Sequence[Cycle] = (), stopped_by: Collection[Rule] = (), *, gone: bool = False
+) -> str:
     """What to do, in one line, if the arm was stopped because loop or bus came too late; '' if for anything else.
 
     Args:
         trial: the high five in which it was stopped, or after which; None where that was too short to be one.
         cycles: of the bus, those after the trial's.
         stopped_by: the rules that stopped it: between two high fives no tick of a trial has them.
+        gone: the arm's driver or its port has ended: then all is late for that, however idle the computer.
     """
+    if gone:
+        return ""
     acted = set(stopped_by) | (set() if trial is None else {r for tick in trial.ticks for r in tick.report.acted})
     of_trial = () if trial is None else (*trial.cycles[-_AT_THE_END:], *trial.back.cycles[-_AT_THE_END:])
     last = [*of_trial, *cycles[:_AT_THE_END]]

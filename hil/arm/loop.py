@@ -195,6 +195,11 @@ class ArmLoop:
         return self._standing.stopped_by if self._standing.state in HALTED else frozenset()
 
     @property
+    def gone(self) -> bool:
+        """The driver's process, or its port, is not there any more."""
+        return self._arm.mode in (Mode.PORT_LOST, Mode.ENDED)
+
+    @property
     def _braking(self) -> bool:
         """A controlled stop takes some ticks; a driver that has stopped the arm by itself hears no more of them."""
         return self.state is State.STOPPING and self._arm.mode not in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED)

@@ -158,10 +158,11 @@ def simulate(
 ) -> None:
     """Play high fives: partner, tracker, model, contact correction, MuJoCo; then report, film and recording."""
     from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.page_options import page_options  # noqa: PLC0415
     from highfive.hil.commands.session_lines import print_session  # noqa: PLC0415
     from highfive.hil.commands.session_outputs import published  # noqa: PLC0415
     from highfive.hil.commands.simulate import SimulateOptions, simulate, which_model  # noqa: PLC0415
-    from highfive.hil.commands.simulate_options import PageOptions, WebcamOptions  # noqa: PLC0415
+    from highfive.hil.commands.simulate_options import WebcamOptions  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     options = SimulateOptions(
@@ -181,9 +182,7 @@ def simulate(
         place=place,
         latency_ms=latency,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
-        view=PageOptions(port, not no_open, https)
-        if view or headset or (source or "").partition("?")[0].strip().lower() == "webcam"
-        else None,
+        view=page_options(view, source, headset, port, no_open, https),
         headset=headset,
         webcam=WebcamOptions(height, fov, camera),
         publish=published(publish),

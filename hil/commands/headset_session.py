@@ -8,6 +8,8 @@ import numpy as np
 
 from highfive.calibration.placement import Placement
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
+from highfive.hil.commands.waiting import Waiting
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.hil.view.live_page import LivePage
@@ -19,6 +21,8 @@ from highfive.model.errors import HighFiveError
 SCHEME = "headset"
 PATIENCE_S = 180.0
 """So long a session waits for somebody to put the headset on."""
+WAKE_S = 0.2
+"""So long the page's buttons may go unheard meanwhile."""
 HERE = Placement(
     np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), ("the page puts the avatar an arm's length before the headset",)
 )
@@ -62,11 +66,16 @@ def headset_wiring(options: SimulateOptions, page: LivePage, wiring: LiveWiring 
     )
 
 
-def wait_until_worn(source: LiveSource, address: str) -> None:
-    """Waits for the headset.
+def wait_until_worn(source: LiveSource, page: LivePage, clock: Clock = MACHINE) -> None:
+    """Waits for the headset, and as long as the page says pause.
 
     Raises:
-        HighFiveError: nobody puts it on.
+        HighFiveError: nobody puts it on, or somebody ends the session on the page.
     """
-    say_aside(f"put the headset on, open {address} in its browser, and press Enter VR or Enter AR")
-    source.first(PATIENCE_S)
+    say_aside(f"put the headset on, open {page.address} in its browser, and press Enter VR or Enter AR")
+    waiting = Waiting(page, PATIENCE_S, clock)
+    while source.wait(None, WAKE_S) is None or waiting.paused:
+        if not waiting.look("no headset has sent anything yet: open the page in it, and press Enter VR or Enter AR"):
+            raise HighFiveError(f"no headset has sent anything within {PATIENCE_S:g} s; is it in Enter VR or Enter AR?")
+        if waiting.paused:
+            clock.wait_until(clock.now() + round(1e9 * WAKE_S))

@@ -67,7 +67,17 @@ def check_webcam_options(options: SimulateOptions) -> None:
 
 
 def camera_settings(options: SimulateOptions) -> CameraSettings:
-    """Of the filter, with what was said of the person and the camera."""
+    """Of the filter, with what was said of the person and the camera.
+
+    Raises:
+        HighFiveError: nobody is so tall, or no camera sees so much.
+    """
     said = {"height": options.webcam.height, "field_of_view": options.webcam.field_of_view}
     given: dict[str, Any] = {name: float(value) for name, value in said.items() if value is not None}
-    return CameraSettings(**given)
+    try:
+        return CameraSettings(**given)
+    except HighFiveError as error:
+        line = str(error)
+        for name, option in (("height", "--height"), ("field_of_view", "--fov")):
+            line = line.replace(f"{CameraSettings.__name__}.{name}", option)
+        raise HighFiveError(line) from None

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from highfive.calibration.placement_file import load_placement, save_placement
 from highfive.calibration.registration import load_registration
 from highfive.hil.commands.headset_session import HERE, hand_of, wait_until_worn
+from highfive.hil.commands.page import saying_to
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.console import confirm, say_aside
 from highfive.hil.trials.live_partner import LivePerson, live_source
@@ -35,11 +36,11 @@ def live_person(
     if options.place is not None and options.place.exists():
         registered = load_placement(options.place, system)
     if page is not None:
-        wait_until_worn(source, page.address)
+        wait_until_worn(source, page, wiring.clock)
         registered = HERE
     latency_ns = round(1e6 * options.latency_ms)
     person = LivePerson(
-        source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm,
+        source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm, saying_to(page),
         settings=LIVE if page is None else WORN, hand="right" if page is None else hand_of(options),
     )  # fmt: skip
     if options.place is not None and registered is None:

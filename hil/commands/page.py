@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from highfive.hil.commands.page_options import check_port
 from highfive.hil.commands.simulate_options import PageOptions
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.console import say_aside
@@ -38,6 +39,7 @@ def open_page(
     Raises:
         HighFiveError: the port is in use, or this machine is in no network that the page could be served to.
     """
+    check_port(options)
     with LivePage(about, port=options.port, estop=estop, tracks=tracks, **_network(options)) as page:
         say_aside(f"open {page.address} in a browser")
         if opened is not None:
@@ -47,6 +49,17 @@ def open_page(
         if not page.wait_for_page(PATIENCE_S):
             say_aside("nobody looks on; it begins")
         yield page
+
+
+def saying_to(page: LivePage | None) -> Callable[[str], None]:
+    """What tells a person what to do: on the terminal, and on the page where there is one."""
+
+    def say(message: str) -> None:
+        say_aside(message)
+        if page is not None:
+            page.tell("say", message=f"{message[:1].upper()}{message[1:]}")
+
+    return say
 
 
 def _network(options: PageOptions) -> dict[str, Any]:
@@ -61,4 +74,4 @@ def _network(options: PageOptions) -> dict[str, Any]:
     say_aside(
         "the page is open to this network for who has its address; the browser asks once to trust its certificate"
     )
-    return {"host": "0.0.0.0", "names": (address,), "tls": certificate((address,))}
+    return {"host": options.host, "names": (address,), "tls": certificate((address,))}

@@ -6,6 +6,7 @@ import gc
 import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,11 +50,18 @@ figures only; the recording has all of them."""
 
 @dataclass(frozen=True)
 class Played:
-    """The trials that were finished, what the arm did in them, and whether the session ended early."""
+    """The trials that were finished, what the arm did in them, and whether, and why, the session ended early."""
 
     results: list[TrialResult] = field(default_factory=list)
     arm: ArmResults | None = None
     interrupted: bool = False
+    why: str = ""
+
+
+def over_message(played: Played, folder: Path) -> str:
+    """What the page says at the end: whether the session ended early, why, and where its report is."""
+    early = f"The session ended early: {played.why}." if played.interrupted and played.why else "The session is over."
+    return f"{early} The report, on the computer that ran it: {(folder / 'report.html').absolute()}"
 
 
 def play(
@@ -109,7 +117,7 @@ def play(
                     result, trouble = None, str(error)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
                     _tell_broken_off(number, trouble, recorder, watch, first=not results)
-                    return replace(played, interrupted=True)
+                    return replace(played, interrupted=True, why=trouble)
                 result = replace(result, style=programme.style_name(style))
                 arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
                 kept.end(result)
@@ -123,14 +131,14 @@ def play(
                     _advise(_remedy(watch, arm))
                     if view is not None:
                         view.stopped()
-                    return replace(played, interrupted=True)
+                    return replace(played, interrupted=True, why=f"the arm was stopped: {watch.loop.trouble}")
                 programme.judged(result, partner)
         except KeyboardInterrupt:
-            return replace(played, interrupted=True)
+            return replace(played, interrupted=True, why="interrupted at the computer that ran it")
         finally:
             recorder.record_event("session_end")
             gc.unfreeze()
-    return replace(played, interrupted=programme.ended)
+    return replace(played, interrupted=programme.ended, why="ended on the page" if programme.ended else "")
 
 
 def _nothing_yet() -> ArmResults:
@@ -218,7 +226,8 @@ def _tell_broken_off(
 def _remedy(watch: ArmWatch, arm: ArmTrial | None) -> str:
     from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
 
-    return too_busy(arm, [*watch.fresh()[1], *watch.loop.cycles()], watch.loop.stopped_by)
+    cycles = [*watch.fresh()[1], *watch.loop.cycles()]
+    return too_busy(arm, cycles, watch.loop.stopped_by, gone=watch.loop.gone)
 
 
 def _advise(remedy: str) -> None:

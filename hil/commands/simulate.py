@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from highfive.hil.commands.headset_beside import registered_headset
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
-from highfive.hil.commands.play_trials import Played, play
+from highfive.hil.commands.page_options import check_port
+from highfive.hil.commands.play_trials import Played, over_message, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_outputs import check_output_options, open_outlets, open_publishers, session_outputs
 from highfive.hil.commands.session_partners import partners_of, worn_set
@@ -27,6 +28,7 @@ from highfive.hil.recording.replay import SUFFIX, Replay
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
+from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.session.reach import SEEN_LATE
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.grid import CELLS
@@ -84,6 +86,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     worn = live and wears_headset(options)
     options = with_page(options) if worn else options
     with ExitStack() as stack:
+        stack.enter_context(interrupted_between_ticks())  # first: an arm's handlers of Ctrl-C call this one
         _check(options, live, again)
         beside = registered_headset(options, live)
         if beside is not None and options.view is None:
@@ -122,6 +125,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             session = _session(options, model, scene, partners[0], person, clock, replay)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts, None if beside is None else (beside, person))
+                _let_speak(person, page)
             drift = None if beside is None else _drift(beside, person, page)
             paced = publishers or options.record_lsl or person is not None or watch is not None or page is not None
             recorder = BackgroundRecorder(
@@ -130,7 +134,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             outputs = session_outputs(options, recorder, publishers)
             played = play(options, session, scene, partners, person, outputs, bar, watch, page, replay, drift)
             if page is not None:
-                page.tell("over", message=f"The session is over: {folder / 'report.html'}")
+                page.tell("over", message=over_message(played, folder))
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
         return _report(options, played, recorder.trouble, replayed, settings, folder, bar, lag)
 
@@ -154,6 +158,8 @@ def _check(options: SimulateOptions, live: bool, again: bool) -> None:
     check_output_options(options, again=again)
     if again:
         check_replay_options(options)
+    if options.view is not None:
+        check_port(options.view)
     if options.view is not None and options.arm is not None and options.arm.port == "virtual":
         raise HighFiveError("--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated")
 
@@ -172,6 +178,14 @@ def _training_trials(data: Path, bar: Bar) -> list[Trial]:
 
     pairs = load_trials(data, progress=lambda total: bar("solving markers", total), learn_only=True)
     return [pair.trial for pair in pairs]
+
+
+def _let_speak(person: LivePerson | None, page: LivePage) -> None:
+    """What a live person is told from now on is on the page, too."""
+    if person is not None:
+        from highfive.hil.commands.page import saying_to  # noqa: PLC0415
+
+        person.say = saying_to(page)
 
 
 def _drift(kept: KeptRegistration, person: LivePerson | None, page: LivePage | None) -> DriftWatch:

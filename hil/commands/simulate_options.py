@@ -28,6 +28,11 @@ class PageOptions:
     open_browser: bool = True
     https: bool = False
 
+    @property
+    def host(self) -> str:
+        """The address that is listened on: this machine's own, or all that it has."""
+        return "0.0.0.0" if self.https else "127.0.0.1"
+
 
 @dataclass(frozen=True)
 class WebcamOptions:

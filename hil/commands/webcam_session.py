@@ -7,9 +7,10 @@ from contextlib import ExitStack, closing
 from highfive.calibration.placement import Placement, place_before_camera
 from highfive.hil.commands.headset_session import hand_of
 from highfive.hil.commands.live_options import camera_settings
+from highfive.hil.commands.page import saying_to
 from highfive.hil.commands.simulate_options import SimulateOptions
+from highfive.hil.commands.waiting import Waiting
 from highfive.hil.runtime.clock import MACHINE
-from highfive.hil.runtime.console import say_aside
 from highfive.hil.trials.live_partner import LivePerson
 from highfive.hil.view.browser import Browser
 from highfive.hil.view.live_page import LivePage
@@ -44,31 +45,29 @@ def webcam_person(options: SimulateOptions, page: LivePage, stack: ExitStack) ->
     source = WebcamSource(page, CameraPerson(camera_settings(options), left=hand_of(options) == "left"))
     stack.enter_context(closing(source))
 
-    def say(message: str) -> None:
-        say_aside(message)
-        page.tell("say", message=f"{message[:1].upper()}{message[1:]}")
-
     page.tell("say", message="Stand two metres before the camera, from head to hips in its picture.")
-    _wait(source)
+    _wait(source, page)
 
     def place(watched: Recording, marker_set: MarkerSet) -> Placement:
         return place_before_camera(watched, marker_set, source.person.camera_in_room)
 
-    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING, place=place, hand=hand_of(options))
+    person = LivePerson(source, WEBCAM, say=saying_to(page), tracking=TRACKING, place=place, hand=hand_of(options))
     person.camera = person.placement.apply(source.person.camera_in_room)
     return person
 
 
-def _wait(source: WebcamSource) -> None:
-    """Until the person stands as she should."""
-    begun, last, steady, frame = MACHINE.now(), MACHINE.now(), 0, None
-    while steady < STEADY:
+def _wait(source: WebcamSource, page: LivePage) -> None:
+    """Until the person stands as she should, and the page does not say pause."""
+    waiting, last, steady, frame = Waiting(page, PATIENCE_S), MACHINE.now(), 0, None
+    while steady < STEADY or waiting.paused:
         new, now = source.wait(frame, 0.5), MACHINE.now()
+        unseen = "nobody stands before the camera, head to hips in the picture, yet"
+        patient = waiting.look(unseen if frame else "no picture has come yet: allow the page its camera")
         if new is not None:
             look = source.person.look
             whole = bool(new.valid.all()) and look is not None and look.distance == look.distance
             frame, last, steady = new, now, steady + 1 if whole else 0
-        if now - begun > 1e9 * PATIENCE_S:
+        if not patient:
             seen = "nobody stood before the camera, head to hips in the picture" if frame else "no picture came"
             raise HighFiveError(f"{seen}, within {PATIENCE_S:g} s; what the page says of the camera tells why")
         if frame is not None and now - last > 1e9 * LONGEST_GAP_S:

@@ -1,11 +1,13 @@
-"""Ctrl-C that reaches Python where no exception may pass: in a callback of the garbage collector, or in ``__del__``.
+"""Ctrl-C where no exception may pass: in a callback of the garbage collector, in ``__del__``, in a compiled answer.
 
-JAX has such a callback. Python prints "Exception ignored" there, and the command would run on to its end.
+JAX has such a callback. Python prints "Exception ignored" there, and the command would run on to its end. Numba calls
+Python to make a named tuple of what a compiled function answers, and crashes where that raises.
 """
 
 from __future__ import annotations
 
 import ctypes
+import signal
 import sys
 import threading
 import time
@@ -13,14 +15,80 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.runtime.shutdown import AGAIN_S as ANOTHER_S
+
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
+    from types import TracebackType
 
 AGAIN_S = 0.05
 """s after which a swallowed Ctrl-C is raised again: whoever swallowed it has returned by then, or swallows it again."""
 
 
 _answered: list[None] = []
+
+
+class _Ticks:
+    """Whether the main thread is in a tick, and when Ctrl-C came in it, ns."""
+
+    def __init__(self) -> None:
+        self.within = False
+        self.asked_ns: int | None = None
+
+
+_ticks = _Ticks()
+
+
+@contextmanager
+def interrupted_between_ticks(clock: Clock = MACHINE) -> Iterator[None]:
+    """In here Ctrl-C interrupts as ever, but for a :class:`WholeTick`, which it interrupts as that ends.
+
+    Another Ctrl-C, more than a second later, interrupts a tick that hangs. Only in the main thread, and where Ctrl-C
+    does what Python makes of it; handlers that are set in here, and call this one, wait for the tick, too.
+    """
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    ):
+        yield
+        return
+
+    def handle(number: int, frame: object) -> None:
+        asked_ns, _ticks.asked_ns = _ticks.asked_ns, None
+        if not _ticks.within or (asked_ns is not None and clock.now() - asked_ns > ANOTHER_S * 1e9):
+            raise KeyboardInterrupt
+        _ticks.asked_ns = clock.now() if asked_ns is None else asked_ns
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+class WholeTick:
+    """A tick in a ``with``: see :func:`interrupted_between_ticks`. Costs a microsecond; do not nest."""
+
+    def __enter__(self) -> None:
+        """Begins."""
+        if threading.current_thread() is threading.main_thread():
+            _ticks.within = True
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Ends.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C came meanwhile.
+        """
+        if not _ticks.within or threading.current_thread() is not threading.main_thread():
+            return
+        _ticks.within = False
+        if _ticks.asked_ns is not None:
+            _ticks.asked_ns = None
+            raise KeyboardInterrupt
 
 
 @contextmanager
@@ -54,5 +122,8 @@ def raise_swallowed_interrupts() -> None:
 
 def _raise_in_main_thread() -> None:
     time.sleep(AGAIN_S)
+    if _ticks.within:
+        _ticks.asked_ns = MACHINE.now()
+        return
     main = ctypes.c_ulong(threading.main_thread().ident or 0)
     ctypes.pythonapi.PyThreadState_SetAsyncExc(main, ctypes.py_object(KeyboardInterrupt))

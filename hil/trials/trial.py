@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
+from highfive.hil.runtime.interrupts import WholeTick, interrupted_between_ticks
 from highfive.hil.session.kinds import PEOPLE, POSES
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
 from highfive.hil.session.synchroniser import Synchroniser
@@ -29,6 +30,7 @@ def run_trial(
 ) -> TrialResult:
     """One trial. The partner's recording goes as fast as it can; its figures are the same every time, timings apart.
 
+    Ctrl-C waits for the end of a tick: interrupted compiled code crashes, and a recording holds whole ticks.
     The result's style is the partner's emotion; who has set another one puts it in.
 
     Args:
@@ -40,24 +42,28 @@ def run_trial(
         watch: is shown each tick.
         keep: is given with what each began, what was played, and what it took, ms; after ``watch``.
     """
-    session.reset()
     synchroniser = Synchroniser()
     avatar, person = synchroniser.open("avatar", POSES), synchroniser.open("person", PEOPLE)
     ticks: list[Tick] = []
     states: list[PlayState] = []
     tick_ms: list[float] = []
-    for begins in as_captured(C3DSource(partner.recording, RATE_HZ)) if inputs is None else inputs:
-        start = time.perf_counter_ns()
-        tick = session.step(begins.frame, begins.time_ns)
-        tick_ms.append(1e-6 * (time.perf_counter_ns() - start))
-        avatar.add(tick.time_ns, tick.pose)
-        person.add(tick.person.time_ns, tick.person)
-        moment = synchroniser.at(tick.time_ns)
-        play = playout.step if states else playout.reset
-        states.append(play(moment.of(avatar).value, moment.of(person).value, moment.time_ns))
-        ticks.append(tick)
-        watch(tick)
-        keep(begins, tick, states[-1], tick_ms[-1])
+    whole = WholeTick()  # compiled code runs in no other place
+    with interrupted_between_ticks():
+        with whole:
+            session.reset()
+        for begins in as_captured(C3DSource(partner.recording, RATE_HZ)) if inputs is None else inputs:
+            with whole:
+                start = time.perf_counter_ns()
+                tick = session.step(begins.frame, begins.time_ns)
+                tick_ms.append(1e-6 * (time.perf_counter_ns() - start))
+                avatar.add(tick.time_ns, tick.pose)
+                person.add(tick.person.time_ns, tick.person)
+                moment = synchroniser.at(tick.time_ns)
+                play = playout.step if states else playout.reset
+                states.append(play(moment.of(avatar).value, moment.of(person).value, moment.time_ns))
+                ticks.append(tick)
+                watch(tick)
+                keep(begins, tick, states[-1], tick_ms[-1])
     return judged(number, partner, ticks, states, np.array(tick_ms))
 
 

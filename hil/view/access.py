@@ -6,10 +6,20 @@ import hmac
 import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 """Names of this machine as a browser on it writes them."""
+
+_MOST_FIELDS = 8  # of a query
+
+
+def address_of(target: str) -> SplitResult | None:
+    """What a request asks for, in its parts; None where that is no address."""
+    try:
+        return urlsplit(target)
+    except ValueError:
+        return None
 
 
 def new_key() -> str:
@@ -36,11 +46,11 @@ class Access:
         """To this machine, and to it under other ``names``."""
         return cls(key, frozenset(f"{name}:{port}" for name in (*LOOPBACK, *names)), secure)
 
-    def refusal(self, path: str, host: str | None, origin: str | None, *, needs_key: bool) -> str:
+    def refusal(self, query: str, host: str | None, origin: str | None, *, needs_key: bool) -> str:
         """Why a request is refused, in one line; nothing where it is not.
 
         Args:
-            path: with its query.
+            query: of the address.
             host: the header ``Host``.
             origin: the header ``Origin``; a program that is no browser sends none.
             needs_key: the key is asked for.
@@ -51,8 +61,12 @@ class Access:
             return "pages of other sites may not look at High Five"
         if not needs_key:
             return ""
-        keys = parse_qs(urlsplit(path).query, max_num_fields=8).get("key", [])
-        if len(keys) == 1 and hmac.compare_digest(keys[0].encode(), self.key.encode()):
+        try:
+            keys = parse_qs(query, max_num_fields=_MOST_FIELDS).get("key", [])
+        except ValueError:  # too many
+            keys = []
+        # Bytes that are no ASCII come as surrogates, in which no key is written.
+        if len(keys) == 1 and hmac.compare_digest(keys[0].encode(errors="replace"), self.key.encode()):
             return ""
         return "the key in this address is missing or wrong: open the address that High Five printed"
 

@@ -111,6 +111,13 @@ class LivePage:
         asked, self._commands = self._commands, []
         return asked
 
+    def take(self, *names: str) -> list[Command]:
+        """Those of what was asked for that have one of these names; the others stay for :meth:`commands`."""
+        self._note_all()
+        taken = [command for command in self._commands if command.name in names]
+        self._commands = [command for command in self._commands if command.name not in names]
+        return taken
+
     def shown(self) -> list[PageShown]:
         """What pages have shown since the last call, as they say: each picture, for when its pose was, and when it was
         seen. The oldest are dropped where nobody asks.

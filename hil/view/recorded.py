@@ -78,7 +78,11 @@ def recorded_trials(path: Path, scene: Scene) -> tuple[RecordedTrial, ...]:
     Raises:
         HighFiveError: it cannot be read, holds no high five, or is of another version or another skeleton.
     """
-    recording = read_recording(path)
+    return shown_trials(read_recording(path), path, scene)
+
+
+def shown_trials(recording: SessionRecording, path: Path, scene: Scene) -> tuple[RecordedTrial, ...]:
+    """As :func:`recorded_trials`, of a ``recording`` that was read from ``path``."""
     if recording.joints != tuple(avatar_skeleton().names):
         raise HighFiveError(
             f"{path} was recorded with another skeleton ({len(recording.joints)} joints, this one has "

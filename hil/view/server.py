@@ -18,7 +18,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -27,7 +26,7 @@ from websockets.http11 import Request, Response
 from highfive.hil.drivers.latch import Cause, Latch
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.sim.scene import build_scene
-from highfive.hil.view.access import Access
+from highfive.hil.view.access import Access, address_of
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import parse_command
@@ -189,10 +188,13 @@ class _Server:
 
     async def _request(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answers for a file; None goes on to a live connection."""
-        path = urlsplit(request.path).path
+        address = address_of(request.path)
+        if address is None:
+            return refusal(HTTPStatus.BAD_REQUEST, "what was asked for is no address")
+        path = address.path
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         reason = self._access.refusal(
-            request.path,
+            address.query,
             hosts[0] if len(hosts) == 1 else None,
             ",".join(origins) or None,
             needs_key=path in ("/", LIVE),

@@ -168,7 +168,7 @@ def _played(
                 except HighFiveError as error:  # a full disk; there is still a report to try
                     stopped = str(error)
             if stopped := loop.trouble or stopped:
-                remedy = too_busy(trial, loop.cycles(), loop.stopped_by)
+                remedy = too_busy(trial, loop.cycles(), loop.stopped_by, gone=loop.gone)
                 whole += trial is not None and not trial.broken_off
                 break
             whole += 1

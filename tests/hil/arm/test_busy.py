@@ -26,3 +26,9 @@ def test_a_pause_between_two_high_fives_is_one_of_a_busy_computer() -> None:
 def test_silent_servos_are_the_computers_fault_only_if_the_bus_was_late() -> None:
     assert too_busy(WELL, cycles(2 * LATE_NS), {Rule.SILENT_SERVO}).startswith("the computer was too busy")
     assert too_busy(WELL, cycles(0), {Rule.SILENT_SERVO}) == ""
+
+
+def test_a_driver_that_was_killed_is_no_busy_computer() -> None:
+    for stopped_by in ({Rule.DEADLINE}, {Rule.SILENT_SERVO}):
+        assert too_busy(WELL, cycles(2 * LATE_NS), stopped_by)
+        assert too_busy(WELL, cycles(2 * LATE_NS), stopped_by, gone=True) == ""

@@ -33,7 +33,8 @@ def test_what_does_not_go_with_a_webcam_is_said(tmp_path: Path) -> None:
     assert "--camera" in refused(replace(WEBCAM, webcam=WebcamOptions(video=tmp_path / "none.mjpeg")))
     (tmp_path / "film.mp4").touch()
     assert ".y4m" in refused(replace(WEBCAM, webcam=WebcamOptions(video=tmp_path / "film.mp4")))
-    assert "height" in refused(replace(WEBCAM, webcam=WebcamOptions(height=17.5)))
+    assert refused(replace(WEBCAM, webcam=WebcamOptions(height=17.5))).startswith("--height is 17.5 m")
+    assert refused(replace(WEBCAM, webcam=WebcamOptions(field_of_view=3.0))).startswith("--fov is 3.0 °")
     for more in (WebcamOptions(height=1.7), WebcamOptions(field_of_view=65.0), WebcamOptions(video=tmp_path)):
         assert "add --source webcam" in refused(SimulateOptions(webcam=more))
 

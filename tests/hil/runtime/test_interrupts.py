@@ -1,13 +1,18 @@
-"""A Ctrl-C that comes in a callback of the garbage collector is not lost."""
+"""A Ctrl-C that comes in a callback of the garbage collector is not lost; one in a tick waits for its end."""
 
 import gc
+import signal
 import subprocess
 import sys
 import threading
+from contextlib import ExitStack
 
 import pytest
 
-from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
+from highfive.hil.arm.emergency_stop import listening, uninterrupted
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.interrupts import WholeTick, interrupted_between_ticks, raise_swallowed_interrupts
+from highfive.hil.runtime.virtual_clock import VirtualClock
 
 SWALLOWED = """
 import gc, sys
@@ -42,3 +47,54 @@ def test_other_exceptions_there_are_told_as_before(monkeypatch: pytest.MonkeyPat
     gc.callbacks.append(callback)
     gc.collect()
     assert reported == [ValueError] and threading.active_count() == threads
+
+
+@pytest.mark.parametrize("arm", [False, True])
+def test_ctrl_c_waits_for_the_end_of_a_tick_and_stops_an_arm_at_once(arm: bool) -> None:
+    before, done = signal.getsignal(signal.SIGINT), []
+    latch = Latch()
+    with interrupted_between_ticks(), ExitStack() as stack:
+        if arm:
+            stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+            stack.enter_context(listening(latch, signals=(signal.SIGINT,)))
+        with pytest.raises(KeyboardInterrupt), WholeTick():
+            signal.raise_signal(signal.SIGINT)
+            assert (latch.pulled_ns is not None) == arm
+            done.append("whole")
+        with WholeTick():  # it was answered once
+            done.append("next")
+        if not arm:
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+    assert done == ["whole", "next"] and signal.getsignal(signal.SIGINT) is before
+
+
+def test_another_ctrl_c_interrupts_a_tick_that_hangs() -> None:
+    clock = VirtualClock()
+    with interrupted_between_ticks(clock):
+        with pytest.raises(KeyboardInterrupt), WholeTick():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)  # to the process and to its group: one Ctrl-C
+            clock.wait_until(clock.now() + 1_100_000_000)
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+            raise KeyboardInterrupt
+        with WholeTick():
+            pass
+
+
+def test_a_tick_in_another_thread_holds_nothing() -> None:
+    entered, leave = threading.Event(), threading.Event()
+
+    def tick() -> None:
+        with interrupted_between_ticks(), WholeTick():
+            entered.set()
+            leave.wait()
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    entered.wait()
+    with interrupted_between_ticks(), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    leave.set()
+    thread.join()

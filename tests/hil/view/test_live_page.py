@@ -80,12 +80,40 @@ def test_who_has_the_address_gets_the_page_and_everything_it_names(page: LivePag
         ("/../wire.py", {}, 404),
         ("/%2e%2e/wire.py", {}, 404),
         ("/etc/passwd", {}, 404),
+        ("/?a0=1&a1=1&a2=1&a3=1&a4=1&a5=1&a6=1&a7=1&a8=1&key=KEY", {}, 403),
+        ("//[::1/", {}, 400),
     ],
 )
 def test_nobody_else_is_let_in(page: LivePage, path: str, headers: dict[str, str], status: int) -> None:
     key = urlsplit(page.address).query.removeprefix("key=")
     found, _, body = get(page, path.replace("KEY", key), **headers)
     assert found == status and body.count(b"\n") == 1
+
+
+def request_targets(key: str) -> Iterator[bytes]:
+    """What programs may ask for: pieces of addresses, of ours too, and bytes, thrown together."""
+    rng = np.random.default_rng(6)
+    pieces = [
+        b"/", b"//", b"..", b"?", b"&", b"=", b"#", b"%", b"%00", b"%ff", b"%zz", b"[", b"]", b"[::1", b"http://", b":",
+        b"@", b";", b"key=", b"key=" + key.encode(), b"\xff", "é".encode(), b"\x00", b"\t", b"live", b"style.css",
+        b"a" * 3000, b"&a=1" * 12,
+    ]  # fmt: skip
+    for _ in range(300):
+        yield b"".join(pieces[i] for i in rng.integers(len(pieces), size=rng.integers(1, 9)))
+        yield b"/?key=" + rng.bytes(8)
+
+
+def test_no_request_line_brings_the_server_into_trouble(capfd: pytest.CaptureFixture[str]) -> None:
+    with LivePage(ABOUT, port=0) as page:  # of this test's own: what it prints is caught
+        parts = urlsplit(page.address)
+        for target in request_targets(parts.query.removeprefix("key=")):
+            with socket.create_connection(("127.0.0.1", page.port), timeout=10.0) as link:
+                link.sendall(b"GET " + target + b" HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % page.port)
+                with link.makefile("rb") as answer:
+                    line = answer.readline()
+            assert not line.startswith(b"HTTP/1.1 5"), target
+        assert get(page, f"{parts.path}?{parts.query}")[0] == 200
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_live_connection_needs_the_key_and_a_page_of_ours(page: LivePage) -> None:

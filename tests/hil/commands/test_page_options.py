@@ -1,0 +1,50 @@
+"""What is asked of the live page reaches it, or is refused in one line, before anything is opened."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from highfive.hil.commands.headset_session import with_page
+from highfive.hil.commands.page_options import check_port, page_options
+from highfive.hil.commands.simulate import simulate
+from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
+from highfive.hil.runtime.console import progress_bars
+from highfive.model.errors import HighFiveError
+
+
+@pytest.mark.parametrize("source", ["headset", "Headset", "headset?hand=left", "webcam", "webcam?hand=left", None])
+def test_what_is_asked_of_the_page_reaches_it(source: str | None) -> None:
+    options = page_options(source is None, source, None, 9153, True, True)
+    assert options == PageOptions(9153, open_browser=False, https=True)
+    if source is not None and source.lower().startswith("headset"):
+        assert with_page(SimulateOptions(source=source, view=options)).view == options
+
+
+def test_a_headset_beside_a_lab_has_the_page() -> None:
+    assert page_options(False, "vicon://lab", Path("headset.toml"), None, False, False) == PageOptions()
+
+
+@pytest.mark.parametrize("source", [None, "pair.c3d", "vicon://lab", "session.mcap"])
+def test_what_is_asked_of_no_page_is_refused(source: str | None) -> None:
+    assert page_options(False, source, None, None, False, False) is None
+    for name, words in (
+        ("--port", (9153, False, False)),
+        ("--no-open", (None, True, False)),
+        ("--https", (None, False, True)),
+    ):
+        with pytest.raises(HighFiveError, match=f"^{name} is of the live page; add --view$"):
+            page_options(False, source, None, *words)
+
+
+@pytest.mark.parametrize("https", [False, True])
+def test_a_port_in_use_is_said_before_people_are_made(https: bool, tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        view = PageOptions(taken.getsockname()[1], https=https)
+        with progress_bars() as bar, pytest.raises(HighFiveError, match=f"^port {view.port} is in use: choose another"):
+            simulate(SimulateOptions(view=view), tmp_path / "out", bar)
+    assert not (tmp_path / "out").exists()
+    check_port(view)  # it is free again
+    check_port(PageOptions())

@@ -45,7 +45,7 @@ const strips = {
   correction: new Strip(byId("correction-strip"), { top: 1, colour: "#1f6f9c" }),
 };
 const contacts = new Contacts(byId("contacts-strip"));
-let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", shownContact = null;
+let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", why = "", shownContact = null;
 
 /** The picture, whole, is turned round for who gives a webcam the left hand; its left is then the window's right. */
 let flipped = false, free = null;
@@ -57,6 +57,7 @@ const connection = new Connection({
   link(kind) {
     if (kind === linked) return;
     linked = kind;
+    controls.stop.link(kind === "good");
     if (BROKEN[kind]) linkShown("bad", BROKEN[kind][0]);
     if (BROKEN[kind]?.[1]) notice(BROKEN[kind][1]);
   },
@@ -97,7 +98,7 @@ const heard = {
       strips.correction.add(text.time_s, text.correction);
     }
     if (stage) stage.showForecast(behind ? mirroredForecast(text.forecast) : text.forecast);
-    if (text.message !== undefined) notice(text.message);
+    if (text.message !== undefined) notice(why = text.message);
   },
   contacts(text) {
     trials = text.trials;
@@ -109,7 +110,7 @@ const heard = {
   },
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
-  over(text) { notice(text.message); linkShown("", "over"); linked = "over"; connection.close(); },
+  over(text) { notice([why, text.message].filter(Boolean).join("\n")); linkShown("", "over"); linked = "over"; connection.close(); controls.end(); },
   headset(text) { notice(text.message); },
   touch(text) {
     if (stage) stage.contact(behind ? mirroredPoint(text.where) : text.where, performance.now());

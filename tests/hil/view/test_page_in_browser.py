@@ -23,6 +23,11 @@ STATE = {
     "tracked": 15, "markers": 16,
     "forecast": {"point": [0.48, 0.0, 1.4], "axes": [[0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.04]]},
 }  # fmt: skip
+RECORDED = {
+    "trial": 0, "trials": 1, "style": "happy 0.5 + neutral 0.5", "cell": "", "time_s": 0.5, "length_s": 2.0,
+    "contact_s": 1.0, "playing": True, "speed": 1.0, "palms_m": 0.3, "correction": 0.5, "time_to_contact_s": 0.5,
+    "forecast": None,
+}  # fmt: skip
 SHOWN = "new Promise(r => {{const t = setInterval(() => {{if ({}) {{clearInterval(t); r(true)}}}}, 50)}})"
 
 
@@ -138,6 +143,109 @@ def test_figures_controls_and_the_picture_are_those_of_the_session(page: LivePag
         page.tell("state", **{**STATE, "stopped": True})
         until(browser, "document.getElementById('estop').textContent.includes('let go at the host')")
         assert not browser.console
+
+
+def press(browser: Browser, key: str, code: str) -> None:
+    """As by a finger: with what a focused control does of its own accord."""
+    stroke = {
+        "key": key,
+        "code": code,
+        "text": " " if key == " " else "",
+        "windowsVirtualKeyCode": 32 if key == " " else 0,
+    }
+    browser.call("Input.dispatchKeyEvent", type="keyDown", **stroke)
+    browser.call("Input.dispatchKeyEvent", type="keyUp", **stroke)
+
+
+def click(browser: Browser, selector: str) -> None:
+    """As by a mouse: the focus goes there."""
+    x, y = browser.evaluate(
+        f"(() => {{const box = document.querySelector('{selector}').getBoundingClientRect();"
+        "return [box.x + box.width / 2, box.y + box.height / 2]})()"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
+CONTROLS = ("#moods button", "#moods input", "#correct", "#pause", "#next", "#mix", "[data-view=side]")
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_space_stops_the_arm_and_does_nothing_else_whatever_has_the_focus(page: LivePage, control: str) -> None:
+    with Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('estop').disabled")
+        page.tell("state", **STATE)
+        until(browser, "highfive.state().trials === 9")
+        page.commands()
+        click(browser, control)
+        until(browser, "!document.activeElement || document.activeElement === document.body")
+        browser.evaluate(f"document.querySelector('{control}').focus()")  # as by Tab
+        page.commands()
+        press(browser, " ", "Space")
+        assert asked(page, 1) == [("estop", None)]
+        until(browser, "document.getElementById('estop').textContent.startsWith('STOP ASKED')")
+        assert not page.commands()
+        page.tell("state", **{**STATE, "stopped": True})
+        until(browser, "document.getElementById('estop').textContent.includes('let go at the host')")
+        page.tell("state", **STATE)
+        until(browser, "document.getElementById('estop').textContent === 'EMERGENCY STOP'")
+
+
+def test_space_pauses_a_session_without_an_arm_and_plays_a_recording_after_controls_were_clicked() -> None:
+    with LivePage(ABOUT, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('controls').hidden")
+        click(browser, "#correct")
+        assert asked(page, 1) == [("correct", False)]
+        press(browser, " ", "Space")
+        press(browser, "n", "KeyN")
+        assert asked(page, 2) == [("pause", True), ("next", None)]
+    line = {"style": "happy", "cell": "", "contact_s": 1.0, "met": True, "where": [0.4, 0, 1.4], "distance_m": 0.001}
+    with LivePage({"mode": "recording", "title": ""}, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('timeline').hidden")
+        page.tell("contacts", trials=[{**line, "title": ""}])
+        page.tell("state", **RECORDED)
+        until(browser, "highfive.state().playing")
+        click(browser, "#seek")
+        assert [name for name, _ in asked(page, 1)] == ["seek"]
+        for key, code in ((" ", "Space"), ("ArrowLeft", "ArrowLeft"), ("ArrowRight", "ArrowRight")):
+            press(browser, key, code)
+        assert asked(page, 3) == [("pause", True), ("step", -1), ("step", 1)]
+
+
+def test_a_stop_that_cannot_be_asked_for_does_not_look_as_if_it_could() -> None:
+    """Where the host's server is gone, or stands still with its connection open."""
+    stop = "(b => [b.disabled, b.textContent])(document.getElementById('estop'))"
+    with LivePage({**ABOUT, "arm": True}, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('estop').disabled")
+        browser.evaluate("highfive.connection.ask = () => {}")  # no answer comes
+        until(browser, "document.getElementById('estop').disabled")
+        assert browser.evaluate(stop) == [True, "NOT CONNECTED: stop at the host"]
+        browser.evaluate("delete highfive.connection.ask")
+        until(browser, "!document.getElementById('estop').disabled")
+        page.close()
+        until(browser, "document.getElementById('estop').disabled")
+        assert browser.evaluate(stop) == [True, "NOT CONNECTED: stop at the host"]
+
+
+def test_the_end_says_why_and_leaves_no_control_that_does_nothing() -> None:
+    with LivePage({**ABOUT, "arm": True}, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('estop').disabled")
+        page.tell("state", **{**STATE, "stopped": True, "message": "The arm was stopped: tested"})
+        page.tell("over", message="The session is over: report.html")
+        until(browser, "document.getElementById('link').textContent.trim() === 'over'")
+        assert text(browser, "notice").split("\n") == [
+            "The arm was stopped: tested",
+            "The session is over: report.html",
+        ]
+        assert text(browser, "estop") == "NOT CONNECTED: stop at the host"
+        live = "[...document.querySelectorAll('#controls :is(button, input, select)')].filter(c => !c.disabled)"
+        assert browser.evaluate(f"{live}.map(c => c.id)") == ["mix"]
+        assert browser.evaluate("[...document.querySelectorAll('#views button')].every(b => !b.disabled)")
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (390, 844), (844, 390)])

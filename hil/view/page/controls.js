@@ -1,12 +1,9 @@
 // The style dial, the buttons, the timeline: what is asked of the host.
 
 import { listen } from "./keys.js";
+import { colourOf, moodOf, weightsOf } from "./moods.js";
 import { Stop } from "./stop.js";
 
-export const COLOURS = { angry: "#c0392b", happy: "#b97a08", neutral: "#5d7a78", sad: "#3b6ea5" };
-const SPARE = ["#7a5ea8", "#3c8d5a", "#b0567c", "#6b6b6b"];
-
-export const colourOf = (emotion, place = 0) => COLOURS[emotion] || SPARE[place % SPARE.length];
 const byId = (id) => document.getElementById(id);
 const SMALL = matchMedia("(max-width: 760px), (max-height: 520px)");
 
@@ -138,7 +135,7 @@ export class Controls {
 
   trials(trials) {
     const cells = new Set(trials.map((trial) => trial.cell));
-    const name = ({ style, cell }, i) => `${i + 1} · ${style}${cell && cells.size > 1 ? ` · ${cell}` : ""}`;
+    const name = ({ style, cell }, i) => `${i + 1} · ${moodOf(weightsOf(style))}${cell && cells.size > 1 ? ` · ${cell}` : ""}`;
     byId("trials").replaceChildren(...trials.map((trial, i) => new Option(name(trial, i), i)));
   }
 }

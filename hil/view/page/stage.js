@@ -267,7 +267,8 @@ export class Stage {
     this.renderer.setPixelRatio(this.quality.now.ratio);
     this.renderer.setSize(width, height, false);
     this.still.forget();
-    this.eye.fit(width, height, this.free || {});
+    this.eye.fit(width, height, this.free || { left: 0, right: 0, top: 0, bottom: 0 });
+    if (this.fog) [this.fog.near, this.fog.far] = [6, 16].map((from) => from + Math.max(this.eye.away - 6, 0));
   }
 
   /** So many pixels at each side lie under panels. */

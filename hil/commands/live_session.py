@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from highfive.calibration.placement_file import load_placement, save_placement
 from highfive.calibration.registration import load_registration
 from highfive.hil.commands.headset_session import HERE, hand_of, wait_until_worn
+from highfive.hil.commands.page import said_on
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.console import confirm, say_aside
 from highfive.hil.trials.live_partner import LivePerson, live_source
@@ -38,8 +39,9 @@ def live_person(
         wait_until_worn(source, page.address)
         registered = HERE
     latency_ns = round(1e6 * options.latency_ms)
+    say = say_aside if page is None else said_on(page)
     person = LivePerson(
-        source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm,
+        source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm, say,
         settings=LIVE if page is None else WORN, hand="right" if page is None else hand_of(options),
     )  # fmt: skip
     if options.place is not None and registered is None:

@@ -49,6 +49,16 @@ def open_page(
         yield page
 
 
+def said_on(page: LivePage) -> Callable[[str], None]:
+    """What tells the person something: here, and on the page and in its headset, large."""
+
+    def say(message: str) -> None:
+        say_aside(message)
+        page.tell("say", message=f"{message[:1].upper()}{message[1:]}")
+
+    return say
+
+
 def _network(options: PageOptions) -> dict[str, Any]:
     """This machine alone, or with TLS whoever has the address."""
     if not options.https:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from highfive.hil.commands.headset_beside import registered_headset
 from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
+from highfive.hil.commands.page import said_on
 from highfive.hil.commands.play_trials import Played, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_partners import partners_of, worn_set
@@ -119,6 +120,8 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             session = _session(options, model, scene, partners[0], person, clock, replay)
             if options.view is not None and page is None:
                 page = _page(options, model, watch, parts, None if beside is None else (beside, person))
+                if person is not None:
+                    person.say = said_on(page)
             drift = None if beside is None else _drift(beside, person, page)
             paced = person is not None or watch is not None or page is not None
             recorder = BackgroundRecorder(SessionRecorder(folder / RECORDING, settings, session.chain), paced=paced)

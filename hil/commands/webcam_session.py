@@ -7,9 +7,9 @@ from contextlib import ExitStack, closing
 from highfive.calibration.placement import Placement, place_before_camera
 from highfive.hil.commands.headset_session import hand_of
 from highfive.hil.commands.live_options import camera_settings
+from highfive.hil.commands.page import said_on
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.clock import MACHINE
-from highfive.hil.runtime.console import say_aside
 from highfive.hil.trials.live_partner import LivePerson
 from highfive.hil.view.browser import Browser
 from highfive.hil.view.live_page import LivePage
@@ -44,17 +44,13 @@ def webcam_person(options: SimulateOptions, page: LivePage, stack: ExitStack) ->
     source = WebcamSource(page, CameraPerson(camera_settings(options), left=hand_of(options) == "left"))
     stack.enter_context(closing(source))
 
-    def say(message: str) -> None:
-        say_aside(message)
-        page.tell("say", message=f"{message[:1].upper()}{message[1:]}")
-
     page.tell("say", message="Stand two metres before the camera, from head to hips in its picture.")
     _wait(source)
 
     def place(watched: Recording, marker_set: MarkerSet) -> Placement:
         return place_before_camera(watched, marker_set, source.person.camera_in_room)
 
-    person = LivePerson(source, WEBCAM, say=say, tracking=TRACKING, place=place, hand=hand_of(options))
+    person = LivePerson(source, WEBCAM, say=said_on(page), tracking=TRACKING, place=place, hand=hand_of(options))
     person.camera = person.placement.apply(source.person.camera_in_room)
     return person
 

@@ -34,13 +34,21 @@ try {
 } catch {
   notice(lasting = "This browser has no WebGL: there is no picture, but figures and controls work.");
 }
-byId("able").textContent = [
-  stage ? (stage.fine ? "" : "Drawn by the processor: no graphics card, or the browser does not use it.") : "No WebGL: no picture.",
-  navigator.xr ? "" : "No WebXR: a headset cannot be entered from this browser or address.",
-].filter(Boolean).join(" ");
 byId("help").onclick = () => { byId("helped").hidden = !byId("helped").hidden; };
 
-const headset = stage && new Headset(stage, byId("headset"), notice);
+/** What this browser lacks; and before a headset is worn that tracks her, how to enter. */
+let hello = {};
+function entrance() {
+  const lacking = headset ? headset.lacking : "";
+  byId("able").textContent = [
+    stage ? (stage.fine ? "" : "Drawn by the processor: no graphics card, or the browser does not use it.") : "No WebGL: no picture.",
+    lacking,
+  ].filter(Boolean).join(" ");
+  if (!hello.tracks || !headset || lacking === null || linked === "over") return;
+  const beside = Boolean(hello.space?.rotation);  // a page on the desk is no mistake there
+  notice(headset?.session ? "" : lacking ? (beside ? "" : lacking) : `Put the headset on, and press ${headset.modes.join(" or ")} here.`);
+}
+const headset = stage && new Headset(stage, byId("headset"), notice, entrance);
 const motion = new Motion();
 const strips = {
   palms: new Strip(byId("palms-strip"), { top: 110, colour: "#d65f1f" }),
@@ -75,7 +83,9 @@ const heard = {
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
-    notice(text.tracks && !text.space?.rotation && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : text.cut ? CUT : "");
+    notice(text.cut ? CUT : "");
+    hello = text;
+    entrance();
     behind = Boolean(text.tracks) && text.hand === "left";
     flipped = Boolean(text.webcam) && text.hand === "left";
     document.body.classList.toggle("flipped", flipped);
@@ -127,8 +137,8 @@ function figures(text) {
   strips.correction.add(text.time_s, text.correction);
 }
 
-/** What is said to who stands before the camera, large. */
-function spoken(message) { const place = byId("spoken"); place.textContent = message; place.hidden = !message; }
+/** What is said to the person: large, and in the headset that she wears. */
+function spoken(message) { headset?.spoken.say(message, performance.now()); const place = byId("spoken"); place.textContent = message; place.hidden = !message; }
 
 let webcam = null;
 /** The camera's panel, and her view of the avatar. */

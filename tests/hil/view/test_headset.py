@@ -179,7 +179,41 @@ def test_a_browser_without_a_headset_offers_none(emulator: str, tmp_path: Path) 
         browser.go(next(found[0] for line in process.stderr if (found := re.search(r"http://\S+", line))))
         assert browser.evaluate(READY)
         assert browser.evaluate("document.getElementById('headset').hidden") is True
+        assert "This browser has WebXR, but finds no headset" in browser.evaluate(
+            "document.getElementById('able').textContent"
+        )
         process.kill()
+
+
+@pytest.mark.slow
+def test_what_is_said_is_read_before_the_eyes_for_some_seconds_and_the_page_says_how_to_enter(emulator: str) -> None:
+    about = {"mode": "session", "title": "", "emotions": [], "cells": [], "tracks": True}
+    notice = "document.getElementById('notice').textContent"
+    panel = (
+        "(() => {const {spoken, stage} = highfive.headset, eyes = highfive.stage.renderer.xr.getCamera();"
+        "return [spoken.visible, spoken.position.toArray(), eyes.cameras.every(eye => spoken.layers.test(eye.layers)),"
+        "spoken.canvas.getContext('2d').getImageData(512, spoken.canvas.height - 75, 1, 1).data[3]]})()"
+    )
+    with LivePage(about, port=0, tracks=True) as page, Browser((640, 360)) as browser:
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source=emulator + DEVICE)
+        browser.go(page.address)
+        assert browser.evaluate(LOADED)
+        browser.evaluate("highfive.stage.renderer.render = () => {}")
+        browser.evaluate(WAIT.format(300))
+        assert browser.evaluate(notice) == "Put the headset on, and press Enter VR or Enter AR here."
+        enter(browser, "immersive-vr")
+        assert browser.evaluate("document.getElementById('notice').hidden") is True
+        assert browser.evaluate(panel)[0] is False
+        page.tell("say", message="High five 1, neutral: raise the right hand")
+        browser.evaluate(WAIT.format(1000))
+        visible, place, both_eyes, ink = browser.evaluate(panel)
+        # Eyes at (0.3, 1.62, 0.2) look along -z.
+        assert visible and both_eyes and ink > 200 and place == pytest.approx([0.3, 1.96, -0.8], abs=0.02)
+        assert browser.evaluate("document.getElementById('spoken').textContent").startswith("High five 1")
+        browser.evaluate(WAIT.format(7500))
+        assert browser.evaluate(panel)[0] is False
+        browser.evaluate(f"highfive.headset.session.end().then(() => {WAIT.format(500)})")
+        assert browser.evaluate(notice).startswith("Put the headset on")
 
 
 def watch_messages(browser: Browser) -> None:

@@ -279,6 +279,7 @@ def test_whom_it_is_about_stands_clear_of_the_panels(
         found = [place for place in places if place]
         assert len(found) == 4
         assert all(0 < x < width and 0 < y < height and name == "stage" for x, y, name in found), found
+        page.tell("state", **STATE, message="")  # pages that come later are told the newest
 
 
 def test_poses_that_a_busy_page_was_not_sent_are_counted_on_it(page: LivePage, trial: RecordedTrial) -> None:

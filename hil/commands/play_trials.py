@@ -116,7 +116,7 @@ def play(
                 except PluginError as error:  # a model of the user's own
                     result, trouble = None, str(error)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    _tell_broken_off(number, trouble, recorder, watch, first=not results)
+                    _tell_broken_off(number, trouble, recorder, watch, view, first=not results)
                     return replace(played, interrupted=True, why=trouble)
                 result = replace(result, style=programme.style_name(style))
                 arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
@@ -130,7 +130,7 @@ def play(
                     say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
                     _advise(_remedy(watch, arm))
                     if view is not None:
-                        view.stopped()
+                        view.ends(f"the arm was stopped: {watch.loop.trouble}", stopped=True)
                     return replace(played, interrupted=True, why=f"the arm was stopped: {watch.loop.trouble}")
                 programme.judged(result, partner)
         except KeyboardInterrupt:
@@ -207,14 +207,17 @@ def _view(
 
 
 def _tell_broken_off(
-    number: int, trouble: str, recorder: SessionOutputs, watch: ArmWatch | None, *, first: bool
-) -> None:
+    number: int, trouble: str, recorder: SessionOutputs, watch: ArmWatch | None, view: SessionView | None,
+    *, first: bool,
+) -> None:  # fmt: skip
     """A high five that was broken off.
 
     Raises:
         HighFiveError: it was the first one.
     """
     remedy = "" if watch is None else _remedy(watch, None)
+    if view is not None:
+        view.ends(trouble, stopped=watch is not None and bool(watch.loop.trouble))
     if first:
         recorder.discard()  # an empty recording would only be in the way of the next attempt
         raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")

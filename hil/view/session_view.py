@@ -131,10 +131,10 @@ class SessionView:
         self._obey()
         return self._wish if self._wish != "next" else ""
 
-    def stopped(self) -> None:
-        """The arm was stopped: the page says so from now on."""
-        self._stopped = True
-        self._page.tell("state", **self._trial, **self._standing(), time_s=0.0)
+    def ends(self, why: str, *, stopped: bool) -> None:
+        """The session ends before it is through: the page says ``why``, and whether the arm was ``stopped``."""
+        self._stopped = stopped
+        self._page.tell("state", **self._trial, **self._standing(), time_s=0.0, message=f"{why[:1].upper()}{why[1:]}")
 
     def _obey(self) -> None:
         for command in self._page.commands():

@@ -9,13 +9,14 @@ const VIEWS = {  // eye and what is looked at, in the world: z up, m; and width 
   palms: [[0.72, -1.5, 1.62], [0.5, 0, 1.38], [1.25, 0.8]],
 };
 const GAZE = 0.02, CHEST = 1.32;  // share of the way in a picture; m
+const FURTHEST = 8;  // m, unless panels leave so little that it must be more
 const OPEN = 34, HERS = 62, WIDEST = 86, ACROSS = 24;  // degrees from top to bottom, and to either side
 
 export class Eye {
   constructor(canvas) {
     this.camera = new PerspectiveCamera(OPEN, 1, 0.03, 40);
     this.orbit = new OrbitControls(this.camera, canvas);
-    Object.assign(this.orbit, { enableDamping: true, dampingFactor: 0.12, minDistance: 0.5, maxDistance: 8, maxPolarAngle: 1.62 });
+    Object.assign(this.orbit, { enableDamping: true, dampingFactor: 0.12, minDistance: 0.5, maxPolarAngle: 1.62 });
     this.size = [1, 1];
     this.free = { left: 0, right: 0, top: 0, bottom: 0 };
     this.name = "orbit";
@@ -40,8 +41,10 @@ export class Eye {
     this.camera.fov = this.fixed ? OPEN : this.hers;
     this.camera.up.set(0, 1, 0);
     if (this.fixed) {
+      this.away = this.distance(VIEWS[name][2]);
+      this.orbit.maxDistance = Math.max(FURTHEST, this.away);
       const [eye, goal] = VIEWS[name].slice(0, 2).map(([x, y, z]) => new Vector3(x, z, -y));
-      this.camera.position.copy(goal).addScaledVector(eye.sub(goal).normalize(), this.distance(VIEWS[name][2]));
+      this.camera.position.copy(goal).addScaledVector(eye.sub(goal).normalize(), this.away);
       this.orbit.target.copy(goal);
       this.orbit.update();
     }

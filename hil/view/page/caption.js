@@ -1,15 +1,8 @@
 // What is seen, in words: the mood, large, and which high five it is.
 
-import { colourOf } from "./controls.js";
+import { colourOf, moodOf, weightsOf } from "./moods.js";
 
 const NEWCOMER = "The person in orange raises her hand. The avatar in blue-green answers.";
-
-/** Weights by emotion as words: one alone by its name, a mixture with its shares. */
-export function moodOf(weights) {
-  const kept = Object.entries(weights).filter(([, weight]) => weight > 0.01).sort((a, b) => b[1] - a[1]);
-  if (kept.length === 1) return kept[0][0];
-  return kept.map(([name, weight]) => `${name} ${Math.round(100 * weight)} %`).join(" + ");
-}
 
 export class Caption {
   constructor(mood, about) { Object.assign(this, { mood, about, hello: {} }); }
@@ -21,7 +14,7 @@ export class Caption {
 
   state(state) {
     const { hello } = this, recorded = hello.mode === "recording";
-    const mood = recorded ? state.style || "" : moodOf(state.weights || {});
+    const mood = moodOf(recorded ? weightsOf(state.style || "") : state.weights || {});
     this.write(this.mood, mood);
     this.mood.parentElement.classList.toggle("mixed", mood.includes("%") || mood.includes("+"));
     this.mood.style.setProperty("--tint", colourOf(mood.split(" ")[0]));

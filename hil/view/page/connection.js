@@ -1,6 +1,6 @@
 // The link to the server: the newest poses, texts in order, the host's clock. Reconnects by itself.
 
-const VERSION = 2, HEAD = 40, RETRY_MS = 500, ASK_MS = 1000, KEPT = 10, MOST_WAITING = 3000;
+const VERSION = 2, HEAD = 40, RETRY_MS = 500, ASK_MS = 1000, KEPT = 10, MOST_WAITING = 3000, MOST_UNANSWERED = 3;
 const SLEW = 0.0005, SET_MS = 20;  // how quickly a better answer is followed, as a fraction, and what says that a clock was set
 
 /** A pose message; times in ms of the host's monotonic clock. */
@@ -35,14 +35,18 @@ export class Connection {
     this.socket = new WebSocket(address);
     this.socket.binaryType = "arraybuffer";
     this.opened = false;
-    this.socket.onopen = () => { this.opened = true; this.answers = []; for (let i = 0; i < KEPT; i++) setTimeout(() => this.ask(), 20 * i); };
+    this.socket.onopen = () => { this.opened = true; this.unanswered = 0; this.answers = []; for (let i = 0; i < KEPT; i++) setTimeout(() => this.ask(), 20 * i); };
     this.socket.onmessage = (event) => this.hear(event.data);
     this.socket.onclose = async () => {
       this.listeners.link(this.opened ? "lost" : await this.why());
       setTimeout(() => this.open(), RETRY_MS);
     };
     clearInterval(this.asking);
-    this.asking = setInterval(() => this.ask(), ASK_MS);
+    this.asking = setInterval(() => {
+      if (this.unanswered >= MOST_UNANSWERED) this.listeners.link("lost");  // a cable that was pulled closes nothing
+      this.ask();
+      this.unanswered += 1;
+    }, ASK_MS);
   }
 
   /** Why no connection comes about: a server that is there says so to a plain question. */
@@ -88,6 +92,7 @@ export class Connection {
     }
     const text = JSON.parse(data);
     if (text.kind === "time") {
+      this.unanswered = 0;
       this.answers.push({ trip: now - text.asked, offset: text.now_ms + (now - text.asked) / 2 - now });
       if (this.answers.length > KEPT) this.answers.shift();
       this.listeners.link("good");

@@ -1,9 +1,9 @@
 // The style dial, the buttons, the timeline: what is asked of the host.
 
-export const COLOURS = { angry: "#c0392b", happy: "#b97a08", neutral: "#5d7a78", sad: "#3b6ea5" };
-const SPARE = ["#7a5ea8", "#3c8d5a", "#b0567c", "#6b6b6b"];
+import { listen } from "./keys.js";
+import { colourOf, moodOf, weightsOf } from "./moods.js";
+import { Stop } from "./stop.js";
 
-export const colourOf = (emotion, place = 0) => COLOURS[emotion] || SPARE[place % SPARE.length];
 const byId = (id) => document.getElementById(id);
 const SMALL = matchMedia("(max-width: 760px), (max-height: 520px)");
 
@@ -19,14 +19,14 @@ export class Controls {
     byId("again").onclick = () => command("again");
     byId("next").onclick = () => command("next");
     byId("end").onclick = () => command("end");
-    byId("estop").onclick = () => command("estop");
+    this.stop = new Stop(byId("estop"), () => command("estop"));
     byId("play").onclick = () => command("pause", this.playing);
     byId("back").onclick = () => command("step", -1);
     byId("forth").onclick = () => command("step", 1);
     byId("seek").oninput = (event) => { this.sought = performance.now(); command("seek", Number(event.target.value)); };
     byId("speed").onchange = (event) => command("speed", Number(event.target.value));
     byId("trials").onchange = (event) => command("trial", Number(event.target.value));
-    addEventListener("keydown", (event) => this.key(event));
+    listen(() => (this.stop.there ? () => this.stop.ask() : null), () => this.keys);
   }
 
   /** On a small screen moods are buttons alone, until somebody wants a mixture. */
@@ -36,12 +36,20 @@ export class Controls {
     byId("mix").textContent = brief ? "Mix" : "Fewer";
   }
 
-  key(event) {
-    if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName)) return;
-    const keys = this.mode === "recording"
-      ? { " ": () => byId("play").click(), ArrowLeft: () => byId("back").click(), ArrowRight: () => byId("forth").click() }
-      : { " ": () => (byId("estop").hidden ? byId("pause") : byId("estop")).click(), n: () => byId("next").click(), a: () => byId("again").click() };
-    if (keys[event.key]) { keys[event.key](); event.preventDefault(); }
+  /** What keys do now; the emergency stop has a way of its own. */
+  get keys() {
+    const press = (name) => () => byId(name).click();
+    return this.mode === "recording"
+      ? { " ": press("play"), ArrowLeft: press("back"), ArrowRight: press("forth") }
+      : { " ": press("pause"), n: press("next"), a: press("again") };
+  }
+
+  /** Nothing can be asked any more. */
+  end() {
+    this.stop.link(false);
+    for (const one of document.querySelectorAll(".controls, .timeline")) {
+      for (const control of one.querySelectorAll("button, input, select")) control.disabled = control.id !== "mix";
+    }
   }
 
   /** What can be asked here, from the first message. */
@@ -122,14 +130,12 @@ export class Controls {
     if (document.activeElement !== byId("correct")) byId("correct").checked = state.corrected;
     if (document.activeElement !== byId("cell")) byId("cell").value = state.cell;
     if (performance.now() - (this.asked || 0) > 700) this.showStyle(state.weights || {});
-    const estop = byId("estop");
-    estop.classList.toggle("pulled", Boolean(state.stopped));
-    estop.textContent = state.stopped ? "STOPPED – let go at the host" : "EMERGENCY STOP";
+    this.stop.told(Boolean(state.stopped));
   }
 
   trials(trials) {
     const cells = new Set(trials.map((trial) => trial.cell));
-    const name = ({ style, cell }, i) => `${i + 1} · ${style}${cell && cells.size > 1 ? ` · ${cell}` : ""}`;
+    const name = ({ style, cell }, i) => `${i + 1} · ${moodOf(weightsOf(style))}${cell && cells.size > 1 ? ` · ${cell}` : ""}`;
     byId("trials").replaceChildren(...trials.map((trial, i) => new Option(name(trial, i), i)));
   }
 }

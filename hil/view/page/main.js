@@ -2,22 +2,24 @@
 
 import { Connection } from "./connection.js";
 import { Caption } from "./caption.js";
-import { Controls, colourOf } from "./controls.js";
+import { Controls } from "./controls.js";
 import { Headset } from "./xr.js";
 import { keepClear } from "./layout.js";
 import { mirrored, mirroredForecast, mirroredPoint } from "./mirror.js";
+import { colourOf } from "./moods.js";
 import { Motion } from "./motion.js";
 import { Stage } from "./stage.js";
 import { Contacts, Strip } from "./strip.js";
 
 const byId = (id) => document.getElementById(id);
 const BROKEN = {  // at the top right, and across the picture
-  lost: ["connection lost, trying again"],
+  lost: ["connection lost", "The connection is lost; this page tries again by itself."],
   refused: ["not let in", "The key in this address is of another run: open the address that High Five printed."],
   full: ["full", "Too many pages look on already: close one."],
   old: ["old page", "This page is of another version of High Five: reload it."],
 };
-const FROZEN_MS = 250, JUDGED_MS = 2500, CHARTS_MS = 100, TOLD_MS = 250, MOST_TOLD = 128;
+const CUT = "This recording has no end: it was cut short.";
+const FROZEN_MS = 250, FRESH_MS = 600, JUDGED_MS = 2500, CHARTS_MS = 100, TOLD_MS = 250, MOST_TOLD = 128;
 
 let lasting = "";  // what holds for as long as the page is open
 const notice = (text) => { const place = byId("notice"); place.textContent = text || lasting; place.hidden = !(text || lasting); };
@@ -32,31 +34,40 @@ try {
 } catch {
   notice(lasting = "This browser has no WebGL: there is no picture, but figures and controls work.");
 }
-byId("able").textContent = [
-  stage ? (stage.fine ? "" : "Drawn by the processor: no graphics card, or the browser does not use it.") : "No WebGL: no picture.",
-  navigator.xr ? "" : "No WebXR: a headset cannot be entered from this browser or address.",
-].filter(Boolean).join(" ");
 byId("help").onclick = () => { byId("helped").hidden = !byId("helped").hidden; };
 
-const headset = stage && new Headset(stage, byId("headset"), notice);
+/** What this browser lacks; and before a headset is worn that tracks her, how to enter. */
+let hello = {};
+function entrance() {
+  const lacking = headset ? headset.lacking : "";
+  byId("able").textContent = [
+    stage ? (stage.fine ? "" : "Drawn by the processor: no graphics card, or the browser does not use it.") : "No WebGL: no picture.",
+    lacking,
+  ].filter(Boolean).join(" ");
+  if (!hello.tracks || !headset || lacking === null || linked === "over") return;
+  const beside = Boolean(hello.space?.rotation);  // a page on the desk is no mistake there
+  notice(headset?.session ? "" : lacking ? (beside ? "" : lacking) : `Put the headset on, and press ${headset.modes.join(" or ")} here.`);
+}
+const headset = stage && new Headset(stage, byId("headset"), notice, entrance);
 const motion = new Motion();
 const strips = {
-  palms: new Strip(byId("palms-strip"), { top: 80, colour: "#d65f1f" }),
+  palms: new Strip(byId("palms-strip"), { top: 110, colour: "#d65f1f" }),
   correction: new Strip(byId("correction-strip"), { top: 1, colour: "#1f6f9c" }),
 };
 const contacts = new Contacts(byId("contacts-strip"));
-let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", shownContact = null;
+let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", why = "", arrived = 0, judgedAt = -Infinity, shownContact = null;
 
 /** The picture, whole, is turned round for who gives a webcam the left hand; its left is then the window's right. */
 let flipped = false, free = null;
 const clear = () => { if (stage && free) stage.keepClear(flipped ? { ...free, left: free.right, right: free.left } : free); };
 
 const connection = new Connection({
-  poses(poses) { motion.add(behind && stage?.ready ? mirrored(poses, stage.names) : poses); arrivals.push(performance.now()); },
+  poses(poses) { motion.add(behind && stage?.ready ? mirrored(poses, stage.names) : poses); arrivals.push(arrived = performance.now()); },
   text(text) { (heard[text.kind] || panel)(text); },
   link(kind) {
     if (kind === linked) return;
     linked = kind;
+    controls.stop.link(kind === "good");
     if (BROKEN[kind]) linkShown("bad", BROKEN[kind][0]);
     if (BROKEN[kind]?.[1]) notice(BROKEN[kind][1]);
   },
@@ -72,7 +83,9 @@ const heard = {
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
-    notice(text.tracks && !text.space?.rotation && !navigator.xr ? "This browser has no WebXR: open the page in the headset's own browser." : "");
+    notice(text.cut ? CUT : "");
+    hello = text;
+    entrance();
     behind = Boolean(text.tracks) && text.hand === "left";
     flipped = Boolean(text.webcam) && text.hand === "left";
     document.body.classList.toggle("flipped", flipped);
@@ -81,23 +94,16 @@ const heard = {
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     if (text.webcam) openWebcam();
     motion.before = motion.newest = null;
+    drawn.captured = 0;
     bars = [];
   },
   state(text) {
     state = text;
     controls.state(text);
     caption.state(text);
-    byId("palms").textContent = metres(text.palms_m);
-    const left = text.time_to_contact_s;
-    byId("contact").textContent = left === null || left === undefined || left > 1.5 || left < -0.3 ? "–" : left <= 0 ? "now" : `${left.toFixed(2)} s`;
-    byId("markers").parentElement.hidden = !text.markers;
-    byId("markers").textContent = text.markers ? `${text.tracked} of ${text.markers}` : "–";
-    if (text.correction !== undefined) {  // not while it is paused
-      strips.palms.add(text.time_s, text.palms_m === null ? null : 100 * text.palms_m);
-      strips.correction.add(text.time_s, text.correction);
-    }
+    if (text.correction !== undefined) figures(text);  // while it is paused they stay
     if (stage) stage.showForecast(behind ? mirroredForecast(text.forecast) : text.forecast);
-    if (text.message !== undefined) notice(text.message);
+    if (text.message !== undefined) notice(why = text.message);
   },
   contacts(text) {
     trials = text.trials;
@@ -106,10 +112,11 @@ const heard = {
   contact(text) {
     bars.push({ distance: text.distance_m, met: text.met, colour: colourOf(text.style.split(" ")[0]) });
     contacts.set(bars);
+    judgedAt = performance.now();
   },
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
-  over(text) { notice(text.message); linkShown("", "over"); linked = "over"; connection.close(); },
+  over(text) { notice([why, text.message].filter(Boolean).join("\n")); linkShown("calm", "over"); linked = "over"; connection.close(); controls.end(); spoken(""); webcam?.end(); },
   headset(text) { notice(text.message); },
   touch(text) {
     if (stage) stage.contact(behind ? mirroredPoint(text.where) : text.where, performance.now());
@@ -117,8 +124,21 @@ const heard = {
   },
 };
 
-/** What is said to who stands before the camera, large. */
-function spoken(message) { const place = byId("spoken"); place.textContent = message; place.hidden = !message; }
+let charted = null;
+function figures(text) {
+  byId("palms").textContent = metres(text.palms_m);
+  const left = text.time_to_contact_s;
+  byId("contact").textContent = left === null || left === undefined || left > 1.5 || left < -0.3 ? "–" : left <= 0 ? "now" : `${left.toFixed(2)} s`;
+  byId("markers").parentElement.hidden = !text.markers;
+  byId("markers").textContent = text.markers ? `${text.tracked} of ${text.markers}` : "–";
+  if (text.trial !== charted) for (const strip of Object.values(strips)) strip.clear();
+  charted = text.trial;
+  strips.palms.add(text.time_s, text.palms_m === null ? null : 100 * text.palms_m);
+  strips.correction.add(text.time_s, text.correction);
+}
+
+/** What is said to the person: large, and in the headset that she wears. */
+function spoken(message) { headset?.spoken.say(message, performance.now()); const place = byId("spoken"); place.textContent = message; place.hidden = !message; }
 
 let webcam = null;
 /** The camera's panel, and her view of the avatar. */
@@ -173,11 +193,14 @@ function passContact(time) {
   shownContact = past;
 }
 
-if (stage) keepClear(["figures", "timeline", "controls", "panels", "caption"].map(byId), (now) => { free = now; clear(); });
+new ResizeObserver(([{ target }]) => {  // what is said has a place of its own: all else is below it
+  document.body.style.setProperty("--told", `${target.offsetHeight}px`);
+}).observe(byId("told"));
+if (stage) keepClear(["told", "figures", "timeline", "controls", "panels", "caption"].map(byId), (now) => { free = now; clear(); });
 
 setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);
 
-const drawn = { frames: 0, since: performance.now(), ages: [], frame: 16, before: 0, number: 0, told: [] };
+const drawn = { frames: 0, since: performance.now(), ages: [], frame: 16, before: 0, number: 0, told: [], captured: 0, fresh: 0 };
 function frame(now, seen) {
   const gap = now - drawn.before;  // a tab that was hidden has dropped nothing
   const dropped = gap < 1000 ? Math.max(Math.round(gap / drawn.frame) - 1, 0) : 0;
@@ -190,13 +213,18 @@ function frame(now, seen) {
     stage.pose(shown.bodies);
     stage.showMarkers(motion.newest.markers, motion.newest.seen);
     if (drawn.told.length < MOST_TOLD && connection.synchronised) drawn.told.push([drawn.number, shown.holds, time, dropped]);
-    if (motion.newest.captured) drawn.ages.push(time - motion.newest.captured);
+    if (motion.newest.captured > drawn.captured) {  // each that was measured since, once, as it is first shown
+      if (motion.newest.rate) { drawn.ages.push(time - motion.newest.captured); drawn.fresh = now; }
+      drawn.captured = motion.newest.captured;
+    }
     if (drawn.ages.length > 600) drawn.ages.shift();
     passContact(motion.newest.time);
   }
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
-  const status = linked !== "good" ? "" : stale ? "no new poses" : "live";
-  if (status && status !== said) linkShown(stale ? "" : "good", status);
+  const still = state.paused || state.playing === false;
+  const idle = !shown || (stale && judgedAt > arrived - FRESH_MS);  // between two high fives nothing need come
+  const status = linked !== "good" ? "" : still ? "paused" : idle ? "waiting" : stale ? "no new poses" : "live";
+  if (status && status !== said) linkShown({ live: "good", "no new poses": "" }[status] ?? "calm", status);
   said = status;
   frozen = stale;
   if (seen && headset) headset.frame(seen);
@@ -219,7 +247,8 @@ setInterval(() => {
   byId("rate").textContent = `${arrivals.length} Hz`;
   const { poses, lost } = connection.counts;  // a page that is slow, or asleep, is sent the newest only
   byId("dropped").textContent = poses ? (lost ? `${lost} of ${poses + lost}` : "none") : "–";
-  byId("latency").parentElement.hidden = !drawn.ages.length;
+  if (now > drawn.fresh + FRESH_MS) drawn.ages.length = 0;
+  if (drawn.ages.length) byId("latency").parentElement.hidden = false;
   byId("latency").textContent = drawn.ages.length ? `${median(drawn.ages).toFixed(0)} ms` : "–";
 }, 500);
 

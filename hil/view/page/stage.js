@@ -142,17 +142,6 @@ export class Stage {
     }
   }
 
-  /** From where her head is, in the long run, to the avatar: what a webcam says of depth would shake the picture. */
-  lookAsInAMirror() {
-    const head = this.names.indexOf("person_head");
-    if (head < 0 || !this.values) return;
-    const eye = this.world.localToWorld(new Vector3().fromArray(this.values, 7 * head));
-    this.gaze = this.gaze ? this.gaze.lerp(eye, GAZE) : eye;
-    this.camera.position.copy(this.gaze);
-    this.camera.up.set(0, 1, 0);
-    this.camera.lookAt(this.world.localToWorld(new Vector3(0, 0, CHEST)));
-  }
-
   /** Coarse meshes where the figures are far, or the machine is slow. */
   detail() {
     const coarse = this.quality.now.coarse || this.camera.position.distanceTo(this.eye.orbit.target) > FAR_M;
@@ -240,7 +229,7 @@ export class Stage {
     scene.fog = this.passthrough ? null : this.fog;
     for (const mesh of this.room) {  // what may stand before the people is not left behind them
       const before = !all && isPlant(mesh) && mesh.position.distanceTo(this.stands) < this.people.distanceTo(this.stands);
-      mesh.layers.set(before ? 0 : ROOM);
+      mesh.layers.set(before || this.immersed ? 0 : ROOM);  // a headset's eyes see 0, and 1 or 2 each: no other layer
     }
     if (all) camera.layers.enable(ROOM); else camera.layers.disable(ROOM);
   }
@@ -278,7 +267,8 @@ export class Stage {
     this.renderer.setPixelRatio(this.quality.now.ratio);
     this.renderer.setSize(width, height, false);
     this.still.forget();
-    this.eye.fit(width, height, this.free || {});
+    this.eye.fit(width, height, this.free || { left: 0, right: 0, top: 0, bottom: 0 });
+    if (this.fog) [this.fog.near, this.fog.far] = [6, 16].map((from) => from + Math.max(this.eye.away - 6, 0));
   }
 
   /** So many pixels at each side lie under panels. */

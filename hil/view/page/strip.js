@@ -16,13 +16,17 @@ export class Strip {
     Object.assign(this, { canvas, seconds, top, colour, points: [] });
   }
 
+  clear() { this.points = []; this.fresh = true; }
+
+  /** What came after ``time`` before somebody went back to it is gone; what was skipped is a gap. */
   add(time, value) {
-    const last = this.points.length ? this.points[this.points.length - 1][0] : time;
-    if (time === last && this.points.length) return;
-    if (time < last || time > last + GAP_S) this.points = [];
+    const { points } = this, last = points.length ? points[points.length - 1][0] : time;
+    if (time === last && points.length) return;
+    while (points.length && points[points.length - 1][0] >= time) points.pop();
+    if (time > last + GAP_S) points.push([time, null]);
     this.fresh = true;
-    this.points.push([time, value]);
-    while (this.points.length && this.points[0][0] < time - this.seconds) this.points.shift();
+    points.push([time, value]);
+    while (points.length && points[0][0] < time - this.seconds) points.shift();
   }
 
   /** Again, if something has come since. */
@@ -38,7 +42,7 @@ export class Strip {
       context.lineTo(width, 1 + level * (height - 2));
       context.stroke();
     }
-    if (this.points.length < 2) return;
+    if (!this.points.length) return;
     const end = this.points[this.points.length - 1][0];
     context.strokeStyle = this.colour;
     context.lineWidth = 3;
@@ -49,7 +53,7 @@ export class Strip {
       if (value === null || value === undefined) { drawing = false; continue; }
       const x = width * (1 - (end - time) / this.seconds);
       const y = (height - 4) * (1 - Math.min(Math.max(value / this.top, 0), 1)) + 2;
-      if (drawing) context.lineTo(x, y); else context.moveTo(x, y);
+      if (drawing) context.lineTo(x, y); else { context.moveTo(x - 0.1, y); context.lineTo(x, y); }  // one alone is a dot
       drawing = true;
     }
     context.stroke();
@@ -69,7 +73,7 @@ export class Contacts {
     const top = Math.max(this.least, ...this.bars.filter((bar) => bar.met).map((bar) => 1000 * bar.distance));
     context.fillStyle = FAINT;
     context.fillRect(0, foot, width, 2);
-    context.font = `${9 * DEEP}px system-ui, sans-serif`;
+    context.font = `${9 * DEEP}px system-ui, sans-serif`;  // three figures fit a bar's share of the width
     context.textAlign = "center";
     this.bars.forEach(({ distance, met, colour }, i) => {
       const x = (i + 0.5) * step;
@@ -79,7 +83,7 @@ export class Contacts {
       context.beginPath();
       context.roundRect(x - step * 0.28, foot - tall, step * 0.56, tall, 4);
       context.fill();
-      context.fillText(distance < 5e-5 ? "<0.1" : (1000 * distance).toFixed(distance < 0.001 ? 1 : 0), x, foot - tall - 5);
+      context.fillText((1000 * distance).toFixed(distance < 0.001 ? 1 : 0), x, foot - tall - 5);
     });
   }
 }

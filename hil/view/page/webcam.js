@@ -97,8 +97,18 @@ export class Webcam {
 
   /** The host said whether this page's camera is the one that counts. */
   granted(granted) {
-    if (!granted) { this.say("Another page's camera is in use: close that page."); setTimeout(() => this.claim(), 2000); return; }
+    if (!granted) { this.say("Another page's camera is in use: close that page."); setTimeout(() => this.over || this.claim(), 2000); return; }
     if (!this.started) { this.started = true; this.start().catch((error) => this.say(`The camera cannot be used: ${error.message}`)); }
+  }
+
+  /** The session is over: the camera goes off. */
+  end() {
+    this.over = true;
+    for (const track of this.video.srcObject?.getTracks() || []) track.stop();
+    this.video.srcObject = null;
+    for (const net of [this.body, this.hands, this.scout]) net?.close();
+    this.canvas.getContext("2d").clearRect(0, 0, this.canvas.width, this.canvas.height);
+    this.say("The camera is off.");
   }
 
   claim() { this.connection.send({ kind: "camera" }); }
@@ -115,9 +125,11 @@ export class Webcam {
       return;
     }
     for (const track of this.video.srcObject.getTracks()) track.onended = () => this.say("The camera was taken away: plug it in, and reload.");
+    if (this.over) { this.end(); return; }  // meanwhile
     await this.video.play();
     this.say("The nets are loaded …");
     await this.load();
+    if (this.over) { this.end(); return; }
     this.say("");
     this.next();
   }
@@ -130,17 +142,20 @@ export class Webcam {
   }
 
   next() {
+    if (this.over) return;
     const look = (now, seen) => this.look(now, seen).catch((error) => this.restart(error)).finally(() => this.next());
     if (this.video.requestVideoFrameCallback) this.video.requestVideoFrameCallback(look);
     else requestAnimationFrame((now) => look(now, {}));
   }
 
   async look(now, { captureTime, presentationTime }) {
+    if (this.over) return;
     const captured = captureTime ?? presentationTime ?? now;
     if (!this.connection.synchronised || this.video.readyState < 2) return;
     const images = await Promise.all([createImageBitmap(this.video), createImageBitmap(this.video)]);
     const { width, height } = images[0];
     const [body, hands] = await Promise.all([this.body.find(images[0], now), this.hands.find(images[1], now)]);
+    if (this.over) return;
     await this.scan(body, now, width / height);
     const persons = body ? 1 + Number(Boolean(this.others)) : 0;
     const took = Math.max(performance.now() - captured, 0);
@@ -189,6 +204,7 @@ export class Webcam {
 
   /** A net that fell over is begun anew. */
   async restart(error) {
+    if (this.over) return;
     this.counts.restarts += 1;
     console.warn(`nets begun anew: ${error.message}`);
     for (const net of [this.body, this.hands, this.scout]) net?.close();

@@ -1,5 +1,6 @@
 // In a headset: the avatar life-size before the person, floor on the floor; her own hands drawn, her own body hidden.
 
+import { Spoken } from "./spoken.js";
 import { LIMBS, Tracked } from "./tracked.js";
 import { CylinderGeometry, InstancedMesh, Matrix4, MeshStandardMaterial, Quaternion, SphereGeometry, Vector3 } from "./three.js";
 
@@ -19,9 +20,12 @@ export class Headset {
    * @param {Stage} stage
    * @param {HTMLElement} place for the buttons
    * @param {(text: string) => void} say
+   * @param {() => void} changed: what can be entered, or whether it is
    */
-  constructor(stage, place, say) {
-    Object.assign(this, { stage, place, say, session: null, send: null, space: null, places: 0, counts: { frames: 0, hands: 0, lost: 0, sent: 0 } });
+  constructor(stage, place, say, changed) {
+    Object.assign(this, { stage, place, say, changed, modes: null, session: null, send: null, space: null, places: 0, counts: { frames: 0, hands: 0, lost: 0, sent: 0 } });
+    this.spoken = new Spoken();
+    stage.scene.add(this.spoken);
     this.hands = ["left", "right"].map(() => this.hand());
     this.offer();
     navigator.xr?.addEventListener("devicechange", () => this.offer());
@@ -43,6 +47,15 @@ export class Headset {
     }
     this.place.replaceChildren(...buttons);
     this.place.hidden = !buttons.length;
+    this.modes = buttons.map((button) => button.textContent);
+    this.changed();
+  }
+
+  /** What keeps a headset from being entered here; "" if nothing does, null as long as the browser has not answered. */
+  get lacking() {
+    if (!navigator.xr) return "This browser has no WebXR: open the page in the headset's own browser, by cable or over https.";
+    if (!this.modes) return null;
+    return this.modes.length ? "" : "This browser has WebXR, but finds no headset: open the page in the headset's own browser, or connect one.";
   }
 
   async enter(mode) {
@@ -57,14 +70,18 @@ export class Headset {
     this.placed = false;
     stage.immerse(mode === "immersive-ar");
     session.addEventListener("end", () => this.left());
-    stage.renderer.xr.getReferenceSpace().addEventListener("reset", () => { this.placed = false; });
+    stage.renderer.xr.getReferenceSpace().addEventListener("reset", () => { this.placed = this.spoken.stands = false; });
+    this.spoken.say(this.spoken.text, this.began);
+    this.changed();
   }
 
   left() {
     this.session = null;
     this.stage.renderer.xr.enabled = false;
     for (const hand of this.hands) hand.visible = false;
+    this.spoken.visible = false;
     this.stage.emerge();
+    this.changed();
   }
 
   /** Before each picture of the headset. */
@@ -79,6 +96,11 @@ export class Headset {
     this.counts.frames += 1;
     if (!this.placed) this.recentre(viewer.transform);
     this.stage.dim(Math.min((performance.now() - this.began) / FADE_MS, 1), viewer.transform.position);
+    const { position, orientation } = viewer.transform;
+    this.spoken.show(
+      new Vector3(position.x, position.y, position.z),
+      new Quaternion(orientation.x, orientation.y, orientation.z, orientation.w), performance.now(),
+    );
     let shown = 0;
     const seen = [null, null];
     for (const source of this.session.inputSources) {

@@ -121,16 +121,25 @@ def test_the_avatar_stands_before_her_and_she_leaves(worn: Browser, mode: str) -
     assert abs(x - 0.3) < 0.15 and 0.7 < 0.2 - z < 1.3 and 0.75 < y < 1.1
     assert 1.4 < seen["head"][1] < 1.8
     assert not seen["hers"] and seen["room"] is (mode == "immersive-vr")
+    # What each eye's own camera lets through, which is less than what the page's camera does.
+    eyes_see = worn.evaluate(
+        "highfive.stage.renderer.xr.getCamera().cameras.map(eye => ['room', 'hers'].map(kind =>"
+        "highfive.stage[kind].filter(m => m.visible && m.layers.test(eye.layers)).length))"
+    )
+    count = worn.evaluate("highfive.stage.room.length")
+    assert eyes_see and all(room == (count if mode == "immersive-vr" else 0) for room, _ in eyes_see), eyes_see
+    assert all(hers == 0 for _, hers in eyes_see)
     assert seen["eyes"] == pytest.approx([0.3, 1.62, 0.2], abs=0.01)
     worn.evaluate(f"highfive.headset.session.end().then(() => {WAIT.format(1500)})")
     after = json.loads(
         worn.evaluate(
             "JSON.stringify([Boolean(highfive.headset.session), highfive.stage.immersed,"
             "highfive.stage.place.position.x,"
-            "highfive.stage.room.every(m => m.visible), highfive.stage.hers.every(m => m.layers.isEnabled(0))])"
+            "highfive.stage.room.some(m => m.visible), highfive.stage.hers.every(m => m.layers.isEnabled(0)),"
+            "highfive.stage.room.filter(m => m.layers.isEnabled(0) && !/pot|leaf/.test(m.name)).length])"
         )
     )
-    assert after == [False, False, 0, True, True]
+    assert after == [False, False, 0, True, True, 0]
     assert not worn.console
 
 
@@ -170,7 +179,41 @@ def test_a_browser_without_a_headset_offers_none(emulator: str, tmp_path: Path) 
         browser.go(next(found[0] for line in process.stderr if (found := re.search(r"http://\S+", line))))
         assert browser.evaluate(READY)
         assert browser.evaluate("document.getElementById('headset').hidden") is True
+        assert "This browser has WebXR, but finds no headset" in browser.evaluate(
+            "document.getElementById('able').textContent"
+        )
         process.kill()
+
+
+@pytest.mark.slow
+def test_what_is_said_is_read_before_the_eyes_for_some_seconds_and_the_page_says_how_to_enter(emulator: str) -> None:
+    about = {"mode": "session", "title": "", "emotions": [], "cells": [], "tracks": True}
+    notice = "document.getElementById('notice').textContent"
+    panel = (
+        "(() => {const {spoken, stage} = highfive.headset, eyes = highfive.stage.renderer.xr.getCamera();"
+        "return [spoken.visible, spoken.position.toArray(), eyes.cameras.every(eye => spoken.layers.test(eye.layers)),"
+        "spoken.canvas.getContext('2d').getImageData(512, spoken.canvas.height - 75, 1, 1).data[3]]})()"
+    )
+    with LivePage(about, port=0, tracks=True) as page, Browser((640, 360)) as browser:
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source=emulator + DEVICE)
+        browser.go(page.address)
+        assert browser.evaluate(LOADED)
+        browser.evaluate("highfive.stage.renderer.render = () => {}")
+        browser.evaluate(WAIT.format(300))
+        assert browser.evaluate(notice) == "Put the headset on, and press Enter VR or Enter AR here."
+        enter(browser, "immersive-vr")
+        assert browser.evaluate("document.getElementById('notice').hidden") is True
+        assert browser.evaluate(panel)[0] is False
+        page.tell("say", message="High five 1, neutral: raise the right hand")
+        browser.evaluate(WAIT.format(1000))
+        visible, place, both_eyes, ink = browser.evaluate(panel)
+        # Eyes at (0.3, 1.62, 0.2) look along -z.
+        assert visible and both_eyes and ink > 200 and place == pytest.approx([0.3, 1.96, -0.8], abs=0.02)
+        assert browser.evaluate("document.getElementById('spoken').textContent").startswith("High five 1")
+        browser.evaluate(WAIT.format(7500))
+        assert browser.evaluate(panel)[0] is False
+        browser.evaluate(f"highfive.headset.session.end().then(() => {WAIT.format(500)})")
+        assert browser.evaluate(notice).startswith("Put the headset on")
 
 
 def watch_messages(browser: Browser) -> None:

@@ -23,6 +23,11 @@ STATE = {
     "tracked": 15, "markers": 16,
     "forecast": {"point": [0.48, 0.0, 1.4], "axes": [[0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, 0.0, 0.04]]},
 }  # fmt: skip
+RECORDED = {
+    "trial": 0, "trials": 1, "style": "happy 0.5 + neutral 0.5", "cell": "", "time_s": 0.5, "length_s": 2.0,
+    "contact_s": 1.0, "playing": True, "speed": 1.0, "palms_m": 0.3, "correction": 0.5, "time_to_contact_s": 0.5,
+    "forecast": None,
+}  # fmt: skip
 SHOWN = "new Promise(r => {{const t = setInterval(() => {{if ({}) {{clearInterval(t); r(true)}}}}, 50)}})"
 
 
@@ -140,17 +145,129 @@ def test_figures_controls_and_the_picture_are_those_of_the_session(page: LivePag
         assert not browser.console
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (390, 844), (844, 390)])
+def press(browser: Browser, key: str, code: str) -> None:
+    """As by a finger: with what a focused control does of its own accord."""
+    stroke = {
+        "key": key,
+        "code": code,
+        "text": " " if key == " " else "",
+        "windowsVirtualKeyCode": 32 if key == " " else 0,
+    }
+    browser.call("Input.dispatchKeyEvent", type="keyDown", **stroke)
+    browser.call("Input.dispatchKeyEvent", type="keyUp", **stroke)
+
+
+def click(browser: Browser, selector: str) -> None:
+    """As by a mouse: the focus goes there."""
+    x, y = browser.evaluate(
+        f"(() => {{const box = document.querySelector('{selector}').getBoundingClientRect();"
+        "return [box.x + box.width / 2, box.y + box.height / 2]})()"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
+CONTROLS = ("#moods button", "#moods input", "#correct", "#pause", "#next", "#mix", "[data-view=side]")
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_space_stops_the_arm_and_does_nothing_else_whatever_has_the_focus(page: LivePage, control: str) -> None:
+    with Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('estop').disabled")
+        page.tell("state", **STATE)
+        until(browser, "highfive.state().trials === 9")
+        page.commands()
+        click(browser, control)
+        until(browser, "!document.activeElement || document.activeElement === document.body")
+        browser.evaluate(f"document.querySelector('{control}').focus()")  # as by Tab
+        page.commands()
+        press(browser, " ", "Space")
+        assert asked(page, 1) == [("estop", None)]
+        until(browser, "document.getElementById('estop').textContent.startsWith('STOP ASKED')")
+        assert not page.commands()
+        page.tell("state", **{**STATE, "stopped": True})
+        until(browser, "document.getElementById('estop').textContent.includes('let go at the host')")
+        page.tell("state", **STATE)
+        until(browser, "document.getElementById('estop').textContent === 'EMERGENCY STOP'")
+
+
+def test_space_pauses_a_session_without_an_arm_and_plays_a_recording_after_controls_were_clicked() -> None:
+    with LivePage(ABOUT, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('controls').hidden")
+        click(browser, "#correct")
+        assert asked(page, 1) == [("correct", False)]
+        press(browser, " ", "Space")
+        press(browser, "n", "KeyN")
+        assert asked(page, 2) == [("pause", True), ("next", None)]
+    line = {"style": "happy", "cell": "", "contact_s": 1.0, "met": True, "where": [0.4, 0, 1.4], "distance_m": 0.001}
+    with LivePage({"mode": "recording", "title": ""}, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('timeline').hidden")
+        page.tell("contacts", trials=[{**line, "title": ""}])
+        page.tell("state", **RECORDED)
+        until(browser, "highfive.state().playing")
+        click(browser, "#seek")
+        assert [name for name, _ in asked(page, 1)] == ["seek"]
+        for key, code in ((" ", "Space"), ("ArrowLeft", "ArrowLeft"), ("ArrowRight", "ArrowRight")):
+            press(browser, key, code)
+        assert asked(page, 3) == [("pause", True), ("step", -1), ("step", 1)]
+
+
+def test_a_stop_that_cannot_be_asked_for_does_not_look_as_if_it_could() -> None:
+    """Where the host's server is gone, or stands still with its connection open."""
+    stop = "(b => [b.disabled, b.textContent])(document.getElementById('estop'))"
+    with LivePage({**ABOUT, "arm": True}, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('estop').disabled")
+        browser.evaluate("highfive.connection.ask = () => {}")  # no answer comes
+        until(browser, "document.getElementById('estop').disabled")
+        assert browser.evaluate(stop) == [True, "NOT CONNECTED: stop at the host"]
+        browser.evaluate("delete highfive.connection.ask")
+        until(browser, "!document.getElementById('estop').disabled")
+        page.close()
+        until(browser, "document.getElementById('estop').disabled")
+        assert browser.evaluate(stop) == [True, "NOT CONNECTED: stop at the host"]
+
+
+def test_the_end_says_why_and_leaves_no_control_that_does_nothing() -> None:
+    with LivePage({**ABOUT, "arm": True}, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised && !document.getElementById('estop').disabled")
+        page.tell("state", **{**STATE, "stopped": True, "message": "The arm was stopped: tested"})
+        page.tell("over", message="The session is over: report.html")
+        until(browser, "document.getElementById('link').textContent.trim() === 'over'")
+        assert text(browser, "notice").split("\n") == [
+            "The arm was stopped: tested",
+            "The session is over: report.html",
+        ]
+        assert text(browser, "estop") == "NOT CONNECTED: stop at the host"
+        live = "[...document.querySelectorAll('#controls :is(button, input, select)')].filter(c => !c.disabled)"
+        assert browser.evaluate(f"{live}.map(c => c.id)") == ["mix"]
+        assert browser.evaluate("[...document.querySelectorAll('#views button')].every(b => !b.disabled)")
+
+
+@pytest.mark.parametrize("told", ["", "The head departs from where it was registered by 18 mm and 1.2°: do it again"])
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (900, 700), (390, 844), (844, 390)])
 def test_whom_it_is_about_stands_clear_of_the_panels(
-    page: LivePage, trial: RecordedTrial, width: int, height: int
+    page: LivePage, trial: RecordedTrial, width: int, height: int, told: str
 ) -> None:
     """Heads and feet, projected by the page's own camera, lie in the window and under no panel."""
     with Browser((width, height)) as browser:
         browser.go(page.address)
         until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
-        page.tell("state", **STATE)
+        page.tell("state", **STATE, message=told)
         show(page, trial, 60)
-        until(browser, "highfive.stage.values")
+        until(browser, f"highfive.stage.values && document.getElementById('notice').textContent === {json.dumps(told)}")
+        until(browser, "highfive.stage.free.top > 0" if told else "highfive.stage.free")
+        overlaps = browser.evaluate(
+            "(() => {const all = ['told', 'views', 'figures', 'controls', 'caption'].map(id => [id, document"
+            ".getElementById(id).getBoundingClientRect()]).filter(([, b]) => b.width && b.height);"
+            "return all.flatMap(([a, p], i) => all.slice(i + 1).filter(([, q]) => p.left < q.right - 1 && q.left <"
+            "p.right - 1 && p.top < q.bottom - 1 && q.top < p.bottom - 1).map(([b]) => [a, b]))})()"
+        )
+        assert overlaps == []
         places = browser.evaluate(
             "(() => {const {stage} = highfive; stage.draw(performance.now()); stage.scene.updateMatrixWorld(true);"
             "const [w, h] = stage.eye.size; return ['head', 'person_head', 'left_ankle', 'right_ankle'].map(name => {"
@@ -160,8 +277,9 @@ def test_whom_it_is_about_stands_clear_of_the_panels(
             "return [x, y, top && top.id]})})()"
         )
         found = [place for place in places if place]
-        assert len(found) >= 2
+        assert len(found) == 4
         assert all(0 < x < width and 0 < y < height and name == "stage" for x, y, name in found), found
+        page.tell("state", **STATE, message="")  # pages that come later are told the newest
 
 
 def test_poses_that_a_busy_page_was_not_sent_are_counted_on_it(page: LivePage, trial: RecordedTrial) -> None:
@@ -231,3 +349,73 @@ def test_quality_goes_down_where_pictures_are_slow_and_up_once_where_they_are_no
             [3, 3, 2, 3, 3, 3, 3, 3],  # tries finer meshes once
             [3, 4, 4, 4, 4],
         ]
+
+
+def test_from_marker_to_picture_counts_what_is_measured_anew_and_says_nothing_of_what_stands_still(
+    page: LivePage, trial: RecordedTrial
+) -> None:
+    with Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
+        page.tell("state", **STATE)
+        captured = time.monotonic_ns()
+        for _ in range(20):
+            now = time.monotonic_ns()
+            captured = now - 30_000_000
+            page.show(PoseMessage(0, now, captured, 0, 1.0, 0.5, trial.bodies[30], trial.markers[30], trial.seen[30]))
+            time.sleep(0.05)
+        until(browser, "document.getElementById('latency').textContent.endsWith('ms')")
+        first = browser.evaluate("[...highfive.ages]")
+        assert len(first) > 3 and min(first) >= 29.0
+        for _ in range(30):  # the same measurement again, as in a pause
+            page.show(
+                PoseMessage(
+                    0, time.monotonic_ns(), captured, 0, 0.0, 0.5, trial.bodies[30], trial.markers[30], trial.seen[30]
+                )
+            )
+            time.sleep(0.05)
+        until(browser, "document.getElementById('latency').textContent === '–'")
+        assert browser.evaluate("highfive.ages.length") == 0
+        assert browser.evaluate("document.getElementById('latency').parentElement.hidden") is False
+
+
+def test_the_link_says_paused_waiting_or_that_nothing_comes_and_a_pause_keeps_the_figures(
+    trial: RecordedTrial,
+) -> None:
+    link = "document.getElementById('link').textContent.trim() === '{}'"
+    with LivePage(ABOUT, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.stage?.ready && highfive.connection.synchronised")
+        until(browser, link.format("waiting"))
+        page.tell("state", **STATE)
+        show(page, trial, 30)
+        until(browser, link.format("no new poses"))
+        paused = {key: STATE[key] for key in ("trial", "trials", "cell", "weights", "corrected", "stopped")}
+        page.tell("state", **paused, paused=True, time_s=0.0)
+        until(browser, link.format("paused"))
+        assert [text(browser, name) for name in ("palms", "contact", "markers")] == ["31 cm", "0.40 s", "15 of 16"]
+        page.tell("state", **STATE)
+        show(page, trial, 31)
+        page.tell("contact", met=True, distance_m=0.0012, style="happy", cell="B2")
+        until(browser, link.format("waiting"))
+
+
+def test_a_recording_says_that_it_was_cut_short_and_names_mixtures_as_sessions_do() -> None:
+    with LivePage({"mode": "recording", "title": "", "cut": True}, port=0) as page, Browser((900, 700)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised")
+        page.tell("state", **RECORDED)
+        until(browser, "highfive.state().playing")
+        assert text(browser, "notice") == "This recording has no end: it was cut short."
+        assert text(browser, "mood") == "happy 50 % + neutral 50 %"
+
+
+def test_a_chart_keeps_what_was_before_a_seek(page: LivePage) -> None:
+    with Browser((400, 300)) as browser:
+        browser.go(page.address)
+        kept = browser.evaluate(
+            "import('/strip.js').then(({Strip}) => {const s = new Strip(document.createElement('canvas'), {});"
+            "for (const t of [1, 1.1, 1.2, 1.3]) s.add(t, t); s.add(1.15, 7); const back = [...s.points];"
+            "s.add(3, 8); return [back, s.points.slice(-2)];})"
+        )
+    assert kept == [[[1, 1], [1.1, 1.1], [1.15, 7]], [[3, None], [3, 8]]]

@@ -85,6 +85,27 @@ def test_what_keeps_the_camera_away_is_said(browser: Browser, name: str, expecte
     assert expected in browser.evaluate(STARTED)
 
 
+def test_at_the_end_the_camera_goes_off(page: LivePage) -> None:
+    """Also one that is allowed only then."""
+    with Browser((800, 450), ["--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"]) as allowing:
+        allowing.go(page.address)
+        allowing.evaluate(OPEN)
+        allowing.evaluate(
+            "panel.load = async () => {}; panel.look = async () => { window.looked = (window.looked || 0) + 1; }; 0"
+        )
+        allowing.evaluate(STARTED)
+        allowing.evaluate("window.tracks = panel.video.srcObject.getTracks(); 0")
+        looks = "new Promise(done => setTimeout(() => done(window.looked || 0), 400))"
+        assert allowing.evaluate(looks) > 0
+        allowing.evaluate("panel.end()")
+        ended = allowing.evaluate(looks)
+        assert allowing.evaluate("tracks.map(track => track.readyState)") == ["ended"]
+        assert allowing.evaluate(looks) == ended
+        late = "(async () => {const given = panel.start(); await given; return panel.video.srcObject === null})()"
+        assert allowing.evaluate(late)
+        assert allowing.evaluate("panel.line.textContent") == "The camera is off."
+
+
 def test_a_camera_that_the_browser_refuses_is_called_so(page: LivePage) -> None:
     """The browser's own refusal, nobody asked."""
     with Browser((800, 450), ["--use-fake-device-for-media-stream", "--deny-permission-prompts"]) as refusing:
@@ -101,4 +122,6 @@ def test_a_browser_that_lacks_things_says_which_and_the_rest_works(page: LivePag
         assert "gives no camera here" in plain.evaluate(STARTED)
         notice = "new Promise((done) => setInterval(() => { const text = document.getElementById('notice').textContent;"
         assert "no WebGL" in plain.evaluate(notice + " if (text) done(text); }, 50))")
-        assert not plain.evaluate("document.getElementById('controls').hidden")
+        # The notice is there before the host has been heard: controls come with its first word.
+        heard = "new Promise((done) => setInterval(() => { if (!document.getElementById('controls').hidden) done(true);"
+        assert plain.evaluate(heard + " }, 50))")

@@ -47,7 +47,8 @@ class StreamWatch:
         self._said = set[Happened]()  # and not over yet
         self._window: tuple[int, int] | None = None  # stamp and arrival at which it began
         self._count = 0
-        self._unit, self._suspected = "", ""  # that the stamps are in; that the window before was in
+        self._unit = ""  # that the stamps are in
+        self._suspected = ""  # that those of the window before were in
         self._rate_hz, self._other = 0.0, 0  # and in how many windows in a row it was another
         self._behind_since: int | None = None
         self._arrived_ns, self._stamp_ns = 0, 0  # the newest sample with another stamp than before, whatever it is
@@ -76,7 +77,7 @@ class StreamWatch:
         return bool(self._unit)
 
     def _look_at_unit(self, elapsed: int, passed: int, now_ns: int) -> None:
-        found = next((unit for unit, ns in UNITS.items() if 0.5 < elapsed * ns / passed < 2.0), "")
+        found: str = next((unit for unit, ns in UNITS.items() if 0.5 < elapsed * ns / passed < 2.0), "")
         if found and found == self._suspected:  # twice: what an outage held back comes all at once
             self._unit = found
             self._say(Happened.UNIT, now_ns, f"counts its stamps in {found}, expected ns; its samples are not used")

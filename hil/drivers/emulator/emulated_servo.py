@@ -20,7 +20,7 @@ from highfive.hil.drivers.emulator.servo_motion import (
     PWM,
     VELOCITY,
     Motion,
-)
+)  # fmt: skip
 from highfive.hil.drivers.emulator.servo_rules import GOALS, refusal, shut_down
 from highfive.hil.drivers.servo_errors import OVERHEATING, OVERLOAD, VOLTAGE_ERROR, WATCHDOG_TRIPPED, Error
 
@@ -233,10 +233,8 @@ class EmulatedServo:
         if count > 0 and values["torque_enable"] and now_ns - self._heard_ns > count * WATCHDOG_NS:
             self.watchdog_trips += 1
             self._put("bus_watchdog", WATCHDOG_TRIPPED)
-            driving = {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: "goal_pwm"}.get(
-                values["operating_mode"]
-            )
-            if driving:
+            mode = values["operating_mode"]
+            if driving := {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: "goal_pwm"}.get(mode):
                 self._put(driving, 0)
             self._put("profile_velocity", 0)
             self._put("profile_acceleration", 0)
@@ -309,12 +307,8 @@ class EmulatedServo:
         if "bus_watchdog" in names:
             self._heard_ns = now_ns
         goals = names & set(GOALS)
-        if (
-            goals
-            and values["drive_mode"] & TORQUE_BY_GOAL
-            and not values["torque_enable"]
-            and not shut_down(self.values)
-        ):
+        by_goal = values["drive_mode"] & TORQUE_BY_GOAL and not values["torque_enable"]
+        if goals and by_goal and not shut_down(self.values):
             kept = {name: values[name] for name in goals}
             self._put("torque_enable", 1)
             self._switch_torque(now_ns)

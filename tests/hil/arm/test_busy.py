@@ -8,7 +8,7 @@ from highfive.hil.arm.busy import LATE_NS, too_busy
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.rules import Rule
 
-WELL = cast(ArmTrial, SimpleNamespace(ticks=(), cycles=()))
+WELL = cast(ArmTrial, SimpleNamespace(ticks=(), cycles=(), back=SimpleNamespace(cycles=())))
 
 
 def cycles(late_ns: int) -> list[Cycle]:

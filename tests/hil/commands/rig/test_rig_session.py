@@ -105,7 +105,7 @@ def assert_first_is_whole(summary: dict[str, Any], out: Path, recorded: Path) ->
     assert "1 broken off" in page and (out / "figures" / "arm_joints.png").is_file()
     arm = read_recording(out / "arm.mcap")
     assert arm.settings["trials"] == 2 and arm.settings["source"] == str(recorded)
-    assert len(arm.channels["/arm"]) == summary["cycles"]
+    assert len(arm.channels["/arm"]) > summary["cycles"]  # the way back to rest is recorded, too, and in no figure
     assert len(arm.channels["/safety"]) > 200
     assert json.loads((out / "report.json").read_text(encoding="utf-8"))["stopped"] == summary["stopped"]
 

@@ -176,7 +176,7 @@ def test_ctrl_c_leaves_a_finished_report_and_a_kill_leaves_whole_chunks(tmp_path
     folders = [tmp_path / "interrupted", tmp_path / "killed"]
     processes = [start("simulate", "--out", folder, *words) for folder in folders]  # both at once: a core each
     (out, err), _ = (
-        stop(process, number, lambda path=folder / "session.mcap": path.exists() and path.stat().st_size > 500_000)
+        stop(process, number, lambda path=folder / "session.mcap": path.exists() and path.stat().st_size > 2_000_000)
         for process, folder, number in zip(processes, folders, (signal.SIGINT, signal.SIGKILL), strict=True)
     )
     assert processes[0].returncode == 1

@@ -123,7 +123,7 @@ def test_a_session_is_recorded_reported_and_can_be_played_again(tmp_path: Path) 
     assert "Servo arm" in page and "following error" in page and "virtual time" in page
     recording = read_recording(out / "session.mcap")
     cycles, ticks = recording.channels["/arm"], recording.channels["/safety"]
-    assert len(cycles) == arm["cycles"]
+    assert len(cycles) > arm["cycles"]  # the way back is recorded, too
     assert {message.data["state"] for message in ticks} >= {"tracking"}
     assert sum(message.data["sent"] is not None for message in cycles) > 200
     again = played(out, tmp_path / "again")

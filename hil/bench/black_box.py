@@ -112,11 +112,12 @@ class BlackBox:
         changed = times[1:][(np.diff(goals, axis=0) != 0.0).any(axis=1)]
         return int(max(changed.max(initial=since_ns), since_ns))
 
-    def commanded_after_ms(self, since_ns: int, until_ns: int | None = None) -> float:
+    def commanded_after_ms(self, since_ns: int, until_ns: int | None = None, holds: int = 1) -> float:
         """When a servo last had another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
 
         What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count, nor
-        does a joint that is commanded to stay where it is: once for each joint, a creep is not excused.
+        does a joint that is commanded to stay where it is: ``holds`` times for each joint, once for everything that has
+        the arm held; a creep is not excused.
         """
         times, powered = np.array(self.times), np.array(self.powered)
         own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
@@ -125,7 +126,7 @@ class BlackBox:
         within = (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
         moved = (np.diff(goals, axis=0) != 0.0) & within[:, None] & ~own[:, None]
         held = moved & stays[1:]
-        changed = (moved & ~(held & (np.cumsum(held, axis=0) == 1))).any(axis=1)
+        changed = (moved & ~(held & (np.cumsum(held, axis=0) <= holds))).any(axis=1)
         return 1e-6 * float(times[1:][changed].max(initial=since_ns) - since_ns)
 
     def stopped_after_ms(self, since_ns: int) -> float | None:

@@ -63,7 +63,8 @@ def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
     """Largest step from one command to the next, of what is allowed in the time between them.
 
     A cycle that repeats a command is none of its own; the next step is then no larger than one of a late tick, unless
-    the driver stood still: then goals make up for that time in one step (docs/safety.md).
+    the driver stood still: then goals make up for that time in one step (docs/safety.md). What is allowed is what the
+    envelope allows: the speed of the reference, and that at which goals may begin to lead it.
     """
     found, before, since_s, last_s, stood = 0.0, None, 0.0, 0.0, False
     late = LATE_TICK * limits.timing.period_s
@@ -76,7 +77,7 @@ def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
         step = None if before is None else np.abs(cycle.sent.positions - before.positions)
         if step is not None and step.any():
             seconds = now_s - since_s if stood else min(now_s - since_s, late)
-            most = limits.speed * seconds + 2.0 * COUNT
+            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * COUNT
             found = max(found, float((step / most).max()))
         if step is None or step.any():
             before, since_s, stood = cycle.sent, now_s, False

@@ -50,7 +50,9 @@ def judge_times(
     driverless = [it for it in occurred if it.happening.kind in DRIVERLESS]
     if pulled_ns is not None and pulled_ns < box.times[-1]:
         since = _driven_again(pulled_ns, round(1e6 * ESTOP_MS), driverless)
-        laws.judge(ESTOP, box.commanded_after_ms(since), ESTOP_MS)
+        # Who leads the arm may die after that: it is held once more.
+        deaths = sum(it.happening.kind in DEATHS and it.at_ns > pulled_ns for it in occurred)
+        laws.judge(ESTOP, box.commanded_after_ms(since, holds=1 + deaths), ESTOP_MS)
     for it in occurred:
         kind = it.happening.kind
         if kind in DEATHS and it.at_ns < box.times[-1]:

@@ -48,7 +48,7 @@ class StreamWatch:
         self._window: tuple[int, int] | None = None  # stamp and arrival at which it began
         self._count = 0
         self._unit = ""  # that the stamps are in
-        self._suspected = ""  # that those of the window before were in
+        self._suspected: str = ""  # that those of the window before were in
         self._rate_hz, self._other = 0.0, 0  # and in how many windows in a row it was another
         self._behind_since: int | None = None
         self._arrived_ns, self._stamp_ns = 0, 0  # the newest sample with another stamp than before, whatever it is

@@ -46,7 +46,7 @@ _FOUND_S, _LAST_S = 30.0, 2.0
 class PublishBenchOptions:
     """Pairs of high fives, published and not, and the seed of the simulated person."""
 
-    pairs: int = 3
+    pairs: int = 8
     seed: int = 0
 
 

@@ -46,7 +46,7 @@ _DRAW = """(() => {
   }
   return Math.min(...took);
 })()"""
-PAGES, PAIRS = 4, 3
+PAGES, PAIRS = 4, 8
 """Pages that look on, and pairs of high fives with and without them."""
 
 

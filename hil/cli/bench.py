@@ -243,7 +243,7 @@ def bench_view(
 
 @app.command("publish")
 def bench_publish(
-    pairs: Annotated[int, typer.Option(min=1, help="Pairs of high fives, published and not.")] = 3,
+    pairs: Annotated[int, typer.Option(min=1, help="Pairs of high fives, published and not.")] = 8,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:

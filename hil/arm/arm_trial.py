@@ -18,7 +18,7 @@ from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
-from highfive.hil.safety.states import HALTED
+from highfive.hil.safety.states import HALTED, State
 from highfive.hil.session.session import RATE_HZ, Tick, TickInput, tick_times
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
@@ -235,6 +235,12 @@ class ArmWatch:
         self._given_up = self.loop.relaxation
         self._cycles += self.loop.cycles()
         self.loop.rest(self._back)
+
+    @property
+    def kept_back(self) -> str:
+        """Why the arm did not follow in this trial, in one line, where it was not found fit to; '' where it was."""
+        last = self._ticks[-1].report if self._ticks else None
+        return last.reason if last is not None and last.state is State.UNCHECKED else ""
 
     def watch(self, tick: Tick) -> None:
         """One tick of the session."""

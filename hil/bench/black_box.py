@@ -14,8 +14,8 @@ from highfive.hil.drivers.values import Array
 STANDS = 0.05
 """rad/s: a slower joint stands."""
 
-HERE, SAGS = 0.012, 0.2
-"""rad and rad/s: a goal so near is where a joint is that sags no faster by its own load."""
+HERE = 0.012
+"""rad: a goal so near is where a joint is, which stands or brakes."""
 
 
 @dataclass
@@ -116,15 +116,15 @@ class BlackBox:
         """When a servo last had another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
 
         What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count, nor
-        does a joint that is commanded to stay where it is: ``holds`` times for each joint, once for everything that has
-        the arm held; a creep is not excused.
+        what one without torque is told, nor does a joint that is commanded to stay where it is: ``holds`` times for
+        each joint, once for everything that has the arm held; a creep is not excused.
         """
         times, powered = np.array(self.times), np.array(self.powered)
         own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
         goals, positions = np.array(self.goals), np.array(self.positions)
-        stays = (np.abs(goals - positions) < HERE) & (np.abs(np.array(self.velocities)) < SAGS)
+        stays = np.abs(goals - positions) < HERE
         within = (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
-        moved = (np.diff(goals, axis=0) != 0.0) & within[:, None] & ~own[:, None]
+        moved = (np.diff(goals, axis=0) != 0.0) & within[:, None] & ~own[:, None] & powered[1:]
         held = moved & stays[1:]
         changed = (moved & ~(held & (np.cumsum(held, axis=0) <= holds))).any(axis=1)
         return 1e-6 * float(times[1:][changed].max(initial=since_ns) - since_ns)

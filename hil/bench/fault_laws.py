@@ -14,6 +14,7 @@ from highfive.hil.bench.black_box import STANDS, BlackBox
 from highfive.hil.bench.laws import COUNT, PERSON_FIRST, ROUNDING, Laws
 from highfive.hil.bench.motion_laws import judge_wire_motion
 from highfive.hil.drivers.bus.cycle_ring import Mode
+from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety.envelope import LATE_TICK
 from highfive.hil.safety.limits import MECHANICAL, Limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
@@ -25,6 +26,7 @@ RELEASED, LAY = "torque off in a sound servo, rad from where the arm lay", 0.05
 """The law, and rad: as near to where a limp arm lay it does not fall."""
 
 WAY_BACK = "reference: speed on the way back, rad/s"
+_BEHIND, _MAKING_UP = 1.1, 3  # periods from which on a driver falls behind; steps in which it catches up after that
 _SETTLED = 150  # rows of the box, ms, at its end in which the body stands
 
 
@@ -63,25 +65,30 @@ def _fastest_step(trial: ArmTrial, limits: Limits) -> float:
     """Largest step from one command to the next, of what is allowed in the time between them.
 
     A cycle that repeats a command is none of its own; the next step is then no larger than one of a late tick, unless
-    the driver stood still: then goals make up for that time in one step (docs/safety.md). What is allowed is what the
-    envelope allows: the speed of the reference, and that at which goals may begin to lead it.
+    the driver stood still: then goals make up for that time in the next steps (docs/safety.md), which count from the
+    last goal before. What is allowed is what the envelope allows: the speed of the reference, and that at which goals
+    may begin to lead it.
     """
-    found, before, since_s, last_s, stood = 0.0, None, 0.0, 0.0, False
-    late = LATE_TICK * limits.timing.period_s
+    found, before, since_s, last_s, making_up = 0.0, None, 0.0, 0.0, 0
+    late, rate = LATE_TICK * limits.timing.period_s, limits.speed + limits.feed_forward.speed
+    newest: JointCommand | None = None
     for cycle in trial.cycles:
         if cycle.sent is None or cycle.mode is not Mode.DRIVING:
-            before = None
+            before = newest = None
             continue
         now_s = 1e-9 * cycle.begun_ns
-        stood = stood or now_s - last_s > late
-        step = None if before is None else np.abs(cycle.sent.positions - before.positions)
-        if step is not None and step.any():
-            seconds = now_s - since_s if stood else min(now_s - since_s, late)
-            most = (limits.speed + limits.feed_forward.speed) * seconds + 2.0 * COUNT
-            found = max(found, float((step / most).max()))
-        if step is None or step.any():
-            before, since_s, stood = cycle.sent, now_s, False
-        last_s = now_s
+        if now_s - last_s > _BEHIND * limits.timing.period_s:
+            making_up = _MAKING_UP
+        if before is None or newest is None:
+            before, since_s, making_up = cycle.sent, now_s, 0
+        elif (cycle.sent.positions != newest.positions).any():
+            seconds = now_s - since_s if making_up else min(now_s - since_s, late)
+            step = np.abs(cycle.sent.positions - before.positions)
+            found = max(found, float((step / (rate * seconds + 2.0 * COUNT)).max()))
+            making_up = max(0, making_up - 1)
+            if not making_up:
+                before, since_s = cycle.sent, now_s
+        newest, last_s = cycle.sent, now_s
     return found
 
 

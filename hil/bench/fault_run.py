@@ -145,7 +145,8 @@ class FaultRun:
                     if recording.ticks:
                         recording.record_arm(watch)  # of the way back
                 finally:
-                    self.said += [line for line in (loop.trouble, live.trouble, recording.trouble) if line]
+                    troubles = (loop.trouble, live.trouble, recording.trouble, watch.kept_back)
+                    self.said += [line for line in troubles if line]
                 self.trial = self._done(watch)
         finally:
             phases.end()
@@ -220,7 +221,8 @@ class FaultRun:
         judge_body(self.laws, self.box, limits)
         if self.trial is not None:
             judge_commands(self.laws, self.trial, limits, planner.arm)
-            led = [it.at_ns for it in self.occurred if it.happening.kind in (*BUS, *DRIVERLESS)]
+            stopping = (*BUS, *DRIVERLESS, *DEATHS, "host stall")
+            led = [it.at_ns for it in self.occurred if it.happening.kind in stopping]
             led += [] if estop.pulled_ns is None else [estop.pulled_ns]  # from which on it may brake as hard as it can
             until_ns = min(led, default=self.box.times[-1])
             judge_body_motion(self.laws, self.trial, self.box, limits, planner.arm, until_ns)
@@ -259,7 +261,8 @@ class FaultRun:
     def _start_again(self, virtual: VirtualRig) -> None:
         """With all mended, and where that is not enough the servos switched off and on, the arm can be used again."""
         clock, bus = virtual.clock, virtual.bus
-        end = clock.now() + 5_000_000_000
+        stalled = [it.until_ns for it in self.occurred]  # a driver that stands still keeps its port
+        end = max([clock.now(), *stalled]) + 5_000_000_000
         while virtual.arm is not None and virtual.arm.task.alive and clock.now() < end:
             clock.wait_until(clock.now() + 10_000_000)
         bus.set_faults([], virtual.now())

@@ -8,7 +8,7 @@ import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.bench.black_box import BlackBox
-from highfive.hil.bench.fault_schedule import DEATHS
+from highfive.hil.bench.fault_schedule import BUS, DEATHS, STOPS
 from highfive.hil.bench.laws import Laws
 from highfive.hil.bench.session_phases import Occurrence
 from highfive.hil.safety.states import State
@@ -50,14 +50,13 @@ def judge_times(
     driverless = [it for it in occurred if it.happening.kind in DRIVERLESS]
     if pulled_ns is not None and pulled_ns < box.times[-1]:
         since = _driven_again(pulled_ns, round(1e6 * ESTOP_MS), driverless)
-        # Who leads the arm may die after that: it is held once more.
-        deaths = sum(it.happening.kind in DEATHS and it.at_ns > pulled_ns for it in occurred)
-        laws.judge(ESTOP, box.commanded_after_ms(since, holds=1 + deaths), ESTOP_MS)
+        laws.judge(ESTOP, box.commanded_after_ms(since, holds=1 + _holds_after(pulled_ns, occurred)), ESTOP_MS)
     for it in occurred:
         kind = it.happening.kind
         if kind in DEATHS and it.at_ns < box.times[-1]:
             since = _driven_again(it.at_ns, _HELD_NS, driverless)
-            laws.judge(LAST_GOAL.format(kind), box.commanded_after_ms(since), HELD_MS)
+            holds = 1 + _holds_after(it.at_ns, occurred)
+            laws.judge(LAST_GOAL.format(kind), box.commanded_after_ms(since, holds=holds), HELD_MS)
             if (stopped := box.stopped_after_ms(since)) is not None:
                 laws.judge(WATCHDOG.format(kind), stopped, WATCHDOG_MS)
         if it.until_ns - it.at_ns > _HELD_NS:
@@ -72,7 +71,15 @@ def _judge_host(laws: Laws, it: Occurrence, occurred: Sequence[Occurrence], box:
     others = [one for one in occurred if one is not it and one.happening.kind in DRIVERLESS]
     since = _driven_again(it.at_ns, _HELD_NS, others)
     if since < it.until_ns:
-        laws.judge(HOLD, box.commanded_after_ms(since, it.until_ns - 1), HELD_MS)
+        holds = 1 + _holds_after(it.at_ns, [one for one in occurred if one is not it])
+        laws.judge(HOLD, box.commanded_after_ms(since, it.until_ns - 1, holds), HELD_MS)
+
+
+def _holds_after(since_ns: int, occurred: Sequence[Occurrence]) -> int:
+    """What comes to pass later has an arm held once more that is held already: who leads it dies, a driver goes on that
+    stood still, a bus answers again, the stop is pulled."""
+    kinds = (*BUS, *DEATHS, *STOPS, *DRIVERLESS)
+    return sum(it.happening.kind in kinds and it.until_ns > since_ns for it in occurred)
 
 
 def _judge_person(laws: Laws, it: Occurrence, trial: ArmTrial) -> None:

@@ -120,8 +120,8 @@ def play(
                     _tell_broken_off(number, trouble, recorder, watch, view, first=not results)
                     return replace(played, interrupted=True, why=trouble)
                 result = replace(result, style=programme.style_name(style))
-                arm = None if watch is None else watch.end(result.style, partner.cell, partner.contact_frame)
                 kept.end(result)
+                arm = None if watch is None else _arm_of(number, watch, result.style, partner, recorder)
                 results.append(result if len(results) < WHOLE else result.condensed())
                 if watch is not None and arm is not None and played.arm is not None:
                     played.arm.add(number, arm, watch.loop.retarget.settings.lag)
@@ -140,6 +140,14 @@ def play(
             recorder.record_event("session_end")
             gc.unfreeze()
     return replace(played, interrupted=programme.ended, why="ended on the page" if programme.ended else "")
+
+
+def _arm_of(number: int, watch: ArmWatch, style: str, partner: Partner, recorder: SessionOutputs) -> ArmTrial | None:
+    """What the arm did; says where it was never found fit to follow."""
+    if watch.kept_back:
+        recorder.record_event("fault", trial=number, detail=watch.kept_back)
+        say_aside(f"the arm did not take part: {watch.kept_back}", logging.WARNING)
+    return watch.end(style, partner.cell, partner.contact_frame)
 
 
 def _nothing_yet() -> ArmResults:

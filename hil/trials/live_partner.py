@@ -275,8 +275,7 @@ class LiveTrial:
                 frame, captured = new, seen_ns
             elif frame is None:
                 return
-            patience_ns = max(self._settings.stale * 1e9, self._settings.stale_frames * self._source.period_ns)
-            stale = now - frame.arrival_time_ns > patience_ns
+            stale = now - frame.arrival_time_ns > self._patience_ns
             self.predicted, self.stale, self.count = self.predicted + (new is None), self.stale + stale, self.count + 1
             # Time does not go back where a frame shows that the one before was late.
             at_ns = now + self._latency_ns
@@ -285,11 +284,18 @@ class LiveTrial:
             self.ahead_ms.append(1e-6 * (time_ns - stamp))
             yield TickInput(None if new is None else self._in_world(new, stamp), time_ns, at_ns)
 
+    @property
+    def _patience_ns(self) -> float:
+        return max(self._settings.stale * 1e9, self._settings.stale_frames * self._source.period_ns)
+
     def _next(self, seen: MarkerFrame | None, begun: int) -> MarkerFrame | None:
         """The next tick's frame, once it is there; None where it is time for a tick without one."""
-        if seen is None:
-            return self._source.newest(self._clock.now())
         s = self._settings
+        if seen is None:
+            newest, now = self._source.newest(self._clock.now()), self._clock.now()
+            if newest is None or now - newest.arrival_time_ns <= self._patience_ns:
+                return newest
+            return self._source.wait(newest, s.gone)  # where this computer stood still, what it holds is old
         shortest_ns = TICK_NS - s.early_ns
         self._clock.wait_until(begun + shortest_ns)
         expected = seen.arrival_time_ns + round(self._source.period_ns)

@@ -34,6 +34,9 @@ class StampClockSettings(Settings):
     that were held back come within a moment, and the last of them in time."""
     late_frames: int = setting(10, least=1)
     """So many of them at the least."""
+    set_ns: int = setting(100_000_000, "ns", above=0)
+    """In the first seconds a line may be wrong by what frames are late; one that is so far off was no line of this
+    clock."""
     settled: int = setting(5, "s", least=2)
     """With fewer seconds the drift is not known, and the bound is what frames scatter by."""
     drift: float = setting(1.5e-3, above=0.0)
@@ -91,7 +94,8 @@ class StampClock:
     def _reset(self, stamp_ns: int, lowest: tuple[int, int]) -> None:
         if len(self._minima) >= self.settings.settled:  # whoever sets a clock does not change its crystal
             self._drift = self._line[2]
-        if self.settled:  # a line that was not yet known was wrong, and no clock set
+        # A line that was not yet known was wrong, and no clock set, unless it is that far off.
+        if self.settled or abs(lowest[1] - self._offset(lowest[0])) > self.settings.set_ns:
             self.resets += 1
         self._begin(stamp_ns, lowest)
         self._frames = 1

@@ -210,7 +210,7 @@ def motion_laws(played: FaultRun, limits: Limits, box: BlackBox | None = None) -
 def test_wire_and_body_that_are_faster_than_a_limit_break_laws(played: FaultRun) -> None:
     limits = load_limits()
     assert not motion_laws(played, limits).broken
-    slower = replace(limits, contact=replace(limits.contact, speed=0.3))
+    slower = replace(limits, contact=replace(limits.contact, speed=0.2))
     broken = {law for law, _ in motion_laws(played, slower).broken}
     assert broken == {"wire: closing speed near the hand, m/s", "body: closing speed near the hand, m/s"}
     wide = replace(limits, face=replace(limits.face, radius=1.2))

@@ -77,6 +77,20 @@ def test_after_a_stall_there_is_one_tick_for_now_and_no_burst(greeting: Recordin
     assert counts["stale"] == pytest.approx((0.4 - LIVE.stale) * 120, abs=4)
 
 
+def test_a_trial_does_not_begin_with_a_frame_of_long_ago(greeting: Recording, clock: VirtualClock) -> None:
+    """The system stalls as the trial begins: it begins with what comes after that, for now."""
+    system = VirtualSystem(clock, greeting, "stall@2-4")
+    with closing(live_source(ADDRESS, None, system.wiring)) as source:
+        source.first()
+        clock.wait_until(clock.now() + 2_500_000_000)
+        before = clock.now()
+        trial = LiveTrial(source, HERE, clock)
+        ticks = list(islice(trial, 5))
+    assert not trial.trouble and len(ticks) == 5
+    assert 1e-9 * (clock.now() - before) == pytest.approx(1.5, abs=0.6)
+    assert max(begins.ahead_ns for begins in ticks) < 20_000_000
+
+
 def test_a_host_that_stood_still_goes_on_with_now(greeting: Recording, clock: VirtualClock) -> None:
     system = VirtualSystem(clock, greeting)
     with closing(live_source(ADDRESS, None, system.wiring)) as source:

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from highfive.mocap_bridge.sources.stamp_clock import UNKNOWN_NS, StampClock, hull_edge
+from highfive.mocap_bridge.sources.steady_time import SteadyTime
 
 MS, S = 1_000_000, 1_000_000_000
 OFFSET = 123 * S
@@ -95,3 +96,15 @@ def test_the_edge_lies_below_every_point_and_touches(heights: list[int]) -> None
     if len(points) > 1:
         assert min(gaps) >= -1e-9
     assert min(map(abs, gaps)) <= 1e-9
+
+
+@pytest.mark.parametrize("jump", [-3300 * MS, -200 * MS, 3300 * MS])
+def test_a_clock_that_is_set_in_the_first_seconds_is_followed_at_once_or_found_soon(jump: int) -> None:
+    """A line that is not settled moves by what frames are late, by ms: not by that much."""
+    clock = StampClock()
+    steady = SteadyTime(clock)
+    for stamp, arrival, _ in heard(3.0, 120.0, 0.0, 1, step_ns=jump, step_at=1.2):
+        clock.update(stamp, arrival)
+        last = steady.local(stamp), arrival
+    assert clock.resets == 1
+    assert 0 <= last[1] - last[0] < 30 * MS

@@ -25,5 +25,5 @@ def test_parts_that_add_up_pass() -> None:
 @pytest.mark.parametrize("off", [0.003, -0.004])
 def test_parts_that_do_not_add_up_are_refused(off: float) -> None:
     """A stamp that is 3 ms wrong is found, either way."""
-    with pytest.raises(HighFiveError, match="a time stamp is wrong"):
+    with pytest.raises(HighFiveError, match="a stamp is wrong"):
         replace(MEASURED, whole=later(LAG, 0.014 + off)).check()

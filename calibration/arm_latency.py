@@ -56,7 +56,7 @@ class ArmLatency:
         """
         if self.whole is not None and abs(self.disagreement) > MOST_APART:
             raise HighFiveError(
-                f"the latency's parts add up to {1e3 * self.parts:.1f} ms (motion capture {1e3 * self.mocap.delay:.1f}, "
+                f"the parts add up to {1e3 * self.parts:.1f} ms (motion capture {1e3 * self.mocap.delay:.1f}, "
                 f"host {1e3 * self.host:.1f}, {self.followed} {1e3 * self.joints[self.followed].lag:.1f}), the whole "
                 f"is {1e3 * self.whole.lag:.1f} ms; expected the same within {1e3 * MOST_APART:.0f} ms: a stamp "
                 "is wrong, or the motion capture's delay changed between the two"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
-from highfive.hil.runtime.console import LOGGER, say_aside
+from highfive.hil.runtime.console import LOGGER, counted, say_aside
 from highfive.hil.session.shown import Shown
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
@@ -119,6 +119,9 @@ class BackgroundRecorder:
             self._thread = None
         if self.lost:
             say_aside(f"the disk was too slow: {self.lost} parts of the recording are missing", logging.WARNING)
+        for name, count in self._recorder.dropped.items():
+            what = f"{counted(count, 'sample')} of before the first high five are not in the recording"
+            say_aside(f"the LSL stream {name}: the first {what}", logging.WARNING)
 
     def _run(self) -> None:
         while (call := self._calls.get()) is not None:

@@ -86,7 +86,11 @@ class BackgroundRecorder:
     def close(self) -> None:
         """Returns once all is written."""
         self._stop()
-        self._recorder.close()
+        try:
+            self._recorder.close()
+        except HighFiveError as error:
+            self.trouble = str(error)
+            say_aside(f"{error}; the end of the session is not recorded", logging.WARNING)
 
     def discard(self) -> None:
         """Leaves nothing of this recording."""
@@ -104,6 +108,8 @@ class BackgroundRecorder:
         self.close()
 
     def _give(self, call: Callable[[], None], *, always: bool = False) -> None:
+        if self.trouble:  # what is said of it comes from the thread that would have to make room
+            return
         if self._thread is None:
             self._do(call)
             return

@@ -216,7 +216,8 @@ class SessionRecorder:
         Args:
             event: its name; see docs/recordings.md.
             at_ns: when.
-            about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``, ``weights``, ``corrects``.
+            about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``, ``weights``, ``corrects``, ``stream``,
+                ``moved_ms``.
         """
         self._add("/event", self._end if at_ns is None else self._at(at_ns), {"event": event, **about})
 
@@ -258,7 +259,11 @@ class SessionRecorder:
         return self._sink.tell()
 
     def close(self) -> None:
-        """Writes the index; without it the file is still readable, only slower to open."""
+        """Writes the index; without it the file is still readable, only slower to open.
+
+        Raises:
+            HighFiveError: what was left cannot be written. Where a write failed before, that was told then.
+        """
         if self._failure:
             return
         try:
@@ -266,7 +271,7 @@ class SessionRecorder:
             self._sink.close()
             self._take_name()
         except OSError as error:
-            self._fail(error)
+            raise self._fail(error) from None
         self._failure = HighFiveError(f"the recording {self.path} is closed")
 
     def discard(self) -> None:

@@ -60,6 +60,7 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     """
     if options.format not in FORMATS:
         raise HighFiveError(f"--to {options.format}: no such format; there are {', '.join(FORMATS)}")
+    _check_ending(options)
     path = options.recording / _SESSION if options.recording.is_dir() else options.recording
     large = path.is_file() and path.stat().st_size > _LARGE
     advance = bar("reading", 1) if large else None
@@ -96,6 +97,16 @@ def print_export(result: dict[str, Any]) -> None:
     print(f"{counted(len(result['trials']), 'high five')}, {result['frames']} frames, {result['duration']:.1f} s:")
     for name in shown:
         print(f"  {name}")
+
+
+def _check_ending(options: ExportOptions) -> None:
+    """Refuses a file's name with the ending of another format, which would become a folder's."""
+    ending = options.out.suffix.lower().removeprefix(".") if options.out and not options.out.is_dir() else ""
+    if ending in FORMATS and ending != options.format:
+        raise HighFiveError(
+            f"--out {options.out}: ends in .{ending}, and --to is {options.format}; "
+            f"write --to {ending}, or another name for --out"
+        )
 
 
 def _trials(arrays: SessionArrays, name: str, kind: str) -> list[SessionArrays]:

@@ -188,7 +188,7 @@ class _Kept:
             self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
         self._begun = True
         for event in self.source_events[self._told :]:
-            self._recorder.record_event(event.happened.value, event.time_ns, detail=event.text, **self._about)
+            self._recorder.record_event(event.happened.value, event.time_ns, **event.about(), **self._about)
         self._told = len(self.source_events)
         if (asked := (self._session.weights, self._session.corrects)) != self._asked:
             self._asked = asked

@@ -38,6 +38,8 @@ def print_session(summary: dict[str, Any], folder: Path) -> None:
     if summary["interrupted"]:
         print("  interrupted; the report covers the trials until then")
     for warning in summary["warnings"]:
+        if warning == summary["unrecorded"]:  # it was said when it happened
+            continue
         STDERR.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     print(f"Open {folder / 'report.html'}")
 

@@ -154,6 +154,10 @@ def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack) -> Simulat
 
 def _check(options: SimulateOptions, live: bool, again: bool) -> None:
     """That the options go together."""
+    if not live and options.source is not None and (folder := Path(options.source)).is_dir():
+        held = folder / RECORDING
+        what = f"give {held}" if held.is_file() else f"give a C3D file, a {RECORDING}, or an address (vicon://HOST)"
+        raise HighFiveError(f"--source {folder}: is a folder; {what}")
     check_live_options(options, live)
     check_output_options(options, again=again)
     if again:

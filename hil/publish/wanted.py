@@ -64,13 +64,12 @@ def _parsed(word: str) -> Wanted:
 
 def _address(word: str) -> tuple[str, int | None]:
     """Host and port of an address that says nothing else."""
+    example = f"{FOXGLOVE}://:{FOXGLOVE_PORT}" if word.startswith(FOXGLOVE) else f"{VMC}://127.0.0.1:{VMC_PORT}"
     try:
         parts = urlsplit(word)
         host, port = parts.hostname or "", parts.port
     except ValueError:
-        raise HighFiveError(
-            f"--publish {word}: expected a port of 1 to 65535, as in vmc://127.0.0.1:{VMC_PORT}"
-        ) from None
+        raise HighFiveError(f"--publish {word}: expected a port of 1 to 65535, as in {example}") from None
     if port == 0 or parts.path or parts.query or parts.fragment or parts.username is not None or not (host or port):
-        raise HighFiveError(f"--publish {word}: expected an address such as vmc://127.0.0.1:{VMC_PORT}")
+        raise HighFiveError(f"--publish {word}: expected an address such as {example}")
     return host, port

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
-from highfive.hil.runtime.console import LOGGER, say_aside
+from highfive.hil.runtime.console import LOGGER, counted, say_aside
 from highfive.hil.session.shown import Shown
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
@@ -86,7 +86,11 @@ class BackgroundRecorder:
     def close(self) -> None:
         """Returns once all is written."""
         self._stop()
-        self._recorder.close()
+        try:
+            self._recorder.close()
+        except HighFiveError as error:
+            self.trouble = str(error)
+            say_aside(f"{error}; the end of the session is not recorded", logging.WARNING)
 
     def discard(self) -> None:
         """Leaves nothing of this recording."""
@@ -104,6 +108,8 @@ class BackgroundRecorder:
         self.close()
 
     def _give(self, call: Callable[[], None], *, always: bool = False) -> None:
+        if self.trouble:  # what is said of it comes from the thread that would have to make room
+            return
         if self._thread is None:
             self._do(call)
             return
@@ -119,6 +125,9 @@ class BackgroundRecorder:
             self._thread = None
         if self.lost:
             say_aside(f"the disk was too slow: {self.lost} parts of the recording are missing", logging.WARNING)
+        for name, count in self._recorder.dropped.items():
+            what = f"{counted(count, 'sample')} of before the first high five are not in the recording"
+            say_aside(f"the LSL stream {name}: the first {what}", logging.WARNING)
 
     def _run(self) -> None:
         while (call := self._calls.get()) is not None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from highfive.hil.recording import messages, schemas, viewer_messages
+from highfive.hil.recording.early_samples import EarlySamples
 from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
 from highfive.hil.recording.sink import Sink
 from highfive.hil.recording.stream_samples import StreamSamples
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 FORMAT = 2
 """Of recordings; those before say none."""
 CHUNK_NS = 500_000_000
-EARLY = 1000
-"""Chunks of other programs' streams that are kept until the first high five begins; of more the oldest goes."""
 PAUSE_NS = 1_000_000_000
 """Between two high fives whose clocks both start at 0: those of simulated people, played as fast as it goes."""
 DRAWN_EVERY = 4
@@ -106,7 +104,7 @@ class SessionRecorder:
         self._head: TrialHead | None = None  # of a high five that has not begun yet
         self._start = self._end = self._count = 0
         self._transforms = viewer_messages.Transforms()
-        self._early: deque[StreamSamples] = deque(maxlen=EARLY)
+        self._early = EarlySamples()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = Sink(self._file)
@@ -180,8 +178,11 @@ class SessionRecorder:
              "marker_set": partner.marker_set.name, "markers": list(tick.markers.names), "host_ns": tick.at_ns,
              "utc": utc},
         )  # fmt: skip
-        while self._early:
-            self.record_stream(self._early.popleft())
+        for name, count in self._early.dropped.items():
+            detail = f"{name}: the first {count} samples, of before the first high five, are not kept"
+            self._add("/event", now, {"event": "lsl_dropped", "detail": detail})
+        for samples in self._early.taken():
+            self.record_stream(samples)
 
     def record_arm(self, ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> None:
         """What a servo arm did, by the session's clock; after the first tick of the high five."""
@@ -215,7 +216,8 @@ class SessionRecorder:
         Args:
             event: its name; see docs/recordings.md.
             at_ns: when.
-            about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``, ``weights``, ``corrects``.
+            about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``, ``weights``, ``corrects``, ``stream``,
+                ``moved_ms``.
         """
         self._add("/event", self._end if at_ns is None else self._at(at_ns), {"event": event, **about})
 
@@ -228,7 +230,7 @@ class SessionRecorder:
     def record_stream(self, samples: StreamSamples) -> None:
         """Samples of another program's stream; such as are older than the session are of its first moment."""
         if self._zero_ns is None:
-            self._early.append(samples)
+            self._early.add(samples)
             return
         topic = f"{schemas.STREAMS}{samples.name}"
         key = f"{topic} {'text' if samples.text else 'numbers'}"
@@ -247,12 +249,21 @@ class SessionRecorder:
         self._add_drawn("/log", self._end, viewer_messages.log(self._end, level, text))
 
     @property
+    def dropped(self) -> Mapping[str, int]:
+        """Samples of other programs' streams that came before the first high five and were too many, by stream."""
+        return self._early.dropped
+
+    @property
     def written(self) -> int:
         """Bytes that are in the file."""
         return self._sink.tell()
 
     def close(self) -> None:
-        """Writes the index; without it the file is still readable, only slower to open."""
+        """Writes the index; without it the file is still readable, only slower to open.
+
+        Raises:
+            HighFiveError: what was left cannot be written. Where a write failed before, that was told then.
+        """
         if self._failure:
             return
         try:
@@ -260,7 +271,7 @@ class SessionRecorder:
             self._sink.close()
             self._take_name()
         except OSError as error:
-            self._fail(error)
+            raise self._fail(error) from None
         self._failure = HighFiveError(f"the recording {self.path} is closed")
 
     def discard(self) -> None:

@@ -113,7 +113,8 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
     "/event": (
         "high_five.Event",
         {"event": _TEXT, "trial": _MAYBE_WHOLE, "emotion": _MAYBE_TEXT, "style": _MAYBE_TEXT, "cell": _MAYBE_TEXT,
-         "detail": _MAYBE_TEXT, "weights": Field("object", optional=True), "corrects": Field("boolean", optional=True)},
+         "detail": _MAYBE_TEXT, "stream": _MAYBE_TEXT, "moved_ms": _UNKNOWN,
+         "weights": Field("object", optional=True), "corrects": Field("boolean", optional=True)},
     ),
 }  # fmt: skip
 """Schema name and fields of each topic."""

@@ -75,6 +75,9 @@ def check_file(path: Path, overwrite: bool, option: str = "--out") -> None:
         raise HighFiveError(f"{path} is there already; give another {option}, or --overwrite")
     if path.exists() and not path.is_file():
         raise HighFiveError(f"{path} is no file; give another {option}")
+    above = next(place for place in path.parents if place.exists())
+    if not above.is_dir():
+        raise HighFiveError(f"cannot write to {path}: {above} is a file and no folder; give another {option}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path.parent):

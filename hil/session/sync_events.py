@@ -39,11 +39,10 @@ class SyncEvent:
     text: str
     moved_ns: int = 0
 
-    def record(self) -> dict[str, Any]:
-        """For a recording: the event's name and what it says."""
-        return {
-            "event": self.happened.value, "stream": self.stream, "text": self.text, "moved_ms": 1e-6 * self.moved_ns,
-        }  # fmt: skip
+    def about(self) -> dict[str, Any]:
+        """What a recording's ``/event`` says of it beside its name; ``moved_ms`` where its time moved."""
+        moved = {"moved_ms": round(1e-6 * self.moved_ns, 6)} if self.moved_ns else {}
+        return {"stream": self.stream, "detail": self.text, **moved}
 
 
 Told = Callable[[SyncEvent], None]

@@ -64,6 +64,8 @@ def parse_address(text: str) -> Address:
         host, port, query = _host(text, rest, kind)
     if not host or any(c in "'\"" or (c.isspace() and kind.port) for c in host):
         raise HighFiveError(f"address {text!r} names no {'host' if kind.port else 'stream'}; as in {kind.example}")
+    if kind.port and "+" in host:  # no host has one: a system of several is missing or is not understood
+        raise HighFiveError(f"address {text!r}: + joins two whole addresses, as in {MERGES}")
     options = parse_qsl(query, keep_blank_values=True)
     if len(dict(options)) != len(options):
         raise HighFiveError(f"address {text!r} gives an option twice")

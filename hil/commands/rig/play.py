@@ -173,6 +173,10 @@ def _played(
                 break
             whole += 1
             advance()
+        try:
+            recorder.close()
+        except HighFiveError as error:
+            stopped = stopped or str(error)
     return results, lag, _End(stopped, remedy, whole)
 
 

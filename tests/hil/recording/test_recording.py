@@ -12,6 +12,7 @@ from paths import HELPERS
 from recorded_trials import record_trial
 from trial_results import some_results
 
+from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import CHUNK_NS, SessionRecorder
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.session.shown import Shown
@@ -214,3 +215,25 @@ def test_what_pages_showed_is_recorded_at_the_time_at_which_it_was_seen(result, 
         "page": 2, "frame": 7, "pose_ns": 5_100_000_000, "display_ns": 5_116_250_000, "dropped": 0, "bound_ns": 300_000,
     }  # fmt: skip
     assert second.data["dropped"] == 1
+
+
+@pytest.mark.parametrize("replaces", [False, True])
+def test_a_disk_that_is_full_at_the_last_write_says_so_and_keeps_what_was_there(
+    replaces: bool, result, tmp_path, caplog
+):
+    """The judgement of the last high five fits; what is left to be written in the end does not."""
+    path = tmp_path / "last.mcap"
+    if replaces:
+        path.write_bytes(b"an earlier recording")
+    recorder = SessionRecorder(path, SETTINGS)
+    background = BackgroundRecorder(recorder, paced=False)
+    record_trial(recorder, result)
+    with files_no_larger_than(recorder.written + 10):
+        background.close()
+    assert "make room" in background.trouble and "\n" not in background.trouble
+    assert [background.trouble in record.getMessage() for record in caplog.records] == [True]
+    recorder.close()  # it was told
+    left = next(tmp_path.glob("*last.mcap*")) if not replaces else next(p for p in tmp_path.iterdir() if p != path)
+    recording = read_recording(left)
+    assert len(recording.channels["/avatar"]) == len(result.times) and not recording.complete
+    assert not replaces or path.read_bytes() == b"an earlier recording"

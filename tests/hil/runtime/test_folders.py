@@ -375,3 +375,10 @@ def test_an_interrupted_track_leaves_whole_files(
                     assert content.strip().endswith((b"}", b"</html>"))
             read_c3d(out / "reach_filled.c3d")
             done(monkeypatch, capsys, *words, "--no-fit", "--overwrite")
+
+
+def test_a_file_in_the_place_of_a_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("kept")
+    for path in (tmp_path / "notes.txt" / "x.glb", tmp_path / "notes.txt" / "deeper" / "x.glb"):
+        with pytest.raises(HighFiveError, match=r"notes\.txt is a file and no folder; give another --out"):
+            check_file(path, overwrite=True)

@@ -48,6 +48,8 @@ def test_what_addresses_mean(text: str, address: Address) -> None:
         ("://host", "unknown"),
         ("vicon://", "names no host"),
         ("vicon://:801", "names no host"),
+        ("vicon://a+", "joins two whole addresses"),
+        ("vicon://a+b", "joins two whole addresses"),
         ("vicon://two words", "names no host"),
         ("lsl://", "names no stream"),
         ("lsl://it's", "names no stream"),

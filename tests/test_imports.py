@@ -56,14 +56,16 @@ ALLOWED: dict[str, set[str]] = {
     "hil.recording": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials"},
     "hil.recording.exports": MODEL | BRIDGE | SIM | {"hil.recording"},
     "hil.publish": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials", "hil.recording"},
+    "hil.experiments": ERRORS,
+    "hil.experiments.analysis": MODEL,
     "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},
     "hil.report": MODEL | BRIDGE | SIM | ARM
-    | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation"},
+    | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.experiments"},
     "hil.view": MODEL | BRIDGE | SIM
     | {"hil.drivers.latch", "hil.session", "hil.trials.events", "hil.trials.trial_result", "hil.recording"},
     "hil.commands": MODEL | BRIDGE | SIM | ARM
     | {"calibration", "hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.report"}
-    | {"hil.view", "hil.publish"},
+    | {"hil.view", "hil.publish", "hil.experiments"},
     "hil.bench": {"calibration", "hil", "mocap_bridge", "model", "scenes"},
     "hil.cli": {"model.errors", "hil.runtime", "hil.commands", PACKAGE},  # the package for its version
     PACKAGE: {"calibration", "hil", "mocap_bridge", "model", "scenes"},
@@ -78,6 +80,7 @@ FORBIDDEN = {
     "mocap_bridge": HARDWARE,
     "mocap_bridge.wire": {"socket", "select", "time", "threading", "pylsl"},
     "calibration": HARDWARE,
+    "hil.experiments.analysis": HARDWARE | {"time", "socket"},
     "hil.arm_model": HARDWARE | {"time", "socket"},
     "hil.drivers": {"mujoco"},
     "hil.safety": HARDWARE | {"time", "socket"},

@@ -11,7 +11,10 @@ import highfive
 from highfive.model.errors import HighFiveError
 from highfive.model.settings import Settings, setting
 
-ROOMS = ("model", "mocap_bridge.tracking", "mocap_bridge.body", "calibration", "hil.session", "hil.arm", "hil.trials")
+ROOMS = (
+    "model", "mocap_bridge.tracking", "mocap_bridge.body", "calibration", "hil.session", "hil.arm", "hil.trials",
+    "hil.experiments.analysis",
+)  # fmt: skip
 
 
 def classes() -> list[type[Settings]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import struct
 import zlib
 from collections.abc import Collection, Generator, Iterator, Mapping
@@ -29,6 +30,8 @@ from highfive.model.geometry.rotations import Array
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports]
+
+LOG = logging.getLogger(__name__)
 
 MARKERS = "/markers"
 """The one topic of points that is read back; the others are for viewers."""
@@ -109,6 +112,8 @@ def read_recording(path: Path | str) -> SessionRecording:
 def recorded_messages(path: Path) -> Generator[tuple[str, RecordedMessage], None, bool]:
     """Topic and message, one after the other as they stand in the file, the session's settings first.
 
+    A message that cannot be decoded is left out.
+
     Returns:
         whether the file was closed; otherwise its end is missing.
 
@@ -151,6 +156,9 @@ _CUT_SHORT = (
     McapError, CRCValidationError, DecodeError, struct.error, zlib.error, ValueError, KeyError, ZstdError,
 )  # fmt: skip
 
+# What one message that is not as it should be makes its decoding raise: it is left out, and reading goes on.
+_MALFORMED = (DecodeError, struct.error, ValueError, KeyError, RecursionError)
+
 
 def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[tuple[str, int, dict[str, Any]]]:
     """Topic, time and content of each message on ``topics`` and of every other program's stream; rows are rows, and
@@ -159,20 +167,35 @@ def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[tuple[s
     found: dict[int, tuple[str, str]] = {}
     names: list[str] = []
     labels: dict[str, list[str]] = {}
+    malformed = 0
     for record in reader.records:
         if isinstance(record, Channel) and (record.topic in topics or record.topic.startswith(schemas.STREAMS)):
             found[record.id] = record.topic, record.message_encoding
         elif isinstance(record, Message) and record.channel_id in found:
             topic, encoding = found[record.channel_id]
-            if encoding == MessageEncoding.JSON:
-                data = json.loads(record.data)
-                if topic in schemas.TOPICS and isinstance(data, dict):
-                    data = schemas.restored(topic, data)
-                    names = data.get("markers", names) if topic == "/trial" else names
-                elif topic not in topics and isinstance(data, dict):
-                    data["labels"] = labels[topic] = data.get("labels", labels.get(topic, []))
-            elif topic == MARKERS:
-                data = {"names": names, **cloud_points(record.data)}
-            else:
+            try:
+                if encoding == MessageEncoding.JSON:
+                    data = _json_object(record.data)
+                    if topic in schemas.TOPICS:
+                        data = schemas.restored(topic, data)
+                        names = data.get("markers", names) if topic == "/trial" else names
+                    elif topic not in topics:
+                        data["labels"] = labels[topic] = data.get("labels", labels.get(topic, []))
+                elif topic == MARKERS:
+                    data = {"names": names, **cloud_points(record.data)}
+                else:
+                    continue
+            except _MALFORMED:
+                malformed += 1
                 continue
             yield topic, record.log_time, data
+    if malformed:
+        LOG.warning("malformed messages left out of the recording: %d", malformed)
+
+
+def _json_object(content: bytes) -> dict[str, Any]:
+    """A message's JSON object; ValueError where it is something else."""
+    data = json.loads(content)
+    if not isinstance(data, dict):
+        raise ValueError("no JSON object")
+    return data

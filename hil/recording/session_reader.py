@@ -76,7 +76,7 @@ class SessionReader:
                 return
 
     def __iter__(self) -> Iterator[RecordedHighFive]:
-        """Its high fives in order, with those that were broken off."""
+        """Its high fives in order, with those that were broken off; one that does not say its number is left out."""
         found: dict[str, list[RecordedMessage]] = {}
         for topic, message in recorded_messages(self.path):
             if topic == "/trial":
@@ -87,7 +87,7 @@ class SessionReader:
 
 
 def _whole(found: Mapping[str, list[RecordedMessage]]) -> Iterator[RecordedHighFive]:
-    if "/trial" in found:
+    if "/trial" in found and isinstance(found["/trial"][0].data.get("trial"), int):
         about, contact = found["/trial"][0].data, found.get("/contact")
         messages = {topic: tuple(messages) for topic, messages in found.items()}
         yield RecordedHighFive(int(about["trial"]), about, contact[-1].data if contact else None, messages)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from recorded_trials import record_trial
 from trial_results import some_results
 
@@ -71,3 +73,38 @@ def test_what_is_no_session_is_one_line(content: bytes, tmp_path: Path) -> None:
         read_session(path)
     with pytest.raises(HighFiveError, match="No such file"):
         read_session(tmp_path / "none.mcap")
+
+
+def _with_one_replaced(source: Path, path: Path, topic: str, number: int, content: bytes) -> None:
+    """A copy of a recording in which one message of a topic, counted from 0, has another content."""
+    with source.open("rb") as file, path.open("wb") as copy:
+        writer, channels, seen = Writer(copy), {}, 0
+        writer.start()
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.id not in channels:
+                assert schema is not None
+                of = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, of)
+            hit = channel.topic == topic and seen == number
+            seen += channel.topic == topic
+            data = content if hit else message.data
+            writer.add_message(channels[channel.id], message.log_time, data, message.publish_time)
+        writer.finish()
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[1, 2]", b"\xff\xfe", b"[" * 100_000])
+def test_one_malformed_message_is_left_out_and_reading_goes_on(content: bytes, recorded: Path, tmp_path: Path) -> None:
+    path = tmp_path / "malformed.mcap"
+    _with_one_replaced(recorded, path, "/tick", 3, content)
+    whole, found = list(read_session(recorded)), list(read_session(path))
+    assert [len(one.messages["/tick"]) for one in found] == [
+        len(one.messages["/tick"]) - (one.number == whole[0].number) for one in whole
+    ]
+    assert read_recording(path).complete
+
+
+def test_a_trial_message_without_its_number_is_no_key_error(recorded: Path, tmp_path: Path) -> None:
+    path = tmp_path / "unnumbered.mcap"
+    _with_one_replaced(recorded, path, "/trial", 1, b"{}")
+    (first,), (whole, _) = read_session(path), read_session(recorded)
+    assert len(first.messages["/tick"]) == len(whole.messages["/tick"])

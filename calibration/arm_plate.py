@@ -14,6 +14,10 @@ from highfive.calibration.rigid_fit import rigid_fit
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
+LOOSE_M = 0.002
+"""m by which a marker that is glued on is never off: it is seen to 0.5 mm."""
+_FEWEST = 3
+
 FOLDS = 5
 """Every fifth pose is held out, five times."""
 
@@ -83,3 +87,31 @@ def held_out(
                 laid = rigid_fit(own[seen], poses.markers[n, seen], settings.marker_noise * settings.cut)
                 found[n] = float(np.linalg.norm(centres[n] - laid.apply(plate.centre)))
     return found
+
+
+def check_loose(fit: ArmFit, poses: ArmPoses, template: PlateTemplate, most: float = LOOSE_M) -> None:
+    """Refuses markers that moved on the plate between poses.
+
+    In each pose the others say where a marker has to be; one that is ``most`` (m) off in a quarter of them is loose.
+
+    Raises:
+        HighFiveError: which one, and how far it moved.
+    """
+    own = fit.shape.markers + fit.errors.marker
+    off = np.full(poses.seen.shape, np.nan)
+    for n, seen in enumerate(poses.seen):
+        for m in np.flatnonzero(seen):
+            others = seen.copy()
+            others[m] = False
+            if others.sum() >= _FEWEST:
+                laid = rigid_fit(own[others], poses.markers[n, others])
+                off[n, m] = np.linalg.norm(poses.markers[n, m] - laid.apply(own[m]))
+    if np.isnan(off).all(axis=0).any():
+        return
+    moved = np.nanpercentile(off, 75, axis=0)
+    worst = int(np.argmax(moved))
+    if moved[worst] > most:
+        raise HighFiveError(
+            f"the marker {template.names[worst]} is loose: it was {1e3 * moved[worst]:.1f} mm from its place beside "
+            "the others in a quarter of the poses; glue it, and take the poses again"
+        )

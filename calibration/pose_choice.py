@@ -1,4 +1,4 @@
-"""Which postures tell most of an arm: greedy D-optimal design, and the way from one to the next.
+"""Which postures tell most of an arm: greedy D-optimal design.
 
 The gain of a posture is log det(I + A H⁻¹ Aᵀ), with H what the priors and the postures chosen before already tell.
 """
@@ -50,14 +50,3 @@ def choose_poses(
         chosen.append(best)
         told -= along[best].T @ np.linalg.solve(inside[best], along[best])
     return np.array(chosen)
-
-
-def in_order(postures: Array, start: Array) -> NDArray[np.int64]:
-    """Indices (N,) in which postures (N, J), rad, are taken: always the one that the slowest joint is soonest at."""
-    left, order, here = list(range(len(postures))), [], start
-    while left:
-        nearest = min(left, key=lambda n: float(np.abs(postures[n] - here).max()))
-        order.append(nearest)
-        left.remove(nearest)
-        here = postures[nearest]
-    return np.array(order, int)

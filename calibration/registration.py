@@ -1,4 +1,4 @@
-"""Where the arm stands in the motion capture's room: the extrinsic calibration of one rig and room, as a file.
+"""Where the arm stands in the motion capture's room: what its calibration's file says of that, and what is relied on.
 
 A live person's hand and head are where the motion capture says; the arm is where its mount says. Without this file
 they are in two worlds, and no distance between them means anything: a real arm does not move near a live person then.
@@ -18,7 +18,7 @@ from highfive.calibration.placement_file import check_frame, vector
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
-from highfive.model.toml_file import read_toml, table, typed
+from highfive.model.toml_file import table, typed
 
 FORMAT = 1
 """Version of the file's format."""
@@ -99,20 +99,12 @@ class Registration:
         return tuple(f"registration {self.path}: {line}; measure it again" for line in found)
 
 
-def load_registration(path: Path) -> Registration:
-    """Reads a registration.
+def registration_of(path: Path, data: Mapping[str, Any]) -> Registration:
+    """The registration in a file's content.
 
     Raises:
-        HighFiveError: there is no such file, or it is no registration; one line says what.
+        HighFiveError: there is none.
     """
-    data = read_toml(path, "the registration")
-    try:
-        return _registration(path, data)
-    except HighFiveError as error:
-        raise HighFiveError(f"{path} is no registration: {error}; measure it again") from None
-
-
-def _registration(path: Path, data: Mapping[str, Any]) -> Registration:
     meta, arm, world, quality = (table(data, name) for name in ("meta", "arm", "world", "quality"))
     if (version := typed(meta, "meta.", "format", int)) != FORMAT:
         raise HighFiveError(f"meta.format is {version}, this program reads {FORMAT}")

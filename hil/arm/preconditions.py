@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from highfive.calibration.registration import load_registration
+from highfive.calibration.arm_file import load_arm
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
 from highfive.hil.arm.emergency_stop import check_pipe
 from highfive.hil.arm.loop import first_of
@@ -108,7 +108,7 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
         return Room(options.person, nobody_near=options.nobody_near, slow=options.slow)
     if not options.person:
         raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
-    found = load_registration(options.registration)
+    found = load_arm(options.registration).registration
     mismatches = found.mismatches(fingerprint(rig), parse_address(options.person).scheme, now)
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
 

@@ -231,6 +231,16 @@ def bench_sync(
     _run(json, lambda bar: bench.sync(seconds, long, seed, bar))
 
 
+@app.command("calibration")
+def bench_calibration(
+    arms: Annotated[int, typer.Option(min=1, help="Number of arms.")] = 16,
+    first: Annotated[int, typer.Option(min=0, help="Seed of the first arm.")] = 0,
+    json: Json = False,
+) -> None:
+    """Calibrate arms that are not as their files say: where is the plate at contact, and is a bump found?"""
+    _run(json, lambda bar: bench.calibration(arms, first, bar))
+
+
 @app.command("view")
 def bench_view(
     seconds: Annotated[float, typer.Option(min=1.0, max=LONGEST_S, help="For so long poses are counted.")] = 60.0,

@@ -146,3 +146,39 @@ def calibrate_headset(
     with progress_bars() as bar:
         result = calibrate_headset(options, bar)
     print_result(result, json, print_headset)
+
+
+@calibrate.command("extrinsics")
+def calibrate_extrinsics(
+    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm (highfive rig scan).")],
+    source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
+    plate: Annotated[Path, typer.Option(metavar="FILE.toml", help="The plate's template (docs/calibration.md).")],
+    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
+    estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
+    poses: Annotated[int, typer.Option(help="Number of postures.")] = 30,
+    note: Annotated[str, typer.Option(help="Kept in the file.")] = "",
+    out: Annotated[
+        Path, typer.Option(metavar="FILE.toml", help="The calibration, for simulate --registration.")
+    ] = Path("arm.toml"),
+    overwrite: OverwriteFile = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Find where the arm stands in the room, and by what it differs from its drawing. THE ARM MOVES, slowly."""
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.calibrate_extrinsics import (  # noqa: PLC0415
+        ExtrinsicsOptions,
+        calibrate_extrinsics,
+        print_extrinsics,
+    )
+
+    which = arm_options(port, arm, rig_file, limits, None, estop, None, False, True, None)
+    assert which is not None
+    options = ExtrinsicsOptions(which, source, plate, poses, seed, note, out, overwrite)
+    with progress_bars() as bar:
+        result = calibrate_extrinsics(options, bar)
+    print_result(result, json, print_extrinsics)
+    if result["mismatches"]:
+        raise typer.Exit(1)

@@ -168,6 +168,13 @@ def sync(seconds: float, long_s: float, seed: int, bar: Bar) -> Measured:
     return Measured(bench_sync(SyncOptions(seed, seconds, long_s), bar), print_sync)
 
 
+def calibration(arms: int, first: int, bar: Bar) -> Measured:
+    """Arms that are not as drawn, calibrated; see :mod:`highfive.hil.bench.calibration`."""
+    from highfive.hil.bench.calibration import CalibrationBenchOptions, bench_calibration, print_calibration
+
+    return Measured(bench_calibration(CalibrationBenchOptions(arms, first), bar), print_calibration)
+
+
 def webcam(every: int, latency_ms: float, hold_s: float, bar: Bar) -> Measured:
     """A webcam; see :mod:`highfive.hil.bench.webcam`."""
     from highfive.hil.bench.webcam import WebcamBenchOptions, bench_webcam, print_webcam

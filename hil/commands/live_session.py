@@ -5,8 +5,8 @@ from __future__ import annotations
 from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 
+from highfive.calibration.arm_file import load_arm
 from highfive.calibration.placement_file import load_placement, save_placement
-from highfive.calibration.registration import load_registration
 from highfive.hil.commands.headset_session import HERE, hand_of, wait_until_worn
 from highfive.hil.commands.page import saying_to
 from highfive.hil.commands.simulate_options import SimulateOptions
@@ -32,7 +32,7 @@ def live_person(
     source = stack.enter_context(closing(live_source(str(options.source), options.human, wiring)))
     file = None if options.arm is None else options.arm.registration
     system = parse_address(str(options.source)).scheme
-    registered = None if file is None else load_registration(file).placement
+    registered = None if file is None else load_arm(file).registration.placement
     if options.place is not None and options.place.exists():
         registered = load_placement(options.place, system)
     if page is not None:

@@ -1,35 +1,36 @@
 """The file that says where the arm stands in the room: what is read from it, and what is refused."""
 
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
-from paths import ROOT
+from kept_arm import DATE, changed, kept_text
 
-from highfive.calibration.registration import REGISTRATION, load_registration
+from highfive.calibration.arm_file import load_arm
+from highfive.calibration.registration import REGISTRATION, Registration
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.preconditions import fingerprint, room
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
-EXAMPLE = (ROOT / "docs" / "safety.md").read_text().partition("```toml\n")[2].partition("```")[0]
-ARM, DATE = "0123456789ab", datetime(2026, 11, 23, 9, 30, tzinfo=UTC)
+ARM = "0123456789ab"
+EXAMPLE = kept_text()
 
 
 def written(path: Path, **changes: str) -> Path:
-    """The documentation's example with some of its values changed."""
-    lines = EXAMPLE.splitlines()
-    for name, value in changes.items():
-        assert any(line.startswith(f"{name} = ") for line in lines), name
-        lines = [f"{name} = {value}" if line.startswith(f"{name} = ") else line for line in lines]
+    """A calibration with some of its values changed, and signed again."""
     file = path / "room.toml"
-    file.write_text("\n".join(lines))
+    file.write_text(changed(EXAMPLE, **changes))
     return file
 
 
-def test_the_example_of_the_documentation_is_a_registration(tmp_path: Path) -> None:
+def load_registration(path: Path) -> Registration:
+    return load_arm(path).registration
+
+
+def test_a_kept_calibration_is_a_registration(tmp_path: Path) -> None:
     found = load_registration(written(tmp_path))
     assert found.mismatches(ARM, "vicon", DATE) == ()
     assert found.date == DATE
@@ -93,7 +94,7 @@ def test_a_system_in_capitals_is_the_same_system(tmp_path: Path, system: str, ad
     ],
 )
 def test_what_is_no_registration_is_refused_in_one_line(tmp_path: Path, changes: dict[str, str], says: str) -> None:
-    with pytest.raises(HighFiveError, match=r"is no registration: .*; measure it again") as error:
+    with pytest.raises(HighFiveError, match=r"is no calibration of an arm: .*; measure it again") as error:
         load_registration(written(tmp_path, **changes))
     assert says in str(error.value)
     assert "\n" not in str(error.value)
@@ -103,7 +104,7 @@ def test_a_file_that_is_missing_cut_short_or_no_toml_is_refused(tmp_path: Path) 
     with pytest.raises(HighFiveError, match="cannot read"):
         load_registration(tmp_path / "none.toml")
     file = tmp_path / "room.toml"
-    for count in range(0, len(EXAMPLE.rstrip()) - 8, 7):
+    for count in range(0, len(EXAMPLE.rstrip()) - 8, 29):
         file.write_text(EXAMPLE[:count])
         with pytest.raises(HighFiveError):
             load_registration(file)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,7 +108,7 @@ def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.
         "hil.commands.live_session.live_source": lambda *_: nullcontext(),
         "hil.commands.live_session.LivePerson": lambda *_, **__: Person(),
         "hil.commands.live_session.closing": lambda source: source,
-        "hil.commands.live_session.load_registration": lambda _: type("Registered", (), {"placement": None}),
+        "hil.commands.live_session.load_arm": lambda _: SimpleNamespace(registration=SimpleNamespace(placement=None)),
     }
     for name, replacement in replaced.items():
         monkeypatch.setattr(f"highfive.{name}", replacement)

@@ -1,0 +1,249 @@
+"""The calibration of one arm in one room, kept in a file that people can read, and that tells when it was changed.
+
+Tables: ``[meta]``, ``[arm]``, ``[world]`` (where the room is: :mod:`highfive.calibration.registration`), ``[mount]``,
+``[plate]``, ``[joints.NAME]``, ``[latency]`` (once it is measured) and ``[quality]``; SI units in the names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from highfive.calibration.placement_file import check_frame, vector
+from highfive.calibration.registration import FORMAT, Registration, registration_of
+from highfive.model.errors import HighFiveError
+from highfive.model.files import write_whole
+from highfive.model.geometry.rotations import Array
+from highfive.model.settings import Settings, setting
+from highfive.model.toml_file import is_table, number, read_toml, table, typed
+
+DIGEST = "digest = "
+"""What the last line begins with: SHA-256 of all lines before it."""
+
+
+@dataclass(frozen=True)
+class ArmFileSettings(Settings):
+    """What may stand in a file."""
+
+    zero: float = setting(float(np.radians(10.0)), "rad", above=0.0)
+    compliance: float = setting(0.010, "rad/(N·m)", above=0.0)
+    """More than that gives by 5° under the arm's own weight: something is loose."""
+    play: float = setting(float(np.radians(3.0)), "rad", above=0.0)
+    length: float = setting(0.010, "m", above=0.0)
+    tilt: float = setting(float(np.radians(3.0)), "rad", above=0.0)
+
+
+ARM_FILE = ArmFileSettings()
+
+
+@dataclass(frozen=True)
+class CalibratedJoint:
+    """By what one joint differs from its drawing.
+
+    Attributes:
+        zero: rad, added to what its encoder says.
+        compliance: rad/(N·m), by which it gives way that its encoder does not see; 0 or more.
+        play: rad, between the two sides of approach.
+        length, tilt: (3,) m and rad (a rotation vector), in the frame before it.
+    """
+
+    zero: float
+    compliance: float
+    play: float
+    length: Array
+    tilt: Array
+
+
+@dataclass(frozen=True)
+class ArmCalibration:
+    """What is known of one arm in one room.
+
+    Attributes:
+        registration: where the room is, of which arm, when, and how good it is.
+        tool: version of the program that measured it.
+        command: by which.
+        note: of the operator.
+        mount, mount_rotation: (3,) m and (4,) quaternion, of the arm's base in the world.
+        plate, plate_normal: (3,) m and a unit vector, of its surface in the last joint's frame.
+        marker_names, markers: (M,) and (M, 3) m, on the plate, in the last joint's frame.
+        joints: by name.
+        held_out_median, held_out_max: m, beside the registration's 95 of 100.
+        rms: m, of what is left of the markers.
+        temperatures: °C of the joints' servos, lowest and highest while it was measured; None where nobody read them.
+        latency: s, by name, once it is measured; empty before.
+    """
+
+    registration: Registration
+    tool: str
+    command: str
+    note: str
+    mount: Array
+    mount_rotation: Array
+    plate: Array
+    plate_normal: Array
+    marker_names: tuple[str, ...]
+    markers: Array
+    joints: Mapping[str, CalibratedJoint]
+    held_out_median: float
+    held_out_max: float
+    rms: float
+    temperatures: tuple[float, float] | None
+    latency: Mapping[str, float]
+
+
+def save_arm(path: Path, found: ArmCalibration, *, replace: bool = False) -> None:
+    """Writes a calibration in one piece, beside and renamed.
+
+    Raises:
+        HighFiveError: it cannot be written, or there is such a file and it is not to be replaced.
+    """
+    content = arm_text(found)
+    try:
+        write_whole(path, content.encode(), replace=replace)
+    except OSError as error:
+        raise HighFiveError(f"cannot write the calibration {path}: {error.strerror or error}") from None
+
+
+def arm_text(found: ArmCalibration) -> str:
+    """The file's content."""
+    room = found.registration
+    lines = [
+        "# Where one arm stands in one room, and by what it differs from its drawing: highfive calibrate extrinsics.",
+        "# What is changed here by hand is refused: measure again.",
+        "[meta]",
+        f"format = {FORMAT}",
+        f"date = {room.date.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        f"tool = {_text(found.tool)}",
+        f"command = {_text(found.command)}",
+        f"note = {_text(found.note)}",
+        "\n[arm]",
+        f"fingerprint = {_text(room.arm)}  # of servos, directions, zeros, lengths and mount",
+        "\n[world]",
+        f"system = {_text(room.system)}",
+        f"rotation = {_list(room.world_from_mocap)}  # w, x, y, z: from the motion capture's frame to the world",
+        f"translation_m = {_list(room.translation)}  # added after the rotation",
+        "\n[mount]",
+        f"position_m = {_list(found.mount)}  # of the arm's base in the world",
+        f"rotation = {_list(found.mount_rotation)}",
+        "\n[plate]",
+        f"centre_m = {_list(found.plate)}  # of its surface, in the last joint's frame",
+        f"normal = {_list(found.plate_normal)}",
+        "\n[plate.markers_m]",
+        *(f"{_text(n)} = {_list(at)}" for n, at in zip(found.marker_names, found.markers, strict=True)),
+    ]
+    for name, joint in found.joints.items():
+        lines += [
+            f"\n[joints.{name}]",
+            f"zero_rad = {joint.zero:.9f}",
+            f"compliance_rad_per_Nm = {joint.compliance:.9f}",
+            f"play_rad = {joint.play:.9f}",
+            f"length_m = {_list(joint.length)}",
+            f"tilt_rad = {_list(joint.tilt)}",
+        ]
+    if found.latency:
+        lines += ["\n[latency]", *(f"{name} = {value:.6f}" for name, value in found.latency.items())]
+    lines += [
+        "\n[quality]",
+        f"poses = {room.poses}",
+        f"held_out_median_m = {found.held_out_median:.6f}",
+        f"held_out_p95_m = {room.held_out_p95:.6f}",
+        f"held_out_max_m = {found.held_out_max:.6f}",
+        f"residual_rms_m = {found.rms:.6f}",
+    ]
+    if found.temperatures is not None:
+        lines.append(f"temperatures_C = {_list(np.array(found.temperatures))}")
+    body = "\n".join(lines) + "\n\n[check]\n"
+    return f'{body}{DIGEST}"{_digest(body)}"\n'
+
+
+def load_arm(path: Path, settings: ArmFileSettings = ARM_FILE) -> ArmCalibration:
+    """Reads a calibration, and checks that it is whole, as it was written, and of this world.
+
+    Whether it is of this arm and room, new enough and good enough: :meth:`Registration.mismatches`.
+
+    Raises:
+        HighFiveError: it is not so; one line says what.
+    """
+    data = read_toml(path, "the calibration")
+    try:
+        _check_digest(path)
+        return _calibration(path, data, settings)
+    except HighFiveError as error:
+        raise HighFiveError(f"{path} is no calibration of an arm: {error}; measure it again") from None
+
+
+def _check_digest(path: Path) -> None:
+    body, found, rest = path.read_text(encoding="utf-8").rpartition(DIGEST)
+    if not found:
+        raise HighFiveError("check.digest is missing")
+    if rest.strip() != f'"{_digest(body)}"':
+        raise HighFiveError("it was changed after it was written (check.digest)")
+
+
+def _digest(body: str) -> str:
+    return hashlib.sha256(body.encode()).hexdigest()
+
+
+def _calibration(path: Path, data: Mapping[str, Any], settings: ArmFileSettings) -> ArmCalibration:
+    meta, mount, plate, quality = (table(data, name) for name in ("meta", "mount", "plate", "quality"))
+    rotation, position = vector(mount, "mount.", "rotation", 4), vector(mount, "mount.", "position_m", 3)
+    check_frame(rotation, position, "mount.")
+    normal = vector(plate, "plate.", "normal", 3)
+    if abs(math.hypot(*normal) - 1.0) > 1e-6:
+        raise HighFiveError("plate.normal is no unit vector")
+    markers = table(plate, "markers_m")
+    places = np.array([vector(markers, "plate.markers_m.", name, 3) for name in markers]).reshape(-1, 3)
+    heat = vector(quality, "quality.", "temperatures_C", 2) if "temperatures_C" in quality else None
+    times = data.get("latency", {})
+    if not is_table(times):
+        raise HighFiveError("[latency] is no table")
+    return ArmCalibration(
+        registration=registration_of(path, data),
+        tool=typed(meta, "meta.", "tool", str),
+        command=typed(meta, "meta.", "command", str),
+        note=typed(meta, "meta.", "note", str),
+        mount=position,
+        mount_rotation=rotation,
+        plate=vector(plate, "plate.", "centre_m", 3),
+        plate_normal=normal,
+        marker_names=tuple(markers),
+        markers=places,
+        joints={name: _joint(table(data, "joints"), name, settings) for name in table(data, "joints")},
+        held_out_median=number(quality, "quality.", "held_out_median_m", float, 0.0, 1.0),
+        held_out_max=number(quality, "quality.", "held_out_max_m", float, 0.0, 1.0),
+        rms=number(quality, "quality.", "residual_rms_m", float, 0.0, 1.0),
+        temperatures=None if heat is None else (float(heat[0]), float(heat[1])),
+        latency={name: number(times, "latency.", name, float, -1.0, 1.0) for name in times},
+    )
+
+
+def _joint(joints: Mapping[str, Any], name: str, settings: ArmFileSettings) -> CalibratedJoint:
+    entry, where = table(joints, name), f"joints.{name}."
+    length, tilt = vector(entry, where, "length_m", 3), vector(entry, where, "tilt_rad", 3)
+    if (worst := float(np.abs(length).max())) > settings.length:
+        raise HighFiveError(f"{where}length_m is {worst:g} off, at most {settings.length:g} are believed")
+    if (worst := float(np.abs(tilt).max())) > settings.tilt:
+        raise HighFiveError(f"{where}tilt_rad is {worst:g} off, at most {settings.tilt:g} are believed")
+    return CalibratedJoint(
+        zero=number(entry, where, "zero_rad", float, -settings.zero, settings.zero),
+        compliance=number(entry, where, "compliance_rad_per_Nm", float, 0.0, settings.compliance),
+        play=number(entry, where, "play_rad", float, -settings.play, settings.play),
+        length=length,
+        tilt=tilt,
+    )
+
+
+def _text(value: str) -> str:
+    plain = "".join(c if c.isprintable() else " " for c in value)
+    return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _list(values: Array) -> str:
+    return "[" + ", ".join(f"{value:.12f}" for value in values) + "]"

@@ -1,0 +1,101 @@
+"""Takes the postures of an extrinsic calibration: which way each joint turns, then the plate from everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from highfive.calibration.arm_kinematics import ArmShape
+from highfive.calibration.joint_directions import reversed_joints
+from highfive.calibration.pose_file import TakenPose
+from highfive.hil.arm.free_postures import POSTURES
+from highfive.hil.arm.plate_watch import PlateWatch, StillMoves
+from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.posture_route import tour
+from highfive.hil.arm_model.servo_arm import READY, ServoArm
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+
+TURN = np.radians(5.0)
+"""rad, by which each joint is turned, both ways."""
+HOLD_S = 0.75
+"""A posture is looked at for so long, s."""
+TRIES = 3
+"""Times that a posture is looked at while the plate still moves."""
+SIDES = 0.02
+"""rad: a joint that came from nearer than this has no side of approach."""
+
+
+def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape) -> None:
+    """Turns one joint at a time, about where the arm waits.
+
+    Raises:
+        HighFiveError: joints are reversed, all of them by name, or the plate is not seen.
+    """
+    joints = len(READY)
+    lower, upper = np.empty(joints), np.empty(joints)
+    seen = np.empty((joints, 2, len(shape.markers), 3))
+    middle = np.zeros(joints)
+    for joint in range(joints):
+        for side, turn in enumerate((-TURN, TURN)):
+            target = READY.copy()
+            target[joint] += turn
+            pose = _taken(drive, watch, target, drive.go(target))
+            (lower if side == 0 else upper)[joint] = pose.encoders[joint]
+            seen[joint, side] = np.where(pose.seen[:, None], pose.markers, np.nan)
+            middle += pose.encoders / (2 * joints)
+        drive.go(READY)
+    if wrong := reversed_joints(shape, middle, lower, upper, seen):
+        raise HighFiveError(
+            f"{', '.join(wrong)}: turned the other way than the servos say; correct `reversed` in the rig's file, then "
+            "highfive rig configure"
+        )
+
+
+def take_poses(
+    drive: PostureDrive,
+    watch: PlateWatch,
+    arm: ServoArm,
+    postures: Array,
+    before: Sequence[TakenPose],
+    kept: Callable[[list[TakenPose]], object],
+) -> list[TakenPose]:
+    """Visits postures (N, J), rad, on ways that are free (by way of where the arm waits), and goes back there.
+
+    Args:
+        drive, watch: arm and plate.
+        arm: as drawn.
+        postures: where to go; those that no free way leads back from are left out.
+        before: poses that were taken already: they are not taken again.
+        kept: gets all poses after each.
+
+    Raises:
+        HighFiveError: the arm was stopped, somebody stayed in the way, or the plate is not seen.
+    """
+    poses = list(before)
+    new = [q for q in postures if not any(np.allclose(q, pose.asked, atol=1e-6) for pose in poses)]
+    for target in tour(arm, READY, np.array(new).reshape(-1, len(READY)), POSTURES.clearance, drive.seconds):
+        sides = _sides(drive, target)
+        if target is not READY:
+            poses.append(_taken(drive, watch, target, sides))
+            kept(poses)
+    return poses
+
+
+def _sides(drive: PostureDrive, target: Array) -> Array:
+    start = drive.positions
+    return drive.go(target) * (np.abs(target - start) > SIDES)
+
+
+def _taken(drive: PostureDrive, watch: PlateWatch, asked: Array, sides: Array) -> TakenPose:
+    for attempt in range(TRIES):
+        encoders: list[Array] = []
+        watch.begin()
+        drive.hold(HOLD_S, encoders, watch.look)
+        try:
+            return TakenPose(asked, np.mean(encoders, axis=0), sides, *watch.pose())
+        except StillMoves:
+            if attempt + 1 == TRIES:
+                raise
+    raise AssertionError

@@ -1,0 +1,221 @@
+"""``highfive calibrate extrinsics``: where an arm stands in the motion capture's room, and by what it differs."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from highfive.calibration.arm_file import save_arm
+from highfive.calibration.arm_fit import check_fit, fit_arm
+from highfive.calibration.arm_kinematics import ArmShape
+from highfive.calibration.arm_observability import check_excitation, not_observed
+from highfive.calibration.arm_plate import check_loose, held_out, plate_of_fit
+from highfive.calibration.arm_result import Source, calibration_of
+from highfive.calibration.plate_template import PlateTemplate, load_template
+from highfive.calibration.pose_choice import choose_poses
+from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.calibration_arm import calibration_arm
+from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.extrinsics import check_directions, take_poses
+from highfive.hil.arm.free_postures import free_postures
+from highfive.hil.arm.plate_watch import PlateWatch
+from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.preconditions import check_options, fingerprint
+from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm
+from highfive.hil.drivers.bus.rig import Rig
+from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.folders import check_file
+from highfive.hil.trials.live_partner import live_source
+from highfive.hil.trials.live_wiring import MACHINE_WIRING
+from highfive.hil.trials.summary import versions
+from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+
+FEWEST, MOST = 6, 100
+UP = np.array([0.0, 0.0, 1.0])
+"""Of the motion capture's frame: links hand over frames with z up."""
+
+
+@dataclass(frozen=True)
+class ExtrinsicsOptions:
+    """What is calibrated.
+
+    Attributes:
+        arm: which arm; it moves slowly.
+        source: the motion capture's address.
+        plate: file of the plate's template.
+        poses: number of postures.
+        seed: of the postures.
+        note: of the operator, for the file.
+        out: the calibration.
+        overwrite: replace it if it is there.
+    """
+
+    arm: ArmOptions
+    source: str
+    plate: Path
+    poses: int = 30
+    seed: int = 0
+    note: str = ""
+    out: Path = Path("arm.toml")
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What a run works on, before anything moves."""
+
+    options: ExtrinsicsOptions
+    rig: Rig
+    template: PlateTemplate
+    body: ServoArm = field(default_factory=default_arm)
+
+    @property
+    def shape(self) -> ArmShape:
+        """The arm as drawn, with the template's markers."""
+        return drawn_shape(self.body, self.template.markers)
+
+    @property
+    def arm(self) -> str:
+        """Fingerprint."""
+        return fingerprint(self.rig)
+
+    @property
+    def half_done(self) -> Path:
+        """Where poses are kept until the calibration is written."""
+        out = self.options.out
+        return out.with_name(f"{out.stem}.poses.json")
+
+
+def checked_extrinsics(options: ExtrinsicsOptions) -> Calibrated:
+    """Looks at what was requested before anything is opened.
+
+    Raises:
+        HighFiveError: something cannot be used; one line says what.
+    """
+    if not is_live(options.source) or parse_address(options.source).scheme in ("headset", WEBCAM):
+        raise HighFiveError(f"--source {options.source}: expected a motion capture system, such as vicon://host")
+    if not FEWEST <= options.poses <= MOST:
+        raise HighFiveError(f"--poses {options.poses}; expected {FEWEST} to {MOST}, 30 are good")
+    if options.out.suffix != ".toml":
+        raise HighFiveError(f"--out {options.out}: a calibration is a TOML file; write it as {options.out.stem}.toml")
+    check_file(options.out, options.overwrite)
+    template = load_template(options.plate)
+    return Calibrated(options, check_options(options.arm)[1], template)
+
+
+def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]:
+    """Moves a real arm to postures that tell most of it, watches its plate, fits, and writes the calibration.
+
+    Returns:
+        The summary.
+
+    Raises:
+        HighFiveError: something cannot be used, the arm was stopped, or nothing should rest on what was found.
+    """
+    run = checked_extrinsics(options)
+    if options.arm.emulated:
+        raise HighFiveError(f"{options.arm.port}: an emulated arm stands in no room; give a serial port, and --arm")
+    with closing(live_source(options.source, None)) as source:
+        source.first()
+        watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
+        with calibration_arm(options.arm, run.body, watch.in_the_way) as drive:
+            poses = measured(run, drive, watch, bar)
+    return fitted(run, poses, drive.moving_s)
+
+
+def measured(run: Calibrated, drive: PostureDrive, watch: PlateWatch, bar: Bar) -> list[TakenPose]:
+    """Takes the postures; those of a run that broke off are not taken again.
+
+    Raises:
+        HighFiveError: as :func:`calibrate_extrinsics`.
+    """
+    shape, names = run.shape, run.template.names
+    before: list[TakenPose] = []
+    if run.half_done.exists():
+        before = load_poses(run.half_done, run.arm, names, len(shape.names))
+        say_aside(f"{len(before)} poses are there from {run.half_done}; the rest is taken now")
+    postures = chosen_postures(run)
+    advance = bar("poses", len(postures))
+    advance("", len(before))
+    drive.go(READY.copy())
+    check_directions(drive, watch, shape)
+
+    def keep(poses: list[TakenPose]) -> None:
+        save_poses(run.half_done, run.arm, names, poses)
+        advance()
+
+    return take_poses(drive, watch, run.body, postures, before, keep)
+
+
+def chosen_postures(run: Calibrated) -> Array:
+    """Postures (N, J), rad, that tell most."""
+    free = free_postures(run.body, run.options.seed)
+    return free[choose_poses(run.shape, free, run.options.poses)]
+
+
+def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str, Any]:
+    """Fits, holds the result to what it has to be, and writes it; the poses that were kept are deleted then.
+
+    Raises:
+        HighFiveError: nothing should rest on it; the poses stay.
+    """
+    options, shape, template, poses = run.options, run.shape, run.template, together(taken)
+    check_excitation(shape.names, poses)
+    fit = fit_arm(shape, poses, UP)
+    check_loose(fit, poses, template)
+    check_fit(fit)
+    plate = plate_of_fit(fit, template)
+    off = held_out(shape, poses, UP, template)
+    mount = run.body.mount
+    source = Source(
+        arm=run.arm,
+        system=parse_address(options.source).scheme,
+        date=datetime.now(UTC),
+        tool=str(versions()["high-five"]),
+        command="highfive calibrate extrinsics",
+        note=options.note,
+    )
+    kept = calibration_of(options.out, fit, plate, template, off, (np.array(mount.position), mount.quaternion), source)
+    save_arm(options.out, kept, replace=options.overwrite)
+    run.half_done.unlink(missing_ok=True)
+    return {
+        "out": str(options.out),
+        "arm": run.arm,
+        "system": source.system,
+        "poses": len(poses),
+        "moving_s": round(moving_s, 1),
+        "residual_mm": round(1e3 * fit.rms, 2),
+        "held_out_mm": {
+            "median": round(1e3 * kept.held_out_median, 2),
+            "p95": round(1e3 * kept.registration.held_out_p95, 2),
+            "max": round(1e3 * kept.held_out_max, 2),
+        },
+        "base_moved_mm": (1e3 * (kept.mount - np.array(mount.position))).round(1).tolist(),
+        "zeros_deg": {name: round(float(np.degrees(joint.zero)), 2) for name, joint in kept.joints.items()},
+        "strays": int(np.sum((fit.weights > 0.0) & (fit.weights < 0.25))),
+        "not_observed": list(not_observed(fit)),
+        "mismatches": list(kept.registration.mismatches(run.arm, source.system, source.date)),
+    }
+
+
+def print_extrinsics(summary: dict[str, Any]) -> None:
+    """The summary for people."""
+    off = summary["held_out_mm"]
+    print(f"{summary['poses']} poses, the arm moved for {summary['moving_s']:.0f} s.")
+    print(
+        f"The plate, in poses held out of the fit: {off['median']:.1f} mm (median), {off['p95']:.1f} (95 %), "
+        f"{off['max']:.1f} (largest)."
+    )
+    print(f"Residuals {summary['residual_mm']:.1f} mm; {summary['strays']} markers were astray.")
+    print(f"Not told by these poses, and left as drawn: {len(summary['not_observed'])} numbers (--json names them).")
+    for line in summary["mismatches"]:
+        print(f"Not to be relied on: {line}")
+    print(f"Written: {summary['out']}")

@@ -1,0 +1,68 @@
+"""A kept calibration comes back as it was, and anything else is refused in one line."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kept_arm import changed, kept_arm, kept_text
+
+from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint, load_arm, save_arm
+from highfive.calibration.registration import Registration
+from highfive.model.errors import HighFiveError
+
+
+def numbers(value: object) -> list[float]:
+    """All of them, in the order of the fields."""
+    if isinstance(value, CalibratedJoint | ArmCalibration | Registration):
+        return [n for own in vars(value).values() for n in numbers(own)]
+    if isinstance(value, dict):
+        return [n for own in value.values() for n in numbers(own)]
+    if isinstance(value, np.ndarray | tuple | float | int):
+        return [float(n) for n in np.ravel(value)] if not isinstance(value, tuple) or type(value[0]) is float else []
+    return []
+
+
+def test_what_is_kept_comes_back(tmp_path: Path) -> None:
+    file, kept = tmp_path / "arm.toml", replace(kept_arm(), latency={"mocap_s": 0.0071})
+    save_arm(file, kept)
+    found = load_arm(file)
+    assert len(numbers(kept)) > 80
+    np.testing.assert_allclose(numbers(found), numbers(kept), atol=1e-9)
+    assert found.registration.date == kept.registration.date
+    assert (found.note, found.marker_names, found.latency) == (kept.note, kept.marker_names, kept.latency)
+    with pytest.raises(HighFiveError, match="cannot write"):
+        save_arm(file, kept)
+    save_arm(file, kept, replace=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.toml"]
+
+
+def test_every_change_by_hand_is_seen(tmp_path: Path) -> None:
+    file, text = tmp_path / "arm.toml", kept_text()
+    for at in range(0, len(text), 41):
+        other = "7" if text[at] != "7" else "3"
+        file.write_text(text[:at] + other + text[at + 1 :])
+        with pytest.raises(HighFiveError):
+            load_arm(file)
+    file.write_text(text)
+    load_arm(file)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"zero_rad": "0.2"}, "joints.waist.zero_rad is 0.2, expected -0.174533 to 0.174533"),
+        ({"compliance_rad_per_Nm": "-0.001"}, "compliance_rad_per_Nm is -0.001"),
+        ({"length_m": "[0.0, 0.3, 0.0]"}, "length_m is 0.3 off"),
+        ({"tilt_rad": "[0.0, 0.3, 0.0]"}, "tilt_rad is 0.3 off"),
+        ({"normal": "[1.0, 1.0, 0.0]"}, "plate.normal is no unit vector"),
+        ({"position_m": "[1280.0, 0.0, 0.0]"}, "mount.translation_m is further than 50 m"),
+        ({"residual_rms_m": "nan"}, "residual_rms_m"),
+    ],
+)
+def test_what_no_arm_is_like_is_refused(tmp_path: Path, changes: dict[str, str], says: str) -> None:
+    file = tmp_path / "arm.toml"
+    file.write_text(changed(kept_text(), **changes))
+    with pytest.raises(HighFiveError, match="is no calibration of an arm") as error:
+        load_arm(file)
+    assert says in str(error.value)

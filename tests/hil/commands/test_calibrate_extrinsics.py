@@ -1,0 +1,130 @@
+"""An extrinsic calibration at the wire: a hidden arm, its driver, bus and servos in virtual time, and its cameras."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from highfive.calibration.arm_file import load_arm
+from highfive.calibration.pose_file import load_poses
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.plate_watch import PlateWatch
+from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenArm, HiddenTruth, drawn_truth
+from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
+from highfive.hil.commands.calibrate_extrinsics import (
+    Calibrated,
+    ExtrinsicsOptions,
+    checked_extrinsics,
+    fitted,
+    measured,
+)
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.emulator.bus_faults import parse_faults
+from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
+from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.trials.live_partner import live_source
+from highfive.model.errors import HighFiveError
+
+ARM = ArmOptions("virtual", slow=True)
+TEXT = "\n".join(
+    [
+        "[plate]",
+        f"centre_m = {TEMPLATE.centre.tolist()}",
+        f"normal = {TEMPLATE.normal.tolist()}",
+        "[markers]",
+        *(f"{name} = {at.tolist()}" for name, at in zip(TEMPLATE.names, TEMPLATE.places, strict=True)),
+    ]
+)
+
+
+def wanted(folder: Path, poses: int = 6) -> Calibrated:
+    plate = folder / "plate.toml"
+    plate.write_text(TEXT)
+    return checked_extrinsics(ExtrinsicsOptions(ARM, "vicon://cameras", plate, poses, out=folder / "arm.toml"))
+
+
+@contextmanager
+def room(
+    truth: HiddenTruth, faults: CameraFaults, *on_the_bus: str
+) -> Iterator[tuple[PostureDrive, PlateWatch, VirtualClock]]:
+    """The arm, ready, and who watches its plate."""
+    with VirtualClock(truth.seed) as clock:
+        bus, plant = hidden_bus(truth, load_rig())
+        bus.set_faults(parse_faults(on_the_bus))
+        camera = PlateCamera(clock, truth, plant, faults)
+        with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
+            watch = PlateWatch(source, TEMPLATE, clock)
+            with virtual_calibration_arm(VirtualRig(clock, bus), ARM, default_arm(), watch.in_the_way) as drive:
+                yield drive, watch, clock
+
+
+def bar(*_: object):
+    return lambda *_, **__: None
+
+
+@pytest.mark.slow
+def test_a_port_that_dies_half_way_is_gone_on_from_and_the_plate_is_found(tmp_path: Path) -> None:
+    run, truth = wanted(tmp_path, 12), drawn_truth(40)
+    with pytest.raises(HighFiveError), room(truth, CameraFaults(), "unplug@60-600") as (drive, watch, _):
+        measured(run, drive, watch, bar)
+    before = load_poses(run.half_done, run.arm, TEMPLATE.names, 6)
+    assert 0 < len(before) < 12
+    with room(truth, CameraFaults()) as (drive, watch, _):
+        poses = measured(run, drive, watch, bar)
+    assert len(poses) == 12
+    np.testing.assert_array_equal(poses[0].encoders, before[0].encoders)
+    summary = fitted(run, poses, drive.moving_s)
+    assert not run.half_done.exists()
+    kept, arm = load_arm(run.options.out), HiddenArm(truth)
+    arm.stand(READY, np.zeros(6), repeat=False)
+    assert summary["residual_mm"] < 1.5
+    assert np.linalg.norm(np.array(kept.mount)[:2] - default_arm().mount.position[:2]) < 1e-6
+
+
+@pytest.mark.slow
+def test_somebody_who_steps_in_stops_the_arm_and_it_goes_on_once_she_is_gone() -> None:
+    with room(drawn_truth(41), CameraFaults(visitor=(6.0, 12.0))) as (drive, _, clock):
+        drive.go(READY.copy())
+        target = READY + np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.0])
+        begun = drive.moving_s
+        places = []
+        clock.start("look", lambda: places.extend(_looks(clock, drive)))
+        drive.go(target)
+        assert drive.moving_s - begun < 0.2 + drive.seconds(READY, target)
+        stood = [q for seconds, q in places if 7.0 < seconds < 12.0]
+        assert len(stood) > 10
+        assert max(float(np.abs(q - stood[0]).max()) for q in stood) < 0.005
+        np.testing.assert_allclose(drive.positions, target, atol=0.02)
+
+
+def _looks(clock: VirtualClock, drive: PostureDrive) -> list[tuple[float, np.ndarray]]:
+    begun, found = clock.now() * 0 + 1_000_000_000, []
+    while clock.now() < begun + 13_000_000_000:
+        clock.wait_until(clock.now() + 100_000_000)
+        found.append((1e-9 * (clock.now() - begun), drive.positions.copy()))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"source": "people.c3d"}, "expected a motion capture system"),
+        ({"source": "webcam"}, "expected a motion capture system"),
+        ({"poses": 3}, "--poses 3; expected 6 to 100"),
+        ({"out": Path("arm.json")}, "write it as arm.toml"),
+        ({"plate": Path("nowhere.toml")}, "cannot read the plate's template"),
+        ({"arm": ArmOptions("/dev/ttyUSB99", slow=True)}, "only with --arm"),
+    ],
+)
+def test_what_cannot_be_used_is_said_before_anything_is_opened(tmp_path: Path, changes: dict, says: str) -> None:
+    plate = tmp_path / "plate.toml"
+    plate.write_text(TEXT)
+    given = {"arm": ARM, "source": "vicon://cameras", "plate": plate, "out": tmp_path / "arm.toml"} | changes
+    with pytest.raises(HighFiveError) as error:
+        checked_extrinsics(ExtrinsicsOptions(**given))
+    assert says in str(error.value)

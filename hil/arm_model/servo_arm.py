@@ -30,16 +30,19 @@ class Mount:
         position: (x, y, z) m of the base's underside in the world.
         yaw: rad about the vertical; 0 points the arm to the person (+x).
         tilt: rad, the base pitched forward after the yaw.
+        roll: rad, the base rolled about its own x after both.
     """
 
     position: tuple[float, float, float]
     yaw: float = 0.0
     tilt: float = 0.0
+    roll: float = 0.0
 
     @property
     def quaternion(self) -> Array:
         """(4,) orientation of the base in the world."""
-        return rotations.multiply(rotations.from_axis_angle("z", self.yaw), rotations.from_axis_angle("y", self.tilt))
+        yawed = rotations.multiply(rotations.from_axis_angle("z", self.yaw), rotations.from_axis_angle("y", self.tilt))
+        return rotations.multiply(yawed, rotations.from_axis_angle("x", self.roll))
 
 
 @dataclass(frozen=True)
@@ -85,9 +88,12 @@ class ServoArm:
         if self.fastest is not None:
             speed = np.minimum(speed, self.fastest)
         return Arm(
-            axes=np.argmax(np.array(measures.AXES), axis=1).astype(float),
+            joints=tuple(range(JOINTS)),
+            axes=np.array(measures.AXES, float),
             offsets=np.array(measures.OFFSETS, float),
-            plate=float(self.plate),
+            plate=np.array([self.plate, 0.0, 0.0]),
+            normal=np.array([1.0, 0.0, 0.0]),
+            fingers=np.array([0.0, 0.0, 1.0]),
             base=np.array(self.mount.position, float),
             base_axes=np.ascontiguousarray(rotations.to_matrix(self.mount.quaternion)),
             low=np.ascontiguousarray(low),
@@ -98,13 +104,16 @@ class ServoArm:
             no_load=np.array([servo.no_load for servo in servos]),
             masses=masses,
             centres=centres,
-            inertias=inertias,
+            inertias=np.array([np.diag(of) for of in inertias]),
             armature=count * np.array([servo.armature for servo in servos]),
             friction=count * np.array([servo.friction for servo in servos]),
             damping=count * np.array([servo.damping for servo in servos]),
             ball_links=np.array([ball.link for ball in measures.BALLS], float),
             balls=np.array(balls, float),
+            meets_upper=np.array([ball.link >= 4 for ball in measures.BALLS], float),
             posts=np.array([measures.TURRET_RADIUS, measures.UPPER_ARM_RADIUS, measures.COLUMN_RADIUS]),
+            upper=np.array([1.0, 2.0]),
+            met=np.array([4.0, 2.0, 5.0]),
         )
 
     def plate_at(self, joints: Array) -> PlatePose:

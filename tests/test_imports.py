@@ -39,7 +39,8 @@ ALLOWED: dict[str, set[str]] = {
     "calibration": ERRORS | {"model.geometry"} | BRIDGE,
     "hil": set(),
     "hil.runtime": ERRORS,
-    "hil.arm_model": {"model.errors", "model.compiled", "model.linear_algebra", "model.geometry", "scenes"},
+    "hil.arm_model": {"model.errors", "model.toml_file", "model.compiled", "model.linear_algebra", "model.geometry"}
+    | {"scenes"},
     "hil.sim": {"model.errors", "model.settings", "model.geometry", "mocap_bridge.frames", "mocap_bridge.markers"}
     | {"hil.arm_model", "hil.runtime", "scenes"},
     "hil.sim.people": ERRORS
@@ -81,7 +82,7 @@ FORBIDDEN = {
     "mocap_bridge.wire": {"socket", "select", "time", "threading", "pylsl"},
     "calibration": HARDWARE,
     "hil.experiments.analysis": HARDWARE | {"time", "socket"},
-    "hil.arm_model": HARDWARE | {"time", "socket"},
+    "hil.arm_model": (HARDWARE - {"mujoco"}) | {"time", "socket"},  # it compiles the arm's model
     "hil.drivers": {"mujoco"},
     "hil.safety": HARDWARE | {"time", "socket"},
 }

@@ -6,14 +6,13 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
-import numpy as np
-
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.lifecycle import START_S, checked, tell_torque, weakened
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_arm, check_options, refuse_unless_ready
 from highfive.hil.arm.rig_planner import full_errors
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
@@ -26,7 +25,6 @@ from highfive.hil.runtime.interrupts import answered_by_a_stop
 from highfive.hil.safety.limits import Limits
 from highfive.hil.session.session import RATE_HZ
 from highfive.model.geometry.rotations import Array
-from highfive.scenes import servo_arm as measures
 
 
 @contextmanager
@@ -89,4 +87,4 @@ def _driven(
 
 def sag_of(rig: Rig) -> Array:
     """(J,) rad/(N·m), by which servos stand off their goals."""
-    return full_errors(rig) / np.array([count * servo.stall for servo, count in measures.SERVOS])
+    return full_errors(rig) / find_arm().each[0]

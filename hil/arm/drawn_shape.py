@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from highfive.calibration.arm_kinematics import ArmShape
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.model.geometry.rotations import Array
-from highfive.scenes import servo_arm as measures
 
 
 def drawn_shape(arm: ServoArm, markers: Array) -> ArmShape:
     """An arm with markers (M, 3), m, in its last joint's frame."""
     packed = arm.packed
     return ArmShape(
-        names=measures.JOINTS,
-        axes=np.array(measures.AXES, float),
+        names=arm.folder.names,
+        axes=packed.axes,
         offsets=packed.offsets,
         masses=packed.masses,
         centres=packed.centres,

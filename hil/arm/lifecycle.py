@@ -10,8 +10,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.loop import ArmLoop
@@ -34,7 +32,7 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.interrupts import answered_by_a_stop
 from highfive.hil.runtime.virtual_clock import VirtualClock
-from highfive.hil.safety.limits import STALL_CURRENTS, Limits
+from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.posture import posture_mismatches
 from highfive.hil.safety.startup import Check, Registers, ServoLimits, start_up_check
 from highfive.hil.session.session import RATE_HZ
@@ -42,7 +40,6 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.model.compiled import when_compiling
 from highfive.model.errors import HighFiveError
-from highfive.scenes import servo_arm as measures
 
 PLANT = "highfive.hil.arm.simulated_driver:mounted_arm"
 """The body that emulated servos move."""
@@ -192,13 +189,13 @@ def checked(
 
 def _posture(arm: ArmHost, body: ServoArm, limits: Limits, clock: Clock, *, held: bool) -> tuple[str, ...]:
     """What speaks against where the servos say that the arm stands, once it has stood for a moment; waits for that."""
-    strength = np.array([count * servo.stall for servo, count in measures.SERVOS])
+    strength, stall_currents = body.folder.each[0], body.folder.stall_currents
     now, period = clock.now(), round(1e9 * limits.timing.period_s)
     well, end, found = now, now + round(1e9 * STANDS_WITHIN_S), ("the arm was not read",)
     while now < end and now - well < 1e9 * STOOD_S and not arm.trouble:
         if (newest := arm.newest()) is not None:
             state = newest.state
-            given = state.currents / STALL_CURRENTS * strength
+            given = state.currents / stall_currents * strength
             found = posture_mismatches(
                 limits,
                 state,

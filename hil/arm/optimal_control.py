@@ -1,7 +1,7 @@
 """The plan of the next moments: joint accelerations that follow a task, by a few steps of iterative LQR.
 
 The task is :mod:`highfive.hil.arm.planning_task`, its cost :mod:`highfive.hil.arm.planning_cost`; what breaks a limit
-in spite of it is cut off (:mod:`highfive.hil.arm.planning_limits`). World frame, SI units; J = 6 joints. What is
+in spite of it is cut off (:mod:`highfive.hil.arm.planning_limits`). World frame, SI units; J joints. What is
 written for people is in :mod:`highfive.hil.arm.planner`.
 """
 
@@ -30,17 +30,17 @@ def rolled_out(
     new_accelerations: Array,
 ) -> float:  # fmt: skip
     """Rolls the plan out with ``fraction`` of the improvement; path (N + 1, 2, J). Returns its cost."""
-    cost, seconds = 0.0, aim.task.seconds
-    no, nothing = np.zeros(6), np.zeros((6, 6))
-    for j in range(6):
+    cost, seconds, size = 0.0, aim.task.seconds, len(arm.joints)
+    no, nothing = np.zeros(size), np.zeros((size, size))
+    for j in range(size):
         new_path[0, 0, j], new_path[0, 1, j] = path[0, 0, j], path[0, 1, j]
     centres, frames = link_frames(arm, new_path[0, 0])
     for k in range(len(accelerations)):
-        for i in range(6):
+        for i in range(size):
             acceleration = accelerations[k, i] + fraction * feed[k, i]
-            for j in range(6):
+            for j in range(size):
                 acceleration += gains[k, i, j] * (new_path[k, 0, j] - path[k, 0, j])
-                acceleration += gains[k, i, 6 + j] * (new_path[k, 1, j] - path[k, 1, j])
+                acceleration += gains[k, i, size + j] * (new_path[k, 1, j] - path[k, 1, j])
             acceleration = min(max(acceleration, -arm.accelerations[i]), arm.accelerations[i])
             new_accelerations[k, i] = acceleration
             speed = new_path[k, 1, i]
@@ -73,9 +73,12 @@ class Derivatives(NamedTuple):
 @compiled
 def linearised(arm: Arm, aim: Aim, path: Array, accelerations: Array) -> Derivatives:
     """The derivatives along a path."""
-    count = len(accelerations)
+    count, size = len(accelerations), len(arm.joints)
     found = Derivatives(
-        np.zeros((count, 2, 6)), np.zeros((count, 2, 6, 6)), np.zeros((count, 2, 6)), np.zeros((count, 3, 6, 6))
+        np.zeros((count, 2, size)),
+        np.zeros((count, 2, size, size)),
+        np.zeros((count, 2, size)),
+        np.zeros((count, 3, size, size)),
     )
     centres, frames = link_frames(arm, path[0, 0])
     for k in range(count):
@@ -111,57 +114,58 @@ def improvement(  # noqa: PLR0912 (a kernel)
     would go beyond a joint's largest stop there, and the others know it (Tassa et al. 2014, one guess of the active
     set).
     """
-    value, twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))  # gradient and matrix of the cost to go, by (q, v)
-    new, new_twice = np.zeros((2, 6)), np.zeros((2, 2, 6, 6))
+    size = len(arm.joints)
+    value, twice = np.zeros((2, size)), np.zeros((2, 2, size, size))  # gradient and matrix of the cost to go, by (q, v)
+    new, new_twice = np.zeros((2, size)), np.zeros((2, 2, size, size))
     # By acceleration and (q, v); by acceleration, twice and once.
-    mixed, acceleration_twice, by_acceleration = np.empty((6, 12)), np.empty((6, 6)), np.empty(6)
-    lower, right, free = np.zeros((6, 6)), np.empty(6), np.ones(6)
+    mixed, acceleration_twice, by_acceleration = np.empty((size, 2 * size)), np.empty((size, size)), np.empty(size)
+    lower, right, free = np.zeros((size, size)), np.empty(size), np.ones(size)
     for back in range(len(accelerations)):
         k = len(accelerations) - 1 - back
         for half in range(2):
-            for i in range(6):
+            for i in range(size):
                 value[half, i] += derivatives.states[k, half, i]
-                for j in range(6):
+                for j in range(size):
                     twice[half, half, i, j] += derivatives.states_twice[k, half, i, j]
-        for i in range(6):
+        for i in range(size):
             twice[0, 0, i, i] += damping
             by_acceleration[i] = derivatives.accelerations[k, 0, i] + 0.5 * h * h * value[0, i] + h * value[1, i]
             new[0, i], new[1, i] = value[0, i], h * value[0, i] + value[1, i] + derivatives.accelerations[k, 1, i]
-        for i in range(6):
-            for j in range(6):
+        for i in range(size):
+            for j in range(size):
                 qq, qv, vq, vv = twice[0, 0, i, j], twice[0, 1, i, j], twice[1, 0, i, j], twice[1, 1, i, j]
                 acceleration_twice[i, j] = derivatives.accelerations_twice[k, 0, i, j]
                 acceleration_twice[i, j] += 0.25 * h**4 * qq + 0.5 * h**3 * (qv + vq) + h * h * vv
                 mixed[i, j] = 0.5 * h * h * qq + h * vq
-                mixed[i, 6 + j] = 0.5 * h * h * (h * qq + qv) + h * (h * vq + vv)
-                mixed[i, 6 + j] += derivatives.accelerations_twice[k, 1, i, j]
+                mixed[i, size + j] = 0.5 * h * h * (h * qq + qv) + h * (h * vq + vv)
+                mixed[i, size + j] += derivatives.accelerations_twice[k, 1, i, j]
                 new_twice[0, 0, i, j] = qq
                 new_twice[0, 1, i, j] = h * qq + qv
                 new_twice[1, 0, i, j] = h * qq + vq
                 new_twice[1, 1, i, j] = h * h * qq + h * (qv + vq) + vv + derivatives.accelerations_twice[k, 2, i, j]
         if not boxed(arm, acceleration_twice, by_acceleration, accelerations[k], lower, right, free):
             return False
-        for i in range(6):
+        for i in range(size):
             feed[k, i] = right[i]
-        for column in range(12):
-            for i in range(6):
+        for column in range(2 * size):
+            for i in range(size):
                 right[i] = -free[i] * mixed[i, column]
             cholesky_solve(lower, right)
-            for i in range(6):
+            for i in range(size):
                 gains[k, i, column] = free[i] * right[i]
         # The cost to go of these steps, whether or not they are the best ones.
         for half in range(2):
-            for i in range(6):
-                for c in range(6):
-                    new[half, i] += mixed[c, 6 * half + i] * feed[k, c]
+            for i in range(size):
+                for c in range(size):
+                    new[half, i] += mixed[c, size * half + i] * feed[k, c]
                     pull = by_acceleration[c]
-                    for d in range(6):
+                    for d in range(size):
                         pull += acceleration_twice[c, d] * feed[k, d]
-                    new[half, i] += gains[k, c, 6 * half + i] * pull
+                    new[half, i] += gains[k, c, size * half + i] * pull
                 for other in range(2):
-                    for j in range(6):
-                        for c in range(6):
-                            new_twice[half, other, i, j] += mixed[c, 6 * half + i] * gains[k, c, 6 * other + j]
+                    for j in range(size):
+                        for c in range(size):
+                            new_twice[half, other, i, j] += mixed[c, size * half + i] * gains[k, c, size * other + j]
         value, new = new, value
         twice, new_twice = new_twice, twice
     return True
@@ -172,14 +176,15 @@ def boxed(
     arm: Arm, matrix: Array, gradient: Array, acceleration: Array, lower: Array, step: Array, free: Array
 ) -> bool:
     """Writes the step (J,) that is best inside the accelerations, the factor of what is free, and what is (1 or 0)."""
-    part = np.empty((6, 6))
-    for j in range(6):
+    size = len(arm.joints)
+    part = np.empty((size, size))
+    for j in range(size):
         free[j] = 1.0
     for turn in range(2):
-        for i in range(6):
+        for i in range(size):
             step[i] = -gradient[i] if free[i] > 0.0 else step[i]
-        for i in range(6):
-            for j in range(6):
+        for i in range(size):
+            for j in range(size):
                 part[i, j] = matrix[i, j] if free[i] * free[j] > 0.0 else (1.0 if i == j else 0.0)
                 if free[i] > 0.0 and free[j] == 0.0:
                     step[i] -= matrix[i, j] * step[j]
@@ -187,7 +192,7 @@ def boxed(
             return False
         cholesky_solve(lower, step)
         out = False
-        for j in range(6):
+        for j in range(size):
             most = arm.accelerations[j]
             inside = min(max(acceleration[j] + step[j], -most), most) - acceleration[j]
             if abs(inside - step[j]) > 1e-9:
@@ -227,27 +232,28 @@ class Planned(NamedTuple):
 @compiled
 def _afresh(arm: Arm, task: Task, guess: Array, path: Array, accelerations: Array) -> None:
     """Writes the accelerations (N, J) of a cubic in the joints to a posture, at the plate's velocity; 0 after it."""
+    size = len(arm.joints)
     centres, frames = link_frames(arm, guess)
     point, normal = plate_of(arm, centres, frames)
     of_point, _ = plate_jacobian(arm, centres, frames, point, normal)
-    square, lower, pull, arrival = np.empty((3, 3)), np.zeros((3, 3)), np.empty(3), np.zeros(6)
+    square, lower, pull, arrival = np.empty((3, 3)), np.zeros((3, 3)), np.empty(3), np.zeros(size)
     for r in range(3):
         pull[r] = task.braked[r] + task.closing * task.normal[r]
         for c in range(3):
             square[r, c] = 1e-2 if r == c else 0.0
-            for j in range(6):
+            for j in range(size):
                 square[r, c] += of_point[r, j] * of_point[c, j]
     if cholesky(square, lower):
         cholesky_solve(lower, pull)
-        for j in range(6):
+        for j in range(size):
             for r in range(3):
                 arrival[j] += of_point[r, j] * pull[r]
     length = max(task.time, task.seconds)
-    for j in range(6):
+    for j in range(size):
         length = max(length, 1.3 * abs(guess[j] - path[0, 0, j]) / arm.speeds[j])
     for k in range(len(accelerations)):
         t = (k + 0.5) * task.seconds
-        for j in range(6):
+        for j in range(size):
             way, begin, end = guess[j] - path[0, 0, j], path[0, 1, j], arrival[j]
             acceleration = (6.0 * way / length - 4.0 * begin - 2.0 * end) / length
             acceleration += t / length**2 * (6.0 * (begin + end) - 12.0 * way / length)
@@ -258,7 +264,8 @@ def _afresh(arm: Arm, task: Task, guess: Array, path: Array, accelerations: Arra
 def _better(arm: Arm, aim: Aim, cost: float, path: Array, plan: Array, other: Array, trial: Array) -> float:
     """Writes an improved path and plan into ``other`` and ``trial``; returns its cost, or ``cost`` if there is none."""
     derivatives = linearised(arm, aim, path, plan)
-    feed, gains = np.zeros((len(plan), 6)), np.zeros((len(plan), 6, 12))
+    size = len(arm.joints)
+    feed, gains = np.zeros((len(plan), size)), np.zeros((len(plan), size, 2 * size))
     damping, s = 0.0, aim.task.plan
     for _ in range(s.dampings):
         if improvement(arm, derivatives, aim.task.seconds, damping, plan, feed, gains):
@@ -280,25 +287,25 @@ def planned(
 
     The plan, or a new one to the posture that ``guess`` is improved to: whichever costs less.
     """
-    count = len(accelerations)
+    count, size = len(accelerations), len(arm.joints)
     aim = aimed(task, count)
-    path, other = np.empty((count + 1, 2, 6)), np.empty((count + 1, 2, 6))
-    plan, trial = np.empty((count, 6)), np.empty((count, 6))
-    feed, gains = np.zeros((count, 6)), np.zeros((count, 6, 12))
+    path, other = np.empty((count + 1, 2, size)), np.empty((count + 1, 2, size))
+    plan, trial = np.empty((count, size)), np.empty((count, size))
+    feed, gains = np.zeros((count, size)), np.zeros((count, size, 2 * size))
     for k in range(count + 1):
-        for j in range(6):
+        for j in range(size):
             path[k, 0, j], path[k, 1, j] = joints[j], speeds[j]
             other[k, 0, j], other[k, 1, j] = joints[j], speeds[j]
     cost = rolled_out(arm, aim, path, accelerations, 0.0, feed, gains, other, plan)
     path, other = other, path
     if task.time > 2.0 * tick and task.time < math.inf:
         guess, _ = posture_from(arm, task.point, task.normal, guess, task.plan.guess_steps)
-        fresh = np.empty((count, 6))
+        fresh = np.empty((count, size))
         _afresh(arm, task, guess, path, fresh)
         for k in range(count + 1):
-            for j in range(6):
+            for j in range(size):
                 other[k, 0, j], other[k, 1, j] = joints[j], speeds[j]
-        spare = np.empty((count + 1, 2, 6))
+        spare = np.empty((count + 1, 2, size))
         now = rolled_out(arm, aim, other, fresh, 0.0, feed, gains, spare, trial)
         if not cost <= now:
             cost, path, plan, trial = now, spare, trial, plan

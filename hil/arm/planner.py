@@ -32,7 +32,7 @@ from highfive.hil.arm.planner_values import (
 )
 from highfive.hil.arm.planning_task import Task
 from highfive.hil.arm_model import dynamics
-from highfive.hil.arm_model.servo_arm import JOINTS, ServoArm, solve
+from highfive.hil.arm_model.servo_arm import ServoArm, solve
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
@@ -66,7 +66,8 @@ class Retarget:
     def start(self, joints: Array | None = None) -> RetargetState:
         """The state of an arm at rest, by default in its ready posture."""
         where = self.ready if joints is None else np.clip(joints, self.arm.packed.low, self.arm.packed.high)
-        return RetargetState(np.array(where, float), np.zeros(JOINTS), guess=np.array(where, float))
+        still = np.zeros(len(where))
+        return RetargetState(np.array(where, float), still, np.zeros((KNOTS, len(where))), np.array(where, float))
 
     def moved(self, state: RetargetState, joints: Array, speeds: Array) -> RetargetState:
         """The state of an arm that was led elsewhere: joints (J,), rad, and speeds (J,), rad/s."""

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import numpy as np
-
-from highfive.hil.arm_model.servo_arm import JOINTS
 from highfive.hil.safety.people import Sighting
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
@@ -99,8 +96,8 @@ class RetargetState:
 
     joints: Array
     speeds: Array
-    accelerations: Array = field(default_factory=lambda: np.zeros((KNOTS, JOINTS)))
-    guess: Array = field(default_factory=lambda: np.zeros(JOINTS))
+    accelerations: Array
+    guess: Array
     knot: float = 0.05
     scale: float | None = None
     given: float = 0.0

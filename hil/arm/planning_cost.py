@@ -17,11 +17,11 @@ from highfive.model.geometry.rotations import Array
 
 
 @compiled
-def _add_square(weight: float, error: float, slope: Array, gradient: Array, matrix: Array) -> None:
+def _add_square(arm: Arm, weight: float, error: float, slope: Array, gradient: Array, matrix: Array) -> None:
     """Adds weight × error² / 2 of an error with derivative ``slope`` (J,)."""
-    for i in range(6):
+    for i in range(len(arm.joints)):
         gradient[i] += weight * error * slope[i]
-        for j in range(6):
+        for j in range(len(arm.joints)):
             matrix[i, j] += weight * slope[i] * slope[j]
 
 
@@ -31,7 +31,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
     by_joints: Array, by_speeds: Array, joints_twice: Array, speeds_twice: Array,
 ) -> float:  # fmt: skip
     """Cost of being there at a knot; with ``derivatives`` also its gradients (J,) and Gauss–Newton matrices (J, J)."""
-    cost, s = 0.0, aim.task.plan
+    cost, s, count = 0.0, aim.task.plan, len(arm.joints)
     point, normal = plate_of(arm, centres, frames)
     of_point, of_normal = plate_jacobian(arm, centres, frames, point, normal)
     weights = aim.point_weights[knot]
@@ -41,12 +41,12 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
             pulled += weights[r, c] * (point[c] - aim.points[knot, c])
         cost += 0.5 * pulled * (point[r] - aim.points[knot, r])
         if derivatives:
-            for j in range(6):
+            for j in range(count):
                 by_joints[j] += of_point[r, j] * pulled
                 weighed = (
                     weights[r, 0] * of_point[0, j] + weights[r, 1] * of_point[1, j] + weights[r, 2] * of_point[2, j]
                 )
-                for i in range(6):
+                for i in range(count):
                     joints_twice[i, j] += of_point[r, i] * weighed
     weight = aim.normal_weights[knot]
     if weight > 0.0:
@@ -54,11 +54,11 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
             error = normal[r] - aim.normals[knot, r]
             cost += 0.5 * weight * error**2
             if derivatives:
-                _add_square(weight, error, of_normal[r], by_joints, joints_twice)
+                _add_square(arm, weight, error, of_normal[r], by_joints, joints_twice)
     plate, line, apart, towards, fleeing = np.empty(3), np.empty(3), 0.0, 0.0, 0.0
     for r in range(3):
         speed = 0.0
-        for j in range(6):
+        for j in range(count):
             speed += of_point[r, j] * speeds[j]
         plate[r], line[r] = speed, aim.hands[knot, r] - point[r]
         apart += line[r] ** 2
@@ -67,7 +67,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
             error = speed - aim.velocities[knot, r]
             cost += 0.5 * weight * error**2
             if derivatives:
-                _add_square(weight, error, of_point[r], by_speeds, speeds_twice)
+                _add_square(arm, weight, error, of_point[r], by_speeds, speeds_twice)
     if aim.caps[knot] < math.inf:
         apart = math.sqrt(apart)
         for r in range(3):
@@ -80,9 +80,9 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         if over > 0.0:
             cost += 0.5 * WEIGHTS.cap_weight * over**2
             if derivatives:
-                faster = np.empty(6)
-                along(line, of_point, faster)
-                _add_square(WEIGHTS.cap_weight, over, faster, by_speeds, speeds_twice)
+                faster = np.empty(count)
+                along(arm, line, of_point, faster)
+                _add_square(arm, WEIGHTS.cap_weight, over, faster, by_speeds, speeds_twice)
     if aim.task.head[3] > 0.0:
         for r in range(3):
             line[r] = aim.task.head[r] - point[r]
@@ -90,12 +90,12 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
         if over > 0.0:
             cost += 0.5 * WEIGHTS.cap_weight * over**2
             if derivatives:
-                faster = np.empty(6)
+                faster = np.empty(count)
                 for r in range(3):
                     plate[r] /= fast
-                along(plate, of_point, faster)
-                _add_square(WEIGHTS.cap_weight, over, faster, by_speeds, speeds_twice)
-    for j in range(6):
+                along(arm, plate, of_point, faster)
+                _add_square(arm, WEIGHTS.cap_weight, over, faster, by_speeds, speeds_twice)
+    for j in range(count):
         away = aim.task.rest_weight * (joints[j] - aim.task.rest[j])
         cost += 0.5 * away * (joints[j] - aim.task.rest[j])
         beyond = max(0.0, joints[j] - arm.high[j] + s.stop_margin) - max(0.0, arm.low[j] + s.stop_margin - joints[j])
@@ -109,7 +109,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
             by_speeds[j] += WEIGHTS.speed_weight * fast + aim.task.calm * speeds[j]
             joints_twice[j, j] += aim.task.rest_weight + (WEIGHTS.stop_weight if beyond != 0.0 else 0.0)
             speeds_twice[j, j] += aim.task.calm + (WEIGHTS.speed_weight if fast != 0.0 else 0.0)
-    gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if derivatives else 0, 4, 6))
+    gaps, wider = np.empty((len(arm.balls), 4)), np.empty((len(arm.balls) if derivatives else 0, 4, count))
     arm_gaps(arm, centres, frames, aim.task.head, s.gap_margin, gaps, wider, derivatives)
     for b in range(len(gaps)):
         for kind in range(4):
@@ -117,7 +117,7 @@ def state_cost(  # noqa: PLR0912, PLR0915 (a kernel)
                 error = gaps[b, kind] - s.gap_margin
                 cost += 0.5 * WEIGHTS.gap_weight * error**2
                 if derivatives:
-                    _add_square(WEIGHTS.gap_weight, error, wider[b, kind], by_joints, joints_twice)
+                    _add_square(arm, WEIGHTS.gap_weight, error, wider[b, kind], by_joints, joints_twice)
     return cost
 
 
@@ -148,10 +148,11 @@ def acceleration_cost(
     speeds_twice: Array,
 ) -> float:  # fmt: skip
     """Cost of an ``acceleration`` (J,), rad/s²: effort, and torque beyond the torque–speed line times ``weight``."""
-    cost, torques, weighed = 0.0, np.empty(6), False
+    count = len(arm.joints)
+    cost, torques, weighed = 0.0, np.empty(count), False
     joint_torques(arm, centres, frames, speeds, acceleration, torques)
     mass = np.empty((0, 0))
-    for j in range(6):
+    for j in range(count):
         cost += 0.5 * effort * acceleration[j] ** 2
         torque = torques[j] + friction_torque(arm, j, speeds[j])
         sign = 1.0 if torque > 0.0 else -1.0
@@ -168,9 +169,9 @@ def acceleration_cost(
             slower = sign * arm.stall[j] / arm.no_load[j]  # strength lost by a faster joint
             by_speeds[j] += weight * over * slower
             speeds_twice[j, j] += weight * slower**2
-            for i in range(6):
+            for i in range(count):
                 by_acceleration[i] += weight * over * sign * mass[j, i]
                 cross[i, j] += weight * sign * mass[j, i] * slower
-                for k in range(6):
+                for k in range(count):
                     acceleration_twice[i, k] += weight * mass[j, i] * mass[j, k]
     return cost

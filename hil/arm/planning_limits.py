@@ -36,8 +36,9 @@ def allowed(  # noqa: PLR0912  (a kernel)
 
     Writes the torques (J,) that the step takes into ``torques``.
     """
-    active, brakes, braking = 0, np.empty(6), settings.braking_fraction
-    for j in range(6):
+    count = len(arm.joints)
+    active, brakes, braking = 0, np.empty(count), settings.braking_fraction
+    for j in range(count):
         most = arm.accelerations[j]
         brakes[j] = min(max(-speeds[j] / seconds, -braking * most), braking * most)
         low, high = -most, most
@@ -63,8 +64,8 @@ def allowed(  # noqa: PLR0912  (a kernel)
     centres, frames = link_frames(arm, joints)
     if torques_limited(arm, centres, frames, speeds, brakes, acceleration, settings.torque_rounds):
         active |= TORQUE
-    slow = np.empty(6)
-    for j in range(6):  # what stays as it is, where that does not lead into a stop
+    slow = np.empty(count)
+    for j in range(count):  # what stays as it is, where that does not lead into a stop
         slow[j] = 0.0 if keeps_limits(arm, j, joints[j], speeds[j], 0.0, seconds, braking) else brakes[j]
     fraction = kept_fraction(arm, centres, frames, speeds, acceleration, slow)
     if fraction <= 0.0:
@@ -72,20 +73,20 @@ def allowed(  # noqa: PLR0912  (a kernel)
         fraction = kept_fraction(arm, centres, frames, speeds, acceleration, slow)
     if fraction < 1.0:
         active |= TORQUE
-    for j in range(6):
+    for j in range(count):
         acceleration[j] = slow[j] + fraction * (acceleration[j] - slow[j])
-    stopped = np.empty(6)
-    for j in range(6):
+    stopped = np.empty(count)
+    for j in range(count):
         after = speeds[j] + seconds * acceleration[j]
         stopped[j] = joints[j] + seconds * speeds[j] + 0.5 * seconds**2 * acceleration[j]
         stopped[j] += after * abs(after) / (2.0 * braking * arm.accelerations[j])
     gap = smallest_gap(arm, stopped, head)
     if gap < settings.hard_gap and gap < smallest_gap(arm, joints, head):
         active |= NEARNESS
-        for j in range(6):
+        for j in range(count):
             acceleration[j] = brakes[j]
     joint_torques(arm, centres, frames, speeds, acceleration, torques)
-    for j in range(6):
+    for j in range(count):
         torques[j] += friction_torque(arm, j, speeds[j])
     return active
 
@@ -95,11 +96,12 @@ def torques_limited(
     arm: Arm, centres: Array, frames: Array, speeds: Array, brakes: Array, acceleration: Array, rounds: int
 ) -> bool:
     """Takes from each joint that asks too much of its servo what is too much, towards braking; whether one did."""
-    torques, limited = np.empty(6), False
+    count = len(arm.joints)
+    torques, limited = np.empty(count), False
     mass = np.empty((0, 0))
     for _ in range(rounds):
         joint_torques(arm, centres, frames, speeds, acceleration, torques)
-        for j in range(6):
+        for j in range(count):
             torque = torques[j] + friction_torque(arm, j, speeds[j])
             sign = 1.0 if torque > 0.0 else -1.0
             over = sign * torque - available_torque(arm, j, speeds[j], sign)
@@ -118,11 +120,12 @@ def torques_limited(
 @compiled
 def kept_fraction(arm: Arm, centres: Array, frames: Array, speeds: Array, acceleration: Array, slow: Array) -> float:
     """How far from ``slow`` (J,), rad/s², to ``acceleration`` (J,) the torques stay inside their line: 0 to 1."""
-    required, least = np.empty(6), np.empty(6)
+    count = len(arm.joints)
+    required, least = np.empty(count), np.empty(count)
     joint_torques(arm, centres, frames, speeds, acceleration, required)
     joint_torques(arm, centres, frames, speeds, slow, least)
     fraction = 1.0
-    for j in range(6):
+    for j in range(count):
         friction = friction_torque(arm, j, speeds[j])
         sign = 1.0 if required[j] + friction > 0.0 else -1.0
         limit = available_torque(arm, j, speeds[j], sign)
@@ -137,10 +140,11 @@ def next_state(
     arm: Arm, joints: Array, speeds: Array, acceleration: Array, seconds: float, head: Array, settings: PlanSettings
 ) -> tuple[Array, Array, Array, int]:
     """Joints and speeds (J,) after a step with an ``acceleration`` (J,), as limits allow it; bits of the limits."""
-    acceleration, torques = acceleration.copy(), np.empty(6)
+    count = len(arm.joints)
+    acceleration, torques = acceleration.copy(), np.empty(count)
     active = allowed(arm, joints, speeds, acceleration, seconds, head, settings, torques)
     place, speed = joints.copy(), speeds.copy()
-    for j in range(6):
+    for j in range(count):
         place[j] += seconds * speeds[j] + 0.5 * seconds**2 * acceleration[j]
         speed[j] += seconds * acceleration[j]
     return place, speed, torques, active

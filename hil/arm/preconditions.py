@@ -6,11 +6,14 @@ import hashlib
 from dataclasses import replace
 from datetime import UTC, datetime
 
+import numpy as np
+
 from highfive.calibration.arm_file import load_arm
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
 from highfive.hil.arm.emergency_stop import check_pipe
 from highfive.hil.arm.loop import first_of
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.from_mujoco import compiled_body
 from highfive.hil.drivers.bus.ports import too_slow
 from highfive.hil.drivers.bus.rig import Rig, load_rig
 from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
@@ -24,7 +27,6 @@ from highfive.hil.safety.startup import Room, room_unknown
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
-from highfive.scenes import servo_arm as measures
 
 
 def check_arm(options: ArmOptions) -> tuple[Limits, Rig]:
@@ -115,7 +117,9 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
 
 def fingerprint(rig: Rig) -> str:
     """Tells this arm, with its mount, from others: what a registration of it depends on."""
-    parts = (rig.joints, measures.AXES, measures.OFFSETS, measures.PLATE_DISTANCE, DEFAULT_MOUNT)
+    body = compiled_body(find_arm())
+    shape = [np.round(part, 6).tolist() for part in (body.axes, body.offsets, body.plate, body.normal)]
+    parts = (rig.joints, shape, find_arm().mount)
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 

@@ -19,7 +19,8 @@ from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.arm_model import dynamics
-from highfive.hil.arm_model.servo_arm import JOINTS, Mount, ServoArm, solve
+from highfive.hil.arm_model.mount import Mount
+from highfive.hil.arm_model.servo_arm import ServoArm, solve
 from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
@@ -177,7 +178,7 @@ def postures(
     arm: ServoArm, point: Array, normal: Array, settings: ReachabilitySettings = REACHABILITY
 ) -> list[tuple[Array, float]]:
     """Different postures (J,) that put the plate there, with what they miss by; at least the one that is nearest."""
-    draws = np.random.default_rng(0).uniform(0.7 * arm.packed.low, 0.7 * arm.packed.high, (settings.starts, JOINTS))
+    draws = np.random.default_rng(0).uniform(0.7 * arm.packed.low, 0.7 * arm.packed.high, (settings.starts, arm.joints))
     draws[:, 5] = 0.0  # turns the plate in itself, which changes nothing
     found: list[tuple[Array, float]] = []
     for start in draws:

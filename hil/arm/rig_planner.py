@@ -9,11 +9,11 @@ import numpy as np
 
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
-from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
+from highfive.hil.arm_model.servo_arm import mounted
 from highfive.hil.drivers.bus.rig import COUNTS, Rig
 from highfive.hil.safety.limits import Limits
 from highfive.model.geometry.rotations import Array
-from highfive.scenes import servo_arm as measures
 
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
@@ -25,13 +25,19 @@ FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
 
-def planner(rig: Rig, limits: Limits) -> Retarget:
-    """Retargeting for the default arm: what may not be sent is not planned either. Compiles where nobody has yet."""
-    slow = replace(default_arm(), fastest=tuple(limits.speed.tolist()))
-    return Retarget(slow, READY, retarget_settings(rig, limits))
+def planner(rig: Rig, limits: Limits, folder: ArmFolder | None = None) -> Retarget:
+    """Retargeting for an arm (None: the default one): what may not be sent is not planned either.
+
+    Compiles where nobody has yet.
+    """
+    folder = folder or find_arm()
+    slow = replace(mounted(folder), fastest=tuple(limits.speed.tolist()))
+    return Retarget(slow, np.array(folder.ready), retarget_settings(rig, limits, folder=folder))
 
 
-def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) -> RetargetSettings:
+def retarget_settings(
+    rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY, folder: ArmFolder | None = None
+) -> RetargetSettings:
     """How late the joints of a rig are, and by how much they give way: controllers answer to the error, and motors
     have a torque–speed line.
 
@@ -39,8 +45,7 @@ def retarget_settings(rig: Rig, limits: Limits, on_the_way: float = ON_THE_WAY) 
     s that a command takes to the servos. The plan keeps the limits near the person by itself.
     """
     full = full_errors(rig)
-    no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
-    stall = np.array([count * servo.stall for servo, count in measures.SERVOS])
+    stall, no_load = (folder or find_arm()).each
     return RetargetSettings(
         lag=float(np.median(full / no_load)) + on_the_way,
         sag=tuple((full / stall).tolist()),

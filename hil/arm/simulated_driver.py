@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
 from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 from highfive.hil.runtime.clock import Event
-from highfive.hil.safety.limits import STALL_CURRENTS
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.model.geometry.rotations import Array
-from highfive.scenes import servo_arm as measures
 
 SUBSTEPS = 8
 LEAST_NS = 1_000_000
@@ -30,18 +28,18 @@ class SimulatedDriver:
 
     trouble = ""
 
-    def __init__(self, plant: ArmPlant, full: Array, now_ns: int = 1) -> None:
+    def __init__(self, plant: ArmPlant, full: Array, now_ns: int = 1, folder: ArmFolder | None = None) -> None:
         """At rest.
 
         Args:
             plant: the body.
             full: (J,) rad, error at which each servo gives its full voltage.
             now_ns: what its clock says first.
+            folder: which arm; None for the default one.
         """
         self._plant, self._full = plant, full
-        self._count = np.array([count for _, count in measures.SERVOS], float)
-        self._stall = self._count * np.array([servo.stall for servo, _ in measures.SERVOS])
-        self._no_load = np.array([servo.no_load for servo, _ in measures.SERVOS])
+        folder = folder or find_arm()
+        (self._stall, self._no_load), self._stall_currents = folder.each, folder.stall_currents
         self._positions, self._velocities = plant.step(np.zeros(len(full)), 0.0)
         self._torques = np.zeros(len(full))
         self._command: JointCommand | None = None
@@ -83,8 +81,8 @@ class SimulatedDriver:
 
     def _advance(self, nanoseconds: int) -> None:
         goal = self._positions if self._command is None else self._command.positions
-        current = STALL_CURRENTS if self._command is None else self._command.currents
-        most = self._stall * np.minimum(1.0, current / STALL_CURRENTS)
+        current = self._stall_currents if self._command is None else self._command.currents
+        most = self._stall * np.minimum(1.0, current / self._stall_currents)
         for _ in range(SUBSTEPS):
             voltage = np.clip((goal - self._positions) / self._full, -1.0, 1.0)
             self._torques = np.clip(self._stall * (voltage - self._velocities / self._no_load), -most, most)
@@ -95,7 +93,8 @@ class SimulatedDriver:
     def _cycle(self, nanoseconds: int) -> None:
         joints = len(self._full)
         state = JointState(
-            self._now, self._positions.copy(), self._velocities.copy(), self._torques / self._stall * STALL_CURRENTS,
+            self._now, self._positions.copy(), self._velocities.copy(),
+            self._torques / self._stall * self._stall_currents,
             np.zeros(joints, dtype=np.int64), np.ones(joints, dtype=bool), np.zeros(joints, dtype=bool),
             np.zeros(joints),
         )  # fmt: skip
@@ -106,5 +105,5 @@ class SimulatedDriver:
 
 
 def mounted_arm() -> ArmPlant:
-    """The arm on its default mount, where it rests."""
-    return ArmPlant(DEFAULT_MOUNT, load_limits().way_points[-1])
+    """The default arm on its mount, where it rests."""
+    return ArmPlant(find_arm().mount, load_limits().way_points[-1])

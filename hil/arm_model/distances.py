@@ -46,8 +46,10 @@ def arm_gaps(  # noqa: PLR0912 (a kernel)
     ``jacobians`` (B, 4, J) are given (``with_jacobians``) where a gap is below ``near``. Column and turret are one
     mount; a pair that cannot meet is 1 m apart.
     """
-    ball, away, of_point, of_other = np.empty(3), np.empty(3), np.empty((3, 6)), np.empty((3, 6))
-    foot, shoulder, elbow, other = np.empty(3), centres[1], centres[2], np.empty(3)
+    count = len(arm.joints)
+    ball, away, of_point, of_other = np.empty(3), np.empty(3), np.empty((3, count)), np.empty((3, count))
+    foot, shoulder, elbow = np.empty(3), centres[int(arm.upper[0])], centres[int(arm.upper[1])]
+    other = np.empty(3)
     foot[0], foot[1], foot[2] = arm.base[0], arm.base[1], 0.0
     for b in range(len(arm.balls)):
         link, radius = int(arm.ball_links[b]), arm.balls[b, 3]
@@ -69,7 +71,7 @@ def arm_gaps(  # noqa: PLR0912 (a kernel)
                     away[0], away[1], away[2] = other[0], other[1], other[2]
             elif kind == 2:
                 gap = 1.0
-                if link >= 4:
+                if arm.meets_upper[b] > 0.0:
                     gap, share = to_segment(ball, shoulder, elbow, away)
                     gap -= radius + arm.posts[1]
             else:
@@ -84,17 +86,17 @@ def arm_gaps(  # noqa: PLR0912 (a kernel)
             if kind == 2:  # the upper arm moves, too
                 for r in range(3):
                     other[r] = shoulder[r] + share * (elbow[r] - shoulder[r])
-                point_jacobian(arm, centres, frames, 1, other, of_other)
+                point_jacobian(arm, centres, frames, int(arm.upper[1]) - 1, other, of_other)
                 for r in range(3):
-                    for j in range(6):
+                    for j in range(count):
                         of_point[r, j] -= of_other[r, j]
-            along(away, of_point, jacobians[b, kind])
+            along(arm, away, of_point, jacobians[b, kind])
 
 
 @compiled
-def along(direction: Array, of_point: Array, out: Array) -> None:
+def along(arm: Arm, direction: Array, of_point: Array, out: Array) -> None:
     """Adds to ``out`` (J,) how fast each joint brings a point with Jacobian ``of_point`` along a direction."""
-    for j in range(len(out)):
+    for j in range(len(arm.joints)):
         out[j] = direction[0] * of_point[0, j] + direction[1] * of_point[1, j] + direction[2] * of_point[2, j]
 
 
@@ -102,7 +104,7 @@ def along(direction: Array, of_point: Array, out: Array) -> None:
 def smallest_gap(arm: Arm, joints: Array, head: Array) -> float:
     """Smallest gap of a posture, m."""
     centres, frames = link_frames(arm, joints)
-    gaps, jacobians = np.empty((len(arm.balls), 4)), np.empty((0, 4, 6))
+    gaps, jacobians = np.empty((len(arm.balls), 4)), np.empty((0, 4, len(arm.joints)))
     arm_gaps(arm, centres, frames, head, 0.0, gaps, jacobians, False)
     least = 1.0
     for b in range(len(gaps)):

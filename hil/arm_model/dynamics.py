@@ -16,19 +16,22 @@ GRAVITY = 9.81
 
 
 @compiled
-def joint_torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, torques: Array) -> None:
+def joint_torques(  # noqa: PLR0912 (a kernel)
+    arm: Arm, centres: Array, frames: Array, speeds: Array, push: Array, torques: Array
+) -> None:
     """Writes the torques (J,) that accelerations ``push`` (J,) take with gravity: recursive Newton–Euler."""
-    count = len(speeds)
+    count = len(arm.joints)
     turn, spin = np.zeros(3), np.zeros(3)  # angular velocity and acceleration of the link
     pull = np.zeros(3)  # acceleration of the joint's centre, gravity as a push upwards
     pull[2] = GRAVITY
     lever, accelerated, force, moment = np.empty(3), np.empty(3), np.empty((count, 3)), np.empty((count, 3))
+    own_turn, own_spin, swirl = np.empty(3), np.empty(3), np.empty(3)
     for j in range(count):
         if j > 0:
             for r in range(3):
                 lever[r] = centres[j, r] - centres[j - 1, r]
             _carried(turn, spin, lever, pull)
-        ax, ay, az = joint_axis(arm, frames, j)
+        ax, ay, az = joint_axis(frames, j)
         v, a = speeds[j], push[j]
         spin[0] += v * (turn[1] * az - turn[2] * ay) + a * ax
         spin[1] += v * (turn[2] * ax - turn[0] * az) + a * ay
@@ -43,14 +46,18 @@ def joint_torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: 
             accelerated[r] = pull[r]
             moment[j, r] = 0.0
         _carried(turn, spin, lever, accelerated)
-        for k in range(3):  # about the link's own axes, in which its inertia is diagonal
+        for k in range(3):  # in the link's own frame: I α + ω × I ω
+            own_turn[k] = frames[j, 0, k] * turn[0] + frames[j, 1, k] * turn[1] + frames[j, 2, k] * turn[2]
+            own_spin[k] = frames[j, 0, k] * spin[0] + frames[j, 1, k] * spin[1] + frames[j, 2, k] * spin[2]
+        for k in range(3):
+            swirl[k] = 0.0
+            for c in range(3):
+                swirl[k] += arm.inertias[j, k, c] * own_turn[c]
+        for k in range(3):
             one, two = (k + 1) % 3, (k + 2) % 3
-            change = along = across = 0.0
-            for r in range(3):
-                change += frames[j, r, k] * spin[r]
-                along += frames[j, r, one] * turn[r]
-                across += frames[j, r, two] * turn[r]
-            own = arm.inertias[j, k] * change + (arm.inertias[j, two] - arm.inertias[j, one]) * along * across
+            own = own_turn[one] * swirl[two] - own_turn[two] * swirl[one]
+            for c in range(3):
+                own += arm.inertias[j, k, c] * own_spin[c]
             for r in range(3):
                 moment[j, r] += frames[j, r, k] * own
         for r in range(3):
@@ -60,7 +67,7 @@ def joint_torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: 
         moment[j, 2] += lever[0] * force[j, 1] - lever[1] * force[j, 0]
     for back in range(count):
         j = count - 1 - back
-        ax, ay, az = joint_axis(arm, frames, j)
+        ax, ay, az = joint_axis(frames, j)
         torques[j] = ax * moment[j, 0] + ay * moment[j, 1] + az * moment[j, 2] + arm.armature[j] * push[j]
         if j > 0:
             x, y, z = (
@@ -76,24 +83,29 @@ def joint_torques(arm: Arm, centres: Array, frames: Array, speeds: Array, push: 
 
 
 @compiled
-def mass_matrix(arm: Arm, centres: Array, frames: Array) -> Array:
+def mass_matrix(arm: Arm, centres: Array, frames: Array) -> Array:  # noqa: PLR0912 (a kernel)
     """Mass matrix (J, J) with the gears' inertia, from each link's Jacobians."""
-    count = len(centres)
+    count = len(arm.joints)
     mass, of_point, com = np.zeros((count, count)), np.empty((3, count)), np.empty(3)
-    inertia = np.empty((3, 3))
+    inertia, half = np.empty((3, 3)), np.empty((3, 3))
     for j in range(count):
         for r in range(3):
             com[r] = centres[j, r]
             for c in range(3):
                 com[r] += frames[j, r, c] * arm.centres[j, c]
+                half[r, c] = 0.0
+                for k in range(3):
+                    half[r, c] += frames[j, r, k] * arm.inertias[j, k, c]
+        for r in range(3):
+            for c in range(3):
                 inertia[r, c] = 0.0
                 for k in range(3):
-                    inertia[r, c] += frames[j, r, k] * arm.inertias[j, k] * frames[j, c, k]
+                    inertia[r, c] += half[r, k] * frames[j, c, k]
         point_jacobian(arm, centres, frames, j, com, of_point)
         for a in range(j + 1):
-            axis = joint_axis(arm, frames, a)
+            axis = joint_axis(frames, a)
             for b in range(a + 1):
-                other, total = joint_axis(arm, frames, b), 0.0
+                other, total = joint_axis(frames, b), 0.0
                 for r in range(3):
                     total += arm.masses[j] * of_point[r, a] * of_point[r, b]
                     for c in range(3):
@@ -147,22 +159,23 @@ def available_torque(arm: Arm, joint: int, speed: float, sign: float) -> float:
 @compiled
 def _runs(arm: Arm, start: Array, displacement: Array, seconds: float) -> bool:
     """Whether a minimum-jerk movement along ``displacement`` stays inside speed and torque–speed line."""
-    joints, speeds, pulls = np.empty(6), np.empty(6), np.empty(6)
+    count = len(arm.joints)
+    joints, speeds, pulls = np.empty(count), np.empty(count), np.empty(count)
     for sample in range(17):
         s = sample / 16.0
         share = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         rate = 30.0 * s**2 * (1.0 - s) ** 2 / seconds
         change = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / seconds**2
-        for j in range(6):
+        for j in range(count):
             joints[j] = start[j] + share * displacement[j]
             speeds[j], pulls[j] = rate * displacement[j], change * displacement[j]
             if abs(speeds[j]) > arm.speeds[j]:
                 return False
         centres, frames = link_frames(arm, joints)
         mass, torque = equations_of_motion(arm, centres, frames, speeds)
-        for j in range(6):
+        for j in range(count):
             torque[j] += friction_torque(arm, j, speeds[j])
-            for k in range(6):
+            for k in range(count):
                 torque[j] += mass[j, k] * pulls[k]
             sign = 1.0 if torque[j] > 0.0 else -1.0
             if abs(torque[j]) > available_torque(arm, j, speeds[j], sign):

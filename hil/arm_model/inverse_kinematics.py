@@ -26,7 +26,7 @@ def pose_error(arm: Arm, joints: Array, position: Array, normal: Array, residual
     for r in range(3):
         residual[r], residual[3 + r] = point[r] - position[r], ROUND * (out[r] - normal[r])
         total += residual[r] ** 2 + residual[3 + r] ** 2
-        for j in range(6):
+        for j in range(len(arm.joints)):
             jacobian[r, j], jacobian[3 + r, j] = of_point[r, j], ROUND * of_normal[r, j]
     return total
 
@@ -44,15 +44,16 @@ def posture(arm: Arm, position: Array, normal: Array, start: Array, steps: int) 
 def posture_from(arm: Arm, position: Array, normal: Array, start: Array, steps: int) -> tuple[Array, float]:
     """As :func:`posture`, for compiled callers."""
     joints, tried, damping = start.copy(), start.copy(), 1e-4
-    residual, jacobian, left, ahead = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty((6, 6))
-    matrix, lower, step = np.empty((6, 6)), np.zeros((6, 6)), np.empty(6)
+    count = len(arm.joints)
+    residual, jacobian, left, ahead = np.empty(6), np.empty((6, count)), np.empty(6), np.empty((6, count))
+    matrix, lower, step = np.empty((count, count)), np.zeros((count, count)), np.empty(count)
     cost = pose_error(arm, joints, position, normal, residual, jacobian)
     for _ in range(steps):
-        for i in range(6):
+        for i in range(count):
             step[i] = 0.0
             for r in range(6):
                 step[i] -= jacobian[r, i] * residual[r]
-            for j in range(6):
+            for j in range(count):
                 matrix[i, j] = damping if i == j else 0.0
                 for r in range(6):
                     matrix[i, j] += jacobian[r, i] * jacobian[r, j]
@@ -60,10 +61,10 @@ def posture_from(arm: Arm, position: Array, normal: Array, start: Array, steps: 
             break
         cholesky_solve(lower, step)
         longest = 0.0
-        for j in range(6):
+        for j in range(count):
             longest = max(longest, abs(step[j]))
         share = min(1.0, 0.5 / max(longest, 1e-9))
-        for j in range(6):
+        for j in range(count):
             tried[j] = min(max(joints[j] + share * step[j], arm.low[j]), arm.high[j])
         now = pose_error(arm, tried, position, normal, left, ahead)
         if now < cost:

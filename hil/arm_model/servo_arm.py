@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from highfive.hil.arm_model import distances, dynamics, inverse_kinematics, kinematics
 from highfive.hil.arm_model.arm import Arm
+from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
+from highfive.hil.arm_model.from_mujoco import compiled_body
+from highfive.hil.arm_model.mount import Mount
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
-from highfive.scenes import servo_arm as measures
 
-JOINTS = len(measures.JOINTS)
 SPEED_SHARE = 0.97
 """Of the speed limit, that is requested: at the limit itself a servo has no torque left."""
 TORQUE_SHARE = 0.7
 """Of the servos' torque, that is requested: a warm servo or a low supply has less than the table."""
-ACCELERATIONS = (40.0, 35.0, 45.0, 80.0, 80.0, 80.0)
-"""rad/s², most that is requested of each joint."""
-
-
-@dataclass(frozen=True)
-class Mount:
-    """Where the arm stands.
-
-    Attributes:
-        position: (x, y, z) m of the base's underside in the world.
-        yaw: rad about the vertical; 0 points the arm to the person (+x).
-        tilt: rad, the base pitched forward after the yaw.
-    """
-
-    position: tuple[float, float, float]
-    yaw: float = 0.0
-    tilt: float = 0.0
-
-    @property
-    def quaternion(self) -> Array:
-        """(4,) orientation of the base in the world."""
-        return rotations.multiply(rotations.from_axis_angle("z", self.yaw), rotations.from_axis_angle("y", self.tilt))
+GEARS = ("armature", "friction", "damping")
 
 
 @dataclass(frozen=True)
@@ -63,49 +43,67 @@ class PlatePose:
 
 @dataclass(frozen=True)
 class ServoArm:
-    """The arm on a mount, with a plate ``plate`` m beyond its last joint.
+    """An arm on a mount.
 
-    ``fastest`` (J,) rad/s: no joint is planned to be faster; None for what the servos can.
+    Attributes:
+        mount: where it stands.
+        plate: m, from the last joint to the plate along its normal; None for what the arm's model says.
+        fastest: (J,) rad/s: no joint is planned to be faster; None for what the servos can.
+        folder: what arm it is.
     """
 
     mount: Mount
-    plate: float = measures.PLATE_DISTANCE
+    plate: float | None = None
     fastest: tuple[float, ...] | None = None
+    folder: ArmFolder = field(default_factory=find_arm)
 
     @cached_property
     def packed(self) -> Arm:
         """What the compiled functions work on."""
-        inertias, masses, centres = _links(self.plate)
-        balls = [(*ball.centre, ball.radius) for ball in measures.BALLS]
-        balls[-1] = (self.plate - 0.04, *balls[-1][1:])
-        servos = [servo for servo, _ in measures.SERVOS]
-        count = np.array([number for _, number in measures.SERVOS], float)
-        low, high = np.radians(np.array(measures.LIMITS_DEGREES, float)).T
-        speed = np.array([min(measures.SPEED_LIMIT, servo.no_load) for servo in servos])
+        folder, body = self.folder, compiled_body(self.folder, self.plate)
+        stall, no_load = folder.each
+        speed = np.minimum(folder.speed_limit, no_load)
         if self.fastest is not None:
             speed = np.minimum(speed, self.fastest)
+        names = folder.names
+        plate_link = len(names) - 1
+        links = [plate_link if ball.on == "plate" else names.index(ball.on) for ball in folder.balls]
+        shift = [body.plate if ball.on == "plate" else np.zeros(3) for ball in folder.balls]
+        balls = [[*(moved + ball.centre), ball.radius] for moved, ball in zip(shift, folder.balls, strict=True)]
+        gears = [[joint.servos * getattr(joint.servo, name) for joint in folder.joints] for name in GEARS]
         return Arm(
-            axes=np.argmax(np.array(measures.AXES), axis=1).astype(float),
-            offsets=np.array(measures.OFFSETS, float),
-            plate=float(self.plate),
+            joints=tuple(range(len(names))),
+            axes=body.axes,
+            offsets=body.offsets,
+            plate=body.plate,
+            normal=body.normal,
+            fingers=body.fingers,
             base=np.array(self.mount.position, float),
             base_axes=np.ascontiguousarray(rotations.to_matrix(self.mount.quaternion)),
-            low=np.ascontiguousarray(low),
-            high=np.ascontiguousarray(high),
+            low=body.low,
+            high=body.high,
             speeds=SPEED_SHARE * speed,
-            accelerations=np.array(ACCELERATIONS),
-            stall=TORQUE_SHARE * count * np.array([servo.stall for servo in servos]),
-            no_load=np.array([servo.no_load for servo in servos]),
-            masses=masses,
-            centres=centres,
-            inertias=inertias,
-            armature=count * np.array([servo.armature for servo in servos]),
-            friction=count * np.array([servo.friction for servo in servos]),
-            damping=count * np.array([servo.damping for servo in servos]),
-            ball_links=np.array([ball.link for ball in measures.BALLS], float),
-            balls=np.array(balls, float),
-            posts=np.array([measures.TURRET_RADIUS, measures.UPPER_ARM_RADIUS, measures.COLUMN_RADIUS]),
+            accelerations=np.array([joint.acceleration for joint in folder.joints]),
+            stall=TORQUE_SHARE * stall,
+            no_load=no_load,
+            masses=body.masses,
+            centres=body.centres,
+            inertias=body.inertias,
+            armature=np.array(gears[0]),
+            friction=np.array(gears[1]),
+            damping=np.array(gears[2]),
+            ball_links=np.array(links, float),
+            balls=np.array(balls).reshape(-1, 4),
+            meets_upper=np.array([ball.upper for ball in folder.balls], float),
+            posts=np.array(folder.posts),
+            upper=np.array([names.index(name) for name in folder.between], float),
+            met=np.array([names.index(name) for name in folder.meeting], float),
         )
+
+    @property
+    def joints(self) -> int:
+        """How many."""
+        return len(self.folder.joints)
 
     def plate_at(self, joints: Array) -> PlatePose:
         """Forward kinematics of joints (J,), rad."""
@@ -117,7 +115,7 @@ class ServoArm:
 
     def gravity(self, joints: Array) -> Array:
         """Torques (J,), N·m, that hold the arm still."""
-        return dynamics.dynamics(self.packed, np.ascontiguousarray(joints, float), np.zeros(JOINTS))[1]
+        return dynamics.dynamics(self.packed, np.ascontiguousarray(joints, float), np.zeros(self.joints))[1]
 
     def clearance(self, joints: Array, head: Array | None = None, radius: float = 0.0) -> float:
         """Smallest gap, m, of a posture to floor, mount, the arm itself and a head: centre (3,) m, radius m."""
@@ -127,21 +125,6 @@ class ServoArm:
     def margins(self, joints: Array) -> Array:
         """Distance (J,), rad, of each joint from its nearer limit."""
         return np.minimum(joints - self.packed.low, self.packed.high - joints)
-
-
-def _links(plate: float) -> tuple[Array, Array, Array]:
-    """Moments of inertia (J, 3), masses (J,) and centres (J, 3) of the links, the plate being a part of the last."""
-    masses = np.array([link.mass for link in measures.LINKS])
-    centres = np.array([link.centre for link in measures.LINKS])
-    inertias = np.array([link.inertia for link in measures.LINKS])
-    disc, radius = measures.PLATE_MASS, measures.PLATE_RADIUS
-    at = plate - 0.5 * measures.PLATE_THICKNESS
-    whole = masses[-1] + disc
-    middle = (masses[-1] * centres[-1, 0] + disc * at) / whole
-    spread = masses[-1] * (centres[-1, 0] - middle) ** 2 + disc * (at - middle) ** 2
-    inertias[-1] += np.array([0.5, 0.25, 0.25]) * disc * radius**2 + np.array([0.0, spread, spread])
-    masses[-1], centres[-1, 0] = whole, middle
-    return inertias, masses, centres
 
 
 def solve(arm: ServoArm, position: Array, normal: Array, start: Array, steps: int = 40) -> tuple[Array, float]:
@@ -154,12 +137,17 @@ def solve(arm: ServoArm, position: Array, normal: Array, start: Array, steps: in
     return joints, float(left)
 
 
-DEFAULT_MOUNT = Mount((-0.0745, -0.0793, 1.28), float(np.radians(8.0)), float(np.radians(15.0)))
-"""Chosen by a search: docs/decisions/2026-11-22-arm-mounting.md."""
-READY = np.array([-0.703, 0.357, 0.714, -1.401, -1.273, 0.0])
-"""(J,) rad, where the arm on that mount waits: behind the middle of the grid, about facing the person."""
+DEFAULT_MOUNT = find_arm().mount
+"""Of the arm that a session has unless it is told otherwise."""
+READY = np.array(find_arm().ready)
+"""(J,) rad, where that arm waits on its mount."""
 
 
 def default_arm() -> ServoArm:
-    """The arm on its default mount."""
-    return ServoArm(DEFAULT_MOUNT)
+    """That arm on its mount."""
+    return mounted(find_arm())
+
+
+def mounted(folder: ArmFolder) -> ServoArm:
+    """An arm on the mount that its folder says."""
+    return ServoArm(folder.mount, folder=folder)

@@ -14,11 +14,12 @@ import mujoco
 import numpy as np
 
 from highfive.calibration.plate_template import PlateTemplate
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, Mount
+from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.mount import Mount
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm
 from highfive.hil.sim.arm_body import PREFIX, arm_alone
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
-from highfive.scenes import servo_arm as measures
 
 COUNT = 2.0 * np.pi / 4096.0
 """rad of one count of a servo."""
@@ -40,7 +41,7 @@ TEMPLATE = PlateTemplate(
             [-0.056, 0.020, 0.040],
         ]
     ),
-    centre=np.array([measures.PLATE_DISTANCE, 0.0, 0.0]),
+    centre=default_arm().packed.plate,
     normal=np.array([1.0, 0.0, 0.0]),
 )
 """Of the plate that the hidden arms carry: four markers on its rim and one on a stalk behind it."""
@@ -87,7 +88,7 @@ class HiddenTruth:
         model.body_pos[base] += self.base
         turn = rotations.from_rotation_vector(self.base_turn)
         model.body_quat[base] = rotations.multiply(turn, model.body_quat[base])
-        for name, length, tilt in zip(measures.JOINTS, self.length, self.tilt, strict=True):
+        for name, length, tilt in zip(find_arm().names, self.length, self.tilt, strict=True):
             body = int(model.joint(PREFIX + name).bodyid[0])
             model.body_pos[body] += length
             model.body_quat[body] = rotations.multiply(model.body_quat[body], rotations.from_rotation_vector(tilt))
@@ -104,7 +105,7 @@ class HiddenTruth:
 
 def drawn_truth(seed: int, play: float = 0.0) -> HiddenTruth:
     """A truth of a seed; ``play`` rad at most in each joint."""
-    rng, joints = np.random.default_rng((seed, 7)), len(measures.JOINTS)
+    rng, joints = np.random.default_rng((seed, 7)), len(find_arm().names)
     compliance = np.zeros(joints)
     compliance[1:3] = rng.uniform(0.0005, 0.003, 2)
     wave, phase = rng.uniform(0.0, RIPPLE, joints), rng.uniform(0.0, 2.0 * np.pi, joints)

@@ -18,7 +18,8 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, Mount
+from highfive.hil.arm_model.mount import Mount
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.sim.arm_body import PREFIX, arm_alone
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers

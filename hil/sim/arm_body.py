@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive import scenes
-from highfive.hil.arm_model.servo_arm import Mount
+from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
+from highfive.hil.arm_model.from_mujoco import load_spec
+from highfive.hil.arm_model.mount import Mount
 from highfive.hil.sim import person
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.sim.scene import PALM_IMPEDANCE, PALM_SOLREF, build_scene, hand_shapes, room
 from highfive.mocap_bridge.frames import PalmPose
-from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
-from highfive.scenes.servo_arm import COLUMN_RADIUS, JOINTS
 
 PREFIX = "arm_"
 """Of the arm's names in a scene."""
@@ -66,27 +64,29 @@ class ArmTwin:
         return data.qfrc_bias[self.dofs]
 
 
-def arm_alone(mount: Mount) -> ArmTwin:
-    """The arm on its column and nothing else."""
+def arm_alone(mount: Mount, folder: ArmFolder | None = None) -> ArmTwin:
+    """An arm (the default one) on its column and nothing else."""
+    folder = folder or find_arm()
     spec = mujoco.MjSpec()
     spec.option.timestep = FINE_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    _mounted(spec, mount)
-    return _twin(spec)
+    _mounted(spec, mount, folder)
+    return _twin(spec, folder)
 
 
-def arm_in_scene(mount: Mount, *, avatar: bool, visible: bool = False) -> ArmTwin:
+def arm_in_scene(mount: Mount, *, avatar: bool, visible: bool = False, folder: ArmFolder | None = None) -> ArmTwin:
     """The arm in the room with the person, beside the avatar or instead of it.
 
     Args:
         mount: where it stands.
         avatar: the avatar is there, too.
         visible: also sculpts avatar and person for pictures.
+        folder: which arm; None for the default one.
 
     Raises:
         HighFiveError: the room's file is missing or MuJoCo refuses it.
     """
-    skeleton = avatar_skeleton()
+    skeleton, folder = avatar_skeleton(), folder or find_arm()
     if avatar or visible:
         spec = build_scene(skeleton, visible=visible).spec
         if not avatar:
@@ -96,38 +96,34 @@ def arm_in_scene(mount: Mount, *, avatar: bool, visible: bool = False) -> ArmTwi
     else:
         spec = room()
         person.add_person(spec, skeleton)
-    _mounted(spec, mount)
+    _mounted(spec, mount, folder)
     for shape in hand_shapes(skeleton, "person"):
         spec.add_pair(geomname1=f"{PREFIX}plate", geomname2=shape, solref=PALM_SOLREF, solimp=PALM_IMPEDANCE, condim=3)
-    for shape in ("plate", "tool", "wrist", "lower_forearm"):
+    for shape in folder.near:
         spec.add_pair(geomname1=PREFIX + shape, geomname2="person_head", condim=3)
-    return _twin(spec)
+    return _twin(spec, folder)
 
 
-def _mounted(spec: mujoco.MjSpec, mount: Mount) -> None:
-    path = Path(scenes.__file__).parent / "servo_arm.xml"
-    try:
-        arm = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise HighFiveError(f"{path} is not an arm that MuJoCo reads: {str(error).splitlines()[0]}") from None
+def _mounted(spec: mujoco.MjSpec, mount: Mount, folder: ArmFolder) -> None:
+    arm, column = load_spec(folder), folder.posts[2]
     frame = spec.worldbody.add_frame(pos=list(mount.position), quat=mount.quaternion.tolist())
     spec.attach(arm, prefix=PREFIX, frame=frame)
     x, y, height = mount.position
     spec.worldbody.add_geom(
         name=f"{PREFIX}column", type=mujoco.mjtGeom.mjGEOM_CYLINDER, pos=[x, y, 0.5 * height],
-        size=[COLUMN_RADIUS, 0.5 * height, 0.0], contype=0, conaffinity=0, rgba=[0.55, 0.56, 0.58, 1.0],
+        size=[column, 0.5 * height, 0.0], contype=0, conaffinity=0, rgba=[0.55, 0.56, 0.58, 1.0],
     )  # fmt: skip
 
 
-def _twin(spec: mujoco.MjSpec) -> ArmTwin:
+def _twin(spec: mujoco.MjSpec, folder: ArmFolder) -> ArmTwin:
     model = spec.compile()
-    joints = [model.joint(PREFIX + name) for name in JOINTS]
+    joints = [model.joint(PREFIX + name) for name in folder.names]
     return ArmTwin(
         spec=spec,
         model=model,
         qpos=np.array([joint.qposadr[0] for joint in joints]),
         dofs=np.array([joint.dofadr[0] for joint in joints]),
-        actuators=np.array([model.actuator(PREFIX + name).id for name in JOINTS]),
+        actuators=np.array([model.actuator(PREFIX + name).id for name in folder.names]),
         plate_site=model.site(f"{PREFIX}plate").id,
         plate_geom=model.geom(f"{PREFIX}plate").id,
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from highfive.hil.arm_model.servo_arm import Mount
+from highfive.hil.arm_model.mount import Mount
 from highfive.hil.sim.arm_body import arm_alone
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.errors import HighFiveError

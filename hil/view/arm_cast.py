@@ -8,7 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, Mount
+from highfive.hil.arm_model.mount import Mount
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
 from highfive.hil.sim.arm_body import PREFIX, arm_alone
 from highfive.hil.view.cast import drawn_geoms
 from highfive.model.geometry.rotations import Array

@@ -8,8 +8,8 @@ import numpy as np
 
 from highfive.calibration.arm_file import DIGEST, ArmCalibration, CalibratedJoint, arm_text
 from highfive.calibration.registration import Registration
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.bench.hidden_arm import TEMPLATE
-from highfive.scenes.servo_arm import JOINTS
 
 DATE = datetime(2026, 11, 23, 9, 30, tzinfo=UTC)
 
@@ -25,7 +25,7 @@ def kept_arm() -> ArmCalibration:
             length=rng.normal(0.0, 0.0007, 3),
             tilt=rng.normal(0.0, 0.003, 3),
         )
-        for name in JOINTS
+        for name in find_arm().names
     }
     return ArmCalibration(
         registration=Registration(Path("room.toml"), DATE, "0123456789ab", "vicon", unit, np.zeros(3), 30, 0.0025),

@@ -58,6 +58,11 @@ class MjModel:
     dof_bodyid: _Integers
     dof_jntid: _Integers
     body_parentid: _Integers
+    body_mass: _Floats
+    body_inertia: _Floats
+    jnt_bodyid: _Integers
+    jnt_range: _Floats
+    jnt_limited: _Integers
     geom_bodyid: _Integers
     actuator_trnid: _Integers
     actuator_gainprm: _Floats
@@ -128,6 +133,9 @@ class MjData:
     qfrc_bias: _Floats
     qfrc_inverse: _Floats
     xpos: _Floats
+    xipos: _Floats
+    ximat: _Floats
+    xmat: _Floats
     xanchor: _Floats
     xaxis: _Floats
     cvel: _Floats

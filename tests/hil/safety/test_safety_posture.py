@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import vx300s_measures as measures
 
 from highfive.hil.arm.simulated_driver import mounted_arm
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm
@@ -11,7 +12,6 @@ from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.posture import posture_mismatches
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.model.geometry.rotations import Array
-from highfive.scenes import servo_arm as measures
 
 LIMITS, ARM = load_limits(), default_arm()
 REST = LIMITS.way_points[-1]

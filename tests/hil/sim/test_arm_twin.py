@@ -3,14 +3,15 @@
 import mujoco
 import numpy as np
 import pytest
+import vx300s_measures as measures
 
 from highfive.hil.arm_model import dynamics, kinematics
-from highfive.hil.arm_model.servo_arm import Mount, ServoArm
+from highfive.hil.arm_model.mount import Mount
+from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.values import Plant
 from highfive.hil.sim.arm_body import PREFIX, ArmTwin, arm_alone, arm_in_scene
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.model.errors import HighFiveError
-from highfive.scenes import servo_arm as measures
 
 MOUNT = Mount((0.1, -0.2, 1.1), 0.4, 0.2)
 JOINTS = 6

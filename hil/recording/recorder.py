@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from highfive.hil.arm.loop import ArmTick
     from highfive.hil.drivers.bus.cycle_ring import Cycle
 
-FORMAT = 2
-"""Of recordings; those before say none."""
 CHUNK_NS = 500_000_000
 EARLY = 1000
 """Chunks of other programs' streams that are kept until the first high five begins; of more the oldest goes."""
@@ -124,7 +122,7 @@ class SessionRecorder:
         }
         about = {"settings": {**asdict(settings), "versions": versions()}, "joints": list(avatar_skeleton().names)}
         units = "m, rad, s; quaternions w x y z, relative to the parent joint"
-        self._add("/session", 0, {"format": FORMAT, **about, "chain": chain, "units": units})
+        self._add("/session", 0, {"format": schemas.FORMAT, **about, "chain": chain, "units": units})
         self._flush()
 
     def _register(self, topic: str, name: str, fields: Mapping[str, schemas.Field]) -> int:

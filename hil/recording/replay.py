@@ -17,6 +17,7 @@ from highfive.hil.recording.viewer_messages import joints_of
 from highfive.hil.session.reach import ReachSettings
 from highfive.hil.session.session import RATE_HZ, PoseSettings, Session, Tick, TickInput
 from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.trials.machine import machine, machine_differences
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import versions
 from highfive.mocap_bridge.files.recording import make_recording
@@ -54,6 +55,7 @@ class Replay:
         read: gives the ticks of one of them; the last one read is kept.
         pose, tracking, reach: settings of the session.
         differs: what is not as it was when it was recorded, in words.
+        machine: on which it was recorded, :func:`highfive.hil.trials.machine.machine`; None where that is not said.
         ticks, same: so many were compared, and were the same in every bit.
         first: the first other one: the high five's number in the recording, and s after its begin.
         largest: m, by how far a joint was elsewhere at the most; recordings are rounded to 10 µm.
@@ -65,6 +67,7 @@ class Replay:
     tracking: FilterSettings
     reach: ReachSettings
     differs: list[str] = field(default_factory=list)
+    machine: object = None
     ticks: int = 0
     same: int = 0
     first: tuple[int, float] | None = None
@@ -115,7 +118,7 @@ class Replay:
             "same": self.same,
             "first_difference": first,
             "largest_mm": round(1e3 * self.largest, 3),
-            "differs": list(self.differs),
+            "differs": [*self.differs, *machine_differences(self.machine, machine())],
         }
 
 
@@ -158,7 +161,7 @@ def open_replay(session: SessionReader, model: str, corrected: bool, worn: Marke
         why = f"; {left_out[0]}" if left_out else ""
         raise HighFiveError(f"{path} holds no high five that can be played again to its end{why}")
     differs = _differences(session.settings, model, corrected) + left_out
-    return Replay(found, read, pose, tracking, reach, differs)
+    return Replay(found, read, pose, tracking, reach, differs, session.settings.get("machine"))
 
 
 def _chain(session: SessionReader) -> tuple[PoseSettings, FilterSettings, ReachSettings]:

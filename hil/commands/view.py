@@ -9,12 +9,12 @@ from typing import Any
 
 from highfive.hil.commands.page import open_page
 from highfive.hil.commands.simulate_options import PageOptions
-from highfive.hil.recording.recording import read_recording
+from highfive.hil.recording.session_reader import read_session
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.player import play
-from highfive.hil.view.recorded import shown_trials
+from highfive.hil.view.recorded import RecordedTrials
 from highfive.model.errors import HighFiveError
 
 
@@ -39,13 +39,13 @@ def view(options: ViewOptions) -> None:
     """
     path = options.recording or SHIPPED_RECORDING
     path = path / "session.mcap" if path.is_dir() else path
-    recording = read_recording(path)
-    trials = shown_trials(recording, path, build_scene())
-    if not recording.complete:
+    session = read_session(path)
+    trials = RecordedTrials(session, build_scene())
+    if not session.complete:
         say_aside(f"{path} was cut short: it is shown up to its last whole half second", logging.WARNING)
     about: dict[str, Any] = {"mode": "recording", "title": path.name if options.recording else ""}
-    about["cut"] = not recording.complete
-    about["rig"] = any(trial.rig for trial in trials)
+    about["cut"] = not session.complete
+    about["rig"] = trials.rig
     with open_page(options.page, about) as page:
         play(page, trials)
         if not page.alive:

@@ -28,6 +28,7 @@ from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import utc_ns
 from highfive.hil.session.shown import Shown
 from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.trials.machine import machine
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, versions
 from highfive.hil.trials.trial_result import TrialResult
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
     from highfive.hil.arm.loop import ArmTick
     from highfive.hil.drivers.bus.cycle_ring import Cycle
 
-FORMAT = 2
-"""Of recordings; those before say none."""
 CHUNK_NS = 500_000_000
 PAUSE_NS = 1_000_000_000
 """Between two high fives whose clocks both start at 0: those of simulated people, played as fast as it goes."""
@@ -120,9 +119,10 @@ class SessionRecorder:
             topic: self._writer.register_channel(topic, MessageEncoding.Protobuf, register_schema(self._writer, kind))
             for topic, kind in viewer_messages.TOPICS.items()
         }
-        about = {"settings": {**asdict(settings), "versions": versions()}, "joints": list(avatar_skeleton().names)}
+        said = {**asdict(settings), "versions": versions(), "machine": machine()}
+        about = {"settings": said, "joints": list(avatar_skeleton().names)}
         units = "m, rad, s; quaternions w x y z, relative to the parent joint"
-        self._add("/session", 0, {"format": FORMAT, **about, "chain": chain, "units": units})
+        self._add("/session", 0, {"format": schemas.FORMAT, **about, "chain": chain, "units": units})
         self._flush()
 
     def _register(self, topic: str, name: str, fields: Mapping[str, schemas.Field]) -> int:

@@ -2,39 +2,24 @@
 
 from __future__ import annotations
 
-import json
-import logging
-import struct
-import zlib
-from collections.abc import Collection, Generator, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from google.protobuf.message import DecodeError
-from mcap.exceptions import McapError
-from mcap.records import Channel, Message
-from mcap.stream_reader import CRCValidationError, StreamReader
-from mcap.well_known import MessageEncoding
 from numpy.typing import NDArray
-from zstandard import ZstdError
 
 from highfive.hil.recording import schemas
 from highfive.hil.recording.arrays import message_arrays, message_table
-from highfive.hil.recording.viewer_messages import cloud_points
+from highfive.hil.recording.decoding import MARKERS, Decoder, say_what_is_left_out
+from highfive.hil.recording.mcap_file import McapFile
 from highfive.hil.sim.avatar import Pose
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports]
-
-LOG = logging.getLogger(__name__)
-
-MARKERS = "/markers"
-"""The one topic of points that is read back; the others are for viewers."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +75,13 @@ class SessionRecording:
 
 
 def read_recording(path: Path | str) -> SessionRecording:
-    """Reads a recording, also one whose end is missing.
+    """Reads a recording, also one whose end is missing: all of it, some 17 GB of an hour.
+
+    :func:`highfive.hil.recording.session_reader.read_session` takes as much memory as one high five.
 
     Raises:
-        HighFiveError: there is no such file, or it holds no session. Other values than the session's are not checked.
+        HighFiveError: there is no such file, it holds no session, or it is of a newer version. Other values than the
+            session's are not checked.
     """
     channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in (*schemas.TOPICS, MARKERS)}
     messages = recorded_messages(Path(path))
@@ -112,90 +100,49 @@ def read_recording(path: Path | str) -> SessionRecording:
 def recorded_messages(path: Path) -> Generator[tuple[str, RecordedMessage], None, bool]:
     """Topic and message, one after the other as they stand in the file, the session's settings first.
 
-    A message that cannot be decoded is left out.
+    What cannot be read is left out; how much that is, is said in the end.
 
     Returns:
         whether the file was closed; otherwise its end is missing.
 
     Raises:
-        HighFiveError: there is no such file, or it holds no session.
+        HighFiveError: there is no such file, it holds no session, or it is of a newer version.
     """
-    begun = complete = False
-    try:
-        with path.open("rb") as file:
-            size = path.stat().st_size
-            if size == 0:
-                raise HighFiveError(f"{path} is empty; a recording of a session starts with its settings")
-            reader = StreamReader(file, validate_crcs=True, record_size_limit=size)
-            with suppress(*_CUT_SHORT):
-                for topic, time_ns, data in _messages(reader, (*schemas.TOPICS, MARKERS)):
-                    if not begun and topic == "/session":
-                        begun = _says_settings(data, path)
-                    yield topic, RecordedMessage(time_ns, data)
-                complete = True
-    except OSError as error:
-        raise HighFiveError(f"cannot read the recording {path}: {error.strerror or error}") from None
+    file, decode, begun = McapFile(path), Decoder(), False
+    for place, channel, message in file.messages():
+        if (data := decode(place, channel, message)) is None:
+            continue
+        if not begun and channel.topic == "/session":
+            begun = True
+            check_session(data, path)
+        yield channel.topic, RecordedMessage(message.log_time, data)
     if not begun:
-        raise HighFiveError(
-            f"{path} is not the recording of a session: no readable MCAP chunk with a /session message in it"
-        )
-    return complete
+        raise no_session(path)
+    say_what_is_left_out(file, decode.malformed)
+    return file.ended
 
 
-def _says_settings(about: object, path: Path) -> bool:
-    """That a ``/session`` message says what it has to."""
-    if not (
-        isinstance(about, dict) and isinstance(about.get("settings"), dict) and isinstance(about.get("joints"), list)
-    ):
-        raise HighFiveError(f"{path}: /session holds no settings and joints")
-    return True
+def no_session(path: Path) -> HighFiveError:
+    """That a file holds no readable ``/session``."""
+    return HighFiveError(
+        f"{path} is not the recording of a session: no readable MCAP chunk with a /session message in it"
+    )
 
 
-# What a file that ends anywhere, or is no MCAP at all, makes the library raise.
-_CUT_SHORT = (
-    McapError, CRCValidationError, DecodeError, struct.error, zlib.error, ValueError, KeyError, ZstdError,
-)  # fmt: skip
+def check_session(about: Mapping[str, Any], path: Path) -> None:
+    """That a ``/session`` message says what it has to, and is of no newer format.
 
-# What one message that is not as it should be makes its decoding raise: it is left out, and reading goes on.
-_MALFORMED = (DecodeError, struct.error, ValueError, KeyError, RecursionError)
-
-
-def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[tuple[str, int, dict[str, Any]]]:
-    """Topic, time and content of each message on ``topics`` and of every other program's stream; rows are rows, and
-    points and channels have their names.
+    Raises:
+        HighFiveError: it does not.
     """
-    found: dict[int, tuple[str, str]] = {}
-    names: list[str] = []
-    labels: dict[str, list[str]] = {}
-    malformed = 0
-    for record in reader.records:
-        if isinstance(record, Channel) and (record.topic in topics or record.topic.startswith(schemas.STREAMS)):
-            found[record.id] = record.topic, record.message_encoding
-        elif isinstance(record, Message) and record.channel_id in found:
-            topic, encoding = found[record.channel_id]
-            try:
-                if encoding == MessageEncoding.JSON:
-                    data = _json_object(record.data)
-                    if topic in schemas.TOPICS:
-                        data = schemas.restored(topic, data)
-                        names = data.get("markers", names) if topic == "/trial" else names
-                    elif topic not in topics:
-                        data["labels"] = labels[topic] = data.get("labels", labels.get(topic, []))
-                elif topic == MARKERS:
-                    data = {"names": names, **cloud_points(record.data)}
-                else:
-                    continue
-            except _MALFORMED:
-                malformed += 1
-                continue
-            yield topic, record.log_time, data
-    if malformed:
-        LOG.warning("malformed messages left out of the recording: %d", malformed)
-
-
-def _json_object(content: bytes) -> dict[str, Any]:
-    """A message's JSON object; ValueError where it is something else."""
-    data = json.loads(content)
-    if not isinstance(data, dict):
-        raise ValueError("no JSON object")
-    return data
+    settings, number = about.get("settings"), about.get("format")
+    if isinstance(number, int) and number > schemas.FORMAT:
+        versions = settings.get("versions") if isinstance(settings, dict) else None
+        by = versions.get("high-five") if isinstance(versions, dict) else None
+        raise HighFiveError(
+            f"{path} is a recording of format {number}, and this version reads up to {schemas.FORMAT}; open it with "
+            f"the version that made it{f' ({by})' if isinstance(by, str) else ''}, or a newer one"
+        )
+    joints = about.get("joints")
+    if not (isinstance(settings, dict) and isinstance(joints, list) and all(isinstance(one, str) for one in joints)):
+        raise HighFiveError(f"{path}: /session holds no settings and joints")

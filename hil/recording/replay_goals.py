@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,7 +12,9 @@ import numpy as np
 
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
-from highfive.hil.recording.recording import RecordedMessage, SessionRecording
+from highfive.hil.recording.recording import RecordedMessage
+from highfive.hil.recording.session_reader import SessionReader
+from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.avatar import Pose, avatar_skeleton, right_palm
 from highfive.mocap_bridge.frames import PalmPose
@@ -18,6 +22,8 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 T = TypeVar("T")
+
+_TOPICS = ("/person", "/avatar", "/trial", "/contact")
 
 LEAD_TIME = 0.9
 """s before contact from which on the arm knows of it: a recording knows, but nobody lifts a hand earlier."""
@@ -31,47 +37,74 @@ UNIT = 0.01
 """How far a direction's or a rotation's length may be from 1: recordings are rounded."""
 
 
-def recorded_high_fives(recording: SessionRecording, path: Path) -> dict[int, ReferenceTrajectory]:
+class RecordedHighFives(Mapping[int, ReferenceTrajectory]):
     """What each high five of a recording asks of the arm, by the trial's number; those without contact are left out.
 
-    The recording knows when and where palms met, so that the arm learns of it :data:`LEAD_TIME` s before.
+    The recording knows when and where palms met, so that the arm learns of it :data:`LEAD_TIME` s before. All are read
+    once and checked, and each once more when it is asked for: an hour of them has no room.
 
-    Raises:
-        HighFiveError: it is of another avatar, no palms met in it, or a value in it cannot be: it says which.
+    Attributes:
+        ticks: of each.
     """
-    if recording.joints != tuple(avatar_skeleton().names):
-        raise HighFiveError(
-            f"{path} is the recording of another avatar: {len(recording.joints)} joints, this one has "
-            f"{len(avatar_skeleton().names)}"
+
+    def __init__(self, session: SessionReader) -> None:
+        """Of a recording.
+
+        Raises:
+            HighFiveError: it is of another avatar, no palms met in it, or a value in it cannot be: it says which.
+        """
+        if session.joints != tuple(avatar_skeleton().names):
+            raise HighFiveError(
+                f"{session.path} is the recording of another avatar: {len(session.joints)} joints, this one has "
+                f"{len(avatar_skeleton().names)}"
+            )
+        self._session, self._spans = session, dict[int, TrialSpan]()
+        self._read = lru_cache(maxsize=1)(self._reference)
+        self.ticks: dict[int, int] = {}
+        for span in session.spans:
+            if (reference := self._read(span)) is not None:
+                self._spans[span.number], self.ticks[span.number] = span, len(reference.goals)
+        if not self._spans:
+            cut = "" if session.complete else "; it is cut short"
+            raise HighFiveError(f"{session.path} holds no high five in which the palms met{cut}")
+
+    def __getitem__(self, number: int) -> ReferenceTrajectory:
+        """Of the high five of a number."""
+        reference = self._read(self._spans[number])
+        assert reference is not None
+        return reference
+
+    def __iter__(self) -> Iterator[int]:
+        """Numbers, in order."""
+        return iter(self._spans)
+
+    def __len__(self) -> int:
+        """Of the high fives."""
+        return len(self._spans)
+
+    def _reference(self, span: TrialSpan) -> ReferenceTrajectory | None:
+        path, high_five = self._session.path, self._session.read(span, _TOPICS)
+        people, avatars, starts, contacts = (
+            [_Message(path, topic, tick, message) for tick, message in enumerate(high_five.of(topic))]
+            for topic in ("/person", "/avatar", "/trial", "/contact")
         )
-    people, avatars, starts, contacts = (
-        [_Message(path, topic, tick, message) for tick, message in enumerate(recording.channels[topic])]
-        for topic in ("/person", "/avatar", "/trial", "/contact")
-    )
-    times = np.array([person.time_ns for person in people])
-    if not np.array_equal(times, [avatar.time_ns for avatar in avatars]):
-        raise HighFiveError(
-            f"{path}: {len(people)} messages on /person and {len(avatars)} on /avatar do not belong together; a "
-            "session records both in every tick"
-        )
-    ends = [*[start.time_ns for start in starts[1:]], np.inf][: len(starts)]
-    judged = {contact.whole("trial"): contact for contact in contacts}
-    found = {}
-    for start, end in zip(starts, ends, strict=True):
-        number = start.whole("trial")
-        contact = judged.get(number)
-        rows = np.flatnonzero((times >= start.time_ns) & (times < end))
-        if contact is None or not contact.yes("met") or contact.data.get("met_time") is None or len(rows) < 2:
-            continue
+        times = np.array([person.time_ns for person in people])
+        if not np.array_equal(times, [avatar.time_ns for avatar in avatars]):
+            raise HighFiveError(
+                f"{path}: high five {span.number + 1} has {len(people)} messages on /person and {len(avatars)} on "
+                "/avatar, which do not belong together; a session records both in every tick"
+            )
+        if not starts or not contacts or len(people) < 2:
+            return None
+        start, contact = starts[0], contacts[-1]
+        if not contact.yes("met") or contact.data.get("met_time") is None:
+            return None
         due = float(contact.numbers("met_time"))
-        if not 0.0 <= due <= 1e-9 * float(times[rows[-1]] - start.time_ns) + TOGETHER:  # a live person's clock jitters
+        if not 0.0 <= due <= 1e-9 * float(times[-1] - start.time_ns) + TOGETHER:  # a live person's clock jitters
             raise contact.wrong(f"met_time is {due:g} s, which is not within the trial")
-        ours, theirs = _ours([avatars[row] for row in rows]), _theirs([people[row] for row in rows])
-        found[number] = _reference(start.text("emotion"), start.text("cell"), round(due * RATE_HZ), ours, theirs)
-    if not found:
-        cut = "" if recording.complete else "; it is cut short"
-        raise HighFiveError(f"{path} holds no high five in which the palms met{cut}")
-    return found
+        return _reference(
+            start.text("emotion"), start.text("cell"), round(due * RATE_HZ), _ours(avatars), _theirs(people)
+        )
 
 
 @dataclass(frozen=True)
@@ -124,9 +157,6 @@ class _Message:
         if (np.abs(np.linalg.norm(values, axis=-1) - 1.0) > UNIT).any():
             raise self.wrong(f"{key} has not the length 1")
         return values
-
-    def whole(self, key: str) -> int:
-        return self._of(int, key, "no whole number")
 
     def text(self, key: str) -> str:
         return self._of(str, key, "no text")

@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+FORMAT = 2
+"""Of recordings; those before say none."""
+
 
 @dataclass(frozen=True)
 class Field:

@@ -1,16 +1,31 @@
-"""Where each high five of a recording begins and ends."""
+"""Where each high five of a recording begins and ends: the one rule of it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from highfive.hil.recording.recording import RecordedMessage, SessionRecording
-from highfive.model.errors import HighFiveError
+from highfive.hil.recording.mcap_file import Place
 
-PAUSE_NS = 900_000_000
-"""Between ticks, from which on another attempt begins: one that was broken off has the number of the one after it."""
+HEADS = ("/session", "/trial", "/tick", "/contact", "/event")
+"""Topics that say where high fives are, and of which kind."""
+
+
+@dataclass(frozen=True)
+class StoredMessage:
+    """A message and its place in the file; ``data`` is empty where it was not asked for."""
+
+    topic: str
+    time_ns: int
+    data: Mapping[str, Any]
+    place: Place
+
+    @property
+    def number(self) -> int | None:
+        """Of the high five that it says to be of."""
+        value = self.data.get("trial")
+        return value if type(value) is int else None
 
 
 @dataclass(frozen=True)
@@ -18,17 +33,29 @@ class TrialSpan:
     """One high five.
 
     Attributes:
-        number: the recording's own, as in a session's figures.
+        number: the recording's own, from 0, as in a session's figures.
         start_ns, end_ns: its first and its last tick.
-        about: its ``/trial`` message; empty where there is none.
+        about: its ``/trial`` message; empty where there is none, or it cannot be read.
         contact: its ``/contact`` message; empty where it was not judged, as where it was broken off.
+        broken_off: it was not played to its end.
+        ticks: times at which tick, person and avatar were recorded.
+        topics: on which it has messages.
+        first, last: places of its first and last message.
+        names, labels: what is to be known when its messages are decoded.
     """
 
     number: int
     start_ns: int
     end_ns: int
-    about: dict[str, Any]
-    contact: dict[str, Any]
+    about: Mapping[str, Any]
+    contact: Mapping[str, Any]
+    broken_off: bool
+    ticks: int
+    topics: frozenset[str]
+    first: Place
+    last: Place
+    names: tuple[str, ...] = ()
+    labels: Mapping[str, list[str]] | None = None
 
     def text(self, name: str) -> str:
         """What ``/trial`` says of it (``emotion``, ``style``, ``cell``, ``title``); '' where it says nothing."""
@@ -36,50 +63,56 @@ class TrialSpan:
         return value if isinstance(value, str) else ""
 
 
-def trial_spans(recording: SessionRecording) -> tuple[TrialSpan, ...]:
-    """The high fives, in the order in which they were played: ticks of one number that follow each other.
+def high_fives(messages: Iterable[StoredMessage]) -> Iterator[list[StoredMessage]]:
+    """The messages of each high five, and before them those of none.
 
-    Raises:
-        HighFiveError: ticks say of no high five which one it is.
+    A high five begins with its ``/trial``, and where that is missing (an older recording, a damaged chunk) with the
+    first tick of another number and what was recorded at the same time. All that follows in the file is of it, until
+    the next begins.
     """
-    runs = _runs(recording.channels["/tick"], {message.time_ns for message in recording.channels["/trial"]})
-    starts: list[int | None] = [ticks[0].time_ns for _, ticks in runs]
-    spans = []
-    for (number, ticks), end in zip(runs, [*starts, None][1:], strict=True):
-        start = ticks[0].time_ns
-        about = _last_of(recording.channels["/trial"], number, None, end)
-        contact = _last_of(recording.channels["/contact"], number, start, end)
-        spans.append(TrialSpan(number, start, ticks[-1].time_ns, about, contact))
-    return tuple(spans)
+    found: list[StoredMessage] = []
+    number: int | None = None
+    for message in messages:
+        if message.topic == "/trial":
+            yield found
+            found, number = [], message.number
+        elif message.topic == "/tick" and message.number is not None:
+            if (number is not None and message.number != number) or (number is None and _has_ticks(found)):
+                yield [one for one in found if one.time_ns < message.time_ns]
+                found = [one for one in found if one.time_ns >= message.time_ns]
+            number = message.number
+        found.append(message)
+    yield found
 
 
-def _runs(ticks: Sequence[RecordedMessage], begins_ns: Collection[int]) -> list[tuple[int, list[RecordedMessage]]]:
-    """Ticks of one number, with neither a pause between them nor the beginning of another high five."""
-    runs: list[tuple[int, list[RecordedMessage]]] = []
-    for tick in ticks:
-        number = _number(tick)
-        if number is None:
-            raise HighFiveError("the recording is of another version: its ticks do not say of which trial they are")
-        goes_on = runs and runs[-1][0] == number and tick.time_ns - runs[-1][1][-1].time_ns < PAUSE_NS
-        if goes_on and tick.time_ns not in begins_ns:
-            runs[-1][1].append(tick)
-        else:
-            runs.append((number, [tick]))
-    return runs
+def _has_ticks(found: Sequence[StoredMessage]) -> bool:
+    return any(one.topic == "/tick" for one in found)
 
 
-def _last_of(messages: Sequence[RecordedMessage], number: int, start: int | None, end: int | None) -> dict[str, Any]:
-    """The last message of a number from ``start`` on and before ``end``, ns; empty if there is none."""
-    found = [
-        message.data
-        for message in messages
-        if _number(message) == number
-        and (start is None or message.time_ns >= start)
-        and (end is None or message.time_ns < end)
-    ]
-    return found[-1] if found else {}
-
-
-def _number(message: RecordedMessage) -> int | None:
-    value = message.data.get("trial") if isinstance(message.data, dict) else None
-    return value if isinstance(value, int) else None
+def span_of(
+    found: Sequence[StoredMessage], names: tuple[str, ...] = (), labels: Mapping[str, list[str]] | None = None
+) -> TrialSpan | None:
+    """Of the messages of one high five; None where neither ``/trial`` nor a tick says its number."""
+    heads = [one for one in found if one.topic == "/trial"]
+    ticks = [one for one in found if one.topic == "/tick"]
+    number = next((one.number for one in (*heads, *ticks) if one.number is not None), None)
+    if number is None:
+        return None
+    times = [{one.time_ns for one in found if one.topic == topic} for topic in ("/tick", "/person", "/avatar")]
+    judged = [one.data for one in found if one.topic == "/contact" and one.number in (number, None)]
+    ends = [one for one in found if one.topic == "/event" and one.data.get("event") == "trial_broken_off"]
+    played = ticks or heads
+    return TrialSpan(
+        number=number,
+        start_ns=played[0].time_ns,
+        end_ns=played[-1].time_ns,
+        about=heads[0].data if heads else {},
+        contact=judged[-1] if judged else {},
+        broken_off=not judged and any(one.number in (number, None) for one in ends),
+        ticks=len(times[0] & times[1] & times[2]),
+        topics=frozenset(one.topic for one in found),
+        first=found[0].place,
+        last=found[-1].place,
+        names=names,
+        labels=labels,
+    )

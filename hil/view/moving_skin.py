@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.hil.recording.exports.export_file import ExportFile, of_bytes
-from highfive.hil.recording.exports.session_arrays import SessionArrays
+from highfive.hil.recording.exports.trial_arrays import ExportTrial, TrialArrays
 from highfive.hil.sim.avatar import Pose
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.view.cast import Cast
@@ -128,15 +128,17 @@ def _without_jumps(quaternions: Array) -> Array:
     return quaternions * (signs / np.linalg.norm(quaternions, axis=-1))[..., None]
 
 
-def glb_files(trials: Sequence[SessionArrays], names: Sequence[str]) -> list[ExportFile]:
+def glb_files(trials: Sequence[ExportTrial], names: Sequence[str]) -> list[ExportFile]:
     """Both people, a file a high five; the scene is built when the first is written."""
     scene = cache(partial(build_scene, visible=True))
     return [
-        of_bytes(name, partial(_glb, scene, trial, name), len(trial)) for trial, name in zip(trials, names, strict=True)
+        of_bytes(name, partial(_glb, scene, trial, name), trial.span.ticks)
+        for trial, name in zip(trials, names, strict=True)
     ]
 
 
-def _glb(scene: Callable[[], Scene], trial: SessionArrays, name: str) -> bytes:
+def _glb(scene: Callable[[], Scene], of: ExportTrial, name: str) -> bytes:
+    trial = of.load()
     if len(trial) < 2:
         raise HighFiveError(f"{name}: a high five of one tick does not move; two or more are needed")
     poses = [Pose.from_quaternions(*pair) for pair in zip(trial.root, trial.quaternions, strict=True)]
@@ -145,7 +147,7 @@ def _glb(scene: Callable[[], Scene], trial: SessionArrays, name: str) -> bytes:
     return moving_skin(Cast.of(scene().model), bodies, trial.times, name.removesuffix(".glb"))
 
 
-def _said(trial: SessionArrays, tick: int) -> dict[str, Any]:
+def _said(trial: TrialArrays, tick: int) -> dict[str, Any]:
     """The person of a tick, as a ``/person`` message has her."""
     points = {point: values[tick] for point, values in trial.points.items()}
     turned = {"head_orientation": trial.head_orientation[tick], "palm_normal": trial.palm_normal[tick]}

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.view.commands import Command
 from highfive.hil.view.live_page import LivePage
-from highfive.hil.view.recorded import RecordedTrial
+from highfive.hil.view.recorded import RecordedTrial, RecordedTrials, met_time_of, style_of
 from highfive.hil.view.wire import PoseMessage
 from highfive.model.geometry.rotations import Array
 
@@ -122,10 +123,10 @@ def between(first: Array, then: Array, share: float) -> Array:
     return mixed
 
 
-def play(page: LivePage, trials: Sequence[RecordedTrial], clock: Clock = MACHINE, until_ns: int | None = None) -> None:
+def play(page: LivePage, trials: RecordedTrials, clock: Clock = MACHINE, until_ns: int | None = None) -> None:
     """Plays until the page's end button, Ctrl-C, or ``until_ns``."""
     player, count, due = Player(trials), 0, clock.now()
-    page.tell("contacts", trials=[trial_line(trial) for trial in trials])
+    page.tell("contacts", trials=[trial_line(span) for span in trials.spans])
     while page.alive and (until_ns is None or due < until_ns):
         for command in page.commands():
             if command.name == "end":
@@ -140,15 +141,15 @@ def play(page: LivePage, trials: Sequence[RecordedTrial], clock: Clock = MACHINE
         player.advance(1.0 / RATE_HZ)
 
 
-def trial_line(trial: RecordedTrial) -> dict[str, Any]:
+def trial_line(span: TrialSpan) -> dict[str, Any]:
     """A high five in a list."""
-    contact = trial.contact
+    contact = span.contact
     return {
-        "title": trial.title,
-        "style": trial.style,
-        "cell": trial.cell,
+        "title": span.text("title"),
+        "style": style_of(span),
+        "cell": span.text("cell"),
         "met": contact.get("met"),
-        "contact_s": trial.contact_s,
+        "contact_s": met_time_of(contact),
         "distance_m": contact.get("distance"),
         "where": contact.get("where"),
     }

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from highfive.hil.recording.recording import RecordedMessage, SessionRecording, read_recording
+from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader, read_session
+from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.sim.person import PersonBodies
 from highfive.hil.sim.scene import Scene
 from highfive.hil.view.arm_cast import ArmCast
-from highfive.hil.view.cast import PERSON, Cast
+from highfive.hil.view.cast import Cast
 from highfive.hil.view.ellipsoid import ellipsoid
 from highfive.mocap_bridge.frames import HumanArm, PalmPose
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 _SHORTEST = 2  # ticks of a high five that can be shown
+_TOPICS = ("/trial", "/person", "/avatar", "/tick", "/markers", "/forecast", "/arm", "/safety")
 
 
 @dataclass(frozen=True)
@@ -54,21 +57,71 @@ class RecordedTrial:
     expected: Float[np.ndarray, " T"]
     palms: Float[np.ndarray, " T"]
     forecasts: tuple[dict[str, Any] | None, ...]
-    contact: dict[str, Any]
-
-    @property
-    def rig(self) -> bool:
-        """A servo arm took part."""
-        return self.bodies.shape[1] > len(avatar_skeleton().names) + len(PERSON)
+    contact: Mapping[str, Any]
 
     @property
     def contact_s(self) -> float | None:
         """When the palms met, s; None where they did not."""
-        time = self.contact.get("met_time")
-        return float(time) if isinstance(time, int | float) else None
+        return met_time_of(self.contact)
 
 
-def recorded_trials(path: Path, scene: Scene) -> tuple[RecordedTrial, ...]:
+class RecordedTrials(Sequence[RecordedTrial]):
+    """The high fives of a recording that can be shown; the last one that was looked at is in memory.
+
+    Attributes:
+        spans: the same, as they are known without their ticks.
+    """
+
+    def __init__(self, session: SessionReader, scene: Scene) -> None:
+        """See :func:`recorded_trials`."""
+        joints = len(avatar_skeleton().names)
+        if session.joints != tuple(avatar_skeleton().names):
+            raise HighFiveError(
+                f"{session.path} was recorded with another skeleton ({len(session.joints)} joints, this one has "
+                f"{joints}); view it with the version that recorded it"
+            )
+        self._session, self._scene = session, scene
+        self._read = lru_cache(maxsize=1)(self._trial)
+        self.spans = tuple(span for span in session.spans if span.ticks >= _SHORTEST and not span.broken_off)
+        if not self.spans:
+            raise HighFiveError(f"{session.path} holds no high five: no ticks of avatar and person in it")
+        _ = self[0]  # one of another version is refused before the page is opened
+
+    @property
+    def rig(self) -> bool:
+        """A servo arm took part."""
+        return any({"/safety", "/arm"} <= span.topics for span in self.spans)
+
+    def __len__(self) -> int:
+        """Of the high fives."""
+        return len(self.spans)
+
+    @overload
+    def __getitem__(self, place: int) -> RecordedTrial: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[RecordedTrial]: ...
+    def __getitem__(self, place: int | slice) -> RecordedTrial | list[RecordedTrial]:
+        """The high five at a place.
+
+        Raises:
+            HighFiveError: it is of another version, or damaged.
+        """
+        if isinstance(place, slice):
+            return [self._read(number) for number in range(len(self))[place]]
+        return self._read(range(len(self))[place])
+
+    def _trial(self, place: int) -> RecordedTrial:
+        span = self.spans[place]
+        try:
+            return _trial(self._session.read(span, _TOPICS), self._scene)
+        except (KeyError, ValueError, TypeError, IndexError, AttributeError):
+            raise HighFiveError(
+                f"{self._session.path} is a recording of another version, or damaged: high five {span.number + 1} "
+                "lacks something that is shown; view it with the version that recorded it"
+            ) from None
+
+
+def recorded_trials(path: Path, scene: Scene) -> RecordedTrials:
     """The high fives of a recording; one that was cut short is shown up to its last whole chunk.
 
     Args:
@@ -78,60 +131,30 @@ def recorded_trials(path: Path, scene: Scene) -> tuple[RecordedTrial, ...]:
     Raises:
         HighFiveError: it cannot be read, holds no high five, or is of another version or another skeleton.
     """
-    return shown_trials(read_recording(path), path, scene)
+    return RecordedTrials(read_session(path), scene)
 
 
-def shown_trials(recording: SessionRecording, path: Path, scene: Scene) -> tuple[RecordedTrial, ...]:
-    """As :func:`recorded_trials`, of a ``recording`` that was read from ``path``."""
-    if recording.joints != tuple(avatar_skeleton().names):
-        raise HighFiveError(
-            f"{path} was recorded with another skeleton ({len(recording.joints)} joints, this one has "
-            f"{len(avatar_skeleton().names)}); view it with the version that recorded it"
-        )
-    starts = [message.time_ns for message in recording.channels["/trial"]]
-    bounds = [*starts, np.iinfo(np.int64).max] if starts else [0, np.iinfo(np.int64).max]
-    heads = [message.data for message in recording.channels["/trial"]] or [{}]
-    try:
-        trials = [
-            _trial(recording, head, first, last, scene)
-            for head, first, last in zip(heads, bounds, bounds[1:], strict=False)
-        ]
-    except (KeyError, ValueError, TypeError, IndexError) as error:
-        raise HighFiveError(
-            f"{path} is a recording of another version: {type(error).__name__} in its messages"
-        ) from None
-    found = tuple(trial for trial in trials if trial is not None)  # what was broken off is none
-    if not found:
-        raise HighFiveError(f"{path} holds no high five: no ticks of avatar and person in it")
-    return found
-
-
-def _trial(
-    recording: SessionRecording, head: dict[str, Any], first: int, last: int, scene: Scene
-) -> RecordedTrial | None:
-    def between(topic: str) -> dict[int, dict[str, Any]]:
-        return {m.time_ns: m.data for m in recording.channels[topic] if first <= m.time_ns < last}
-
+def _trial(high_five: RecordedHighFive, scene: Scene) -> RecordedTrial:
     people, poses, ticks, markers, forecasts = (
-        between(topic) for topic in ("/person", "/avatar", "/tick", "/markers", "/forecast")
+        {message.time_ns: message.data for message in high_five.of(topic)}
+        for topic in ("/person", "/avatar", "/tick", "/markers", "/forecast")
     )
     times = [time for time in poses if time in people and time in ticks]
-    events = [m.data.get("event") for m in recording.channels["/event"] if first <= m.time_ns < last]
-    if len(times) < _SHORTEST or "trial_broken_off" in events:
-        return None
+    if len(times) < _SHORTEST:
+        raise ValueError("too few ticks can be read")
     played = [
         Pose.from_quaternions(np.array(poses[time]["root"]), np.array(poses[time]["quaternions"])) for time in times
     ]
     bodies, palms = placed_bodies(scene, played, [person_of(people[time], time) for time in times])
-    arm = _arm(recording, times, first, last)
+    arm = _arm(high_five, times)
     if arm is not None:
         bodies = np.concatenate([bodies, arm], axis=1)
-    judged = _last([m for m in recording.channels["/contact"] if first <= m.time_ns < last])
+    span = high_five.span
     points, seen = _markers([markers.get(time) for time in times])
     return RecordedTrial(
-        title=str(head.get("title", "")),
-        style=str(judged.get("style") or head.get("style", "")),
-        cell=str(head.get("cell", "")),
+        title=span.text("title"),
+        style=style_of(span),
+        cell=span.text("cell"),
         times=1e-9 * (np.array(times) - times[0]),
         bodies=bodies,
         markers=points,
@@ -140,8 +163,20 @@ def _trial(
         expected=_numbers([ticks[time]["time_to_contact"] for time in times]),
         palms=palms,
         forecasts=tuple(_forecast(forecasts.get(time)) for time in times),
-        contact=judged,
+        contact=span.contact,
     )
+
+
+def met_time_of(contact: Mapping[str, Any]) -> float | None:
+    """When the palms met, s from the first tick; None where they did not."""
+    time = contact.get("met_time")
+    return float(time) if isinstance(time, int | float) else None
+
+
+def style_of(span: TrialSpan) -> str:
+    """In which the avatar answered; '' where that is not known."""
+    judged = span.contact.get("style")
+    return judged if judged and isinstance(judged, str) else span.text("style")
 
 
 def placed_bodies(scene: Scene, poses: Sequence[Pose], people: Sequence[HumanArm]) -> tuple[Array, Array]:
@@ -157,10 +192,10 @@ def placed_bodies(scene: Scene, poses: Sequence[Pose], people: Sequence[HumanArm
     return bodies, palms
 
 
-def _arm(recording: SessionRecording, times: Sequence[int], first: int, last: int) -> Array | None:
+def _arm(high_five: RecordedHighFive, times: Sequence[int]) -> Array | None:
     """(T, 2 A, 7) of the servo arm; None where none took part."""
     wanted, measured = (
-        [(m.time_ns, m.data[name]) for m in recording.channels[topic] if first <= m.time_ns < last]
+        [(message.time_ns, message.data[name]) for message in high_five.of(topic)]
         for topic, name in (("/safety", "wanted"), ("/arm", "positions"))
     )
     if not wanted or not measured:
@@ -173,10 +208,6 @@ def _arm(recording: SessionRecording, times: Sequence[int], first: int, last: in
         for rows in (measured, wanted)
     ]
     return np.array([cast.poses(here, there) for here, there in zip(*joints, strict=True)])
-
-
-def _last(messages: Sequence[RecordedMessage]) -> dict[str, Any]:
-    return dict(messages[-1].data) if messages else {}
 
 
 def _numbers(values: Sequence[float | None]) -> Array:

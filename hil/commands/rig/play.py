@@ -23,8 +23,8 @@ from highfive.hil.arm.lifecycle import ready_arm
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.recording.recorder import SessionRecorder
-from highfive.hil.recording.recording import SessionRecording, read_recording
-from highfive.hil.recording.replay_goals import recorded_high_fives
+from highfive.hil.recording.replay_goals import RecordedHighFives
+from highfive.hil.recording.session_reader import SessionReader, read_session
 from highfive.hil.report.arm_report import arm_section, draw_arm
 from highfive.hil.report.drawing import to_png
 from highfive.hil.report.page import render, section, write_file
@@ -83,18 +83,16 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
 def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     check_options(options.arm)  # before the session is read, which takes seconds
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
-    recording = read_recording(path)
-    recorded = recorded_high_fives(recording, path)
+    session = read_session(path)
+    recorded = RecordedHighFives(session)
     chosen = _chosen(options, recorded, path)
     if absent := [number for number in chosen if number not in recorded]:
         known = ", ".join(map(str, recorded))
         raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
-    about = _settings(recording, path, len(chosen))
-    say_aside(f"{counted(len(chosen), 'high five')}, {_duration([recorded[number] for number in chosen])}")
+    about = _settings(session, len(chosen))
+    say_aside(f"{counted(len(chosen), 'high five')}, {_duration([recorded.ticks[number] for number in chosen])}")
     with uninterrupted() as from_now_on:
-        results, lag, end = _played(
-            [recorded[number] for number in chosen], about, options.arm, folder, bar, from_now_on
-        )
+        results, lag, end = _played(recorded, chosen, about, options.arm, folder, bar, from_now_on)
         said = {"session": str(path), "port": options.arm.port}
         ended = {
             "stopped": end.why,
@@ -124,16 +122,17 @@ def _chosen(options: PlayOptions, recorded: Mapping[int, ReferenceTrajectory], p
     return chosen
 
 
-def _duration(chosen: Sequence[ReferenceTrajectory]) -> str:
+def _duration(ticks: Sequence[int]) -> str:
     """How long that takes, for people."""
-    seconds = sum(len(reference.goals) / RATE_HZ + BACK_S for reference in chosen)
+    seconds = sum(count / RATE_HZ + BACK_S for count in ticks)
     return (
         f"about {seconds / 60.0:.0f} minutes" if seconds > 90.0 else f"about {10.0 * math.ceil(seconds / 10.0):.0f} s"
     )
 
 
 def _played(
-    chosen: Sequence[ReferenceTrajectory],
+    recorded: Mapping[int, ReferenceTrajectory],
+    chosen: Sequence[int],
     about: SessionSettings,
     arm: ArmOptions,
     folder: Path,
@@ -152,8 +151,9 @@ def _played(
         ready()
         lag, stopped, remedy, whole = loop.retarget.settings.lag, "", "", 0
         advance = bar("high fives", len(chosen))
-        for reference in chosen:
+        for number in chosen:
             try:
+                reference = recorded[number]
                 with going_first():
                     trial = played_until_stopped(reference, loop)
             except HighFiveError as error:
@@ -180,11 +180,11 @@ def _played(
     return results, lag, _End(stopped, remedy, whole)
 
 
-def _settings(recording: SessionRecording, path: Path, trials: int) -> SessionSettings:
-    seed, model = recording.settings.get("seed"), recording.settings.get("model")
+def _settings(session: SessionReader, trials: int) -> SessionSettings:
+    seed, model = session.settings.get("seed"), session.settings.get("model")
     command = shlex.join(["highfive", *sys.argv[1:]])
     return SessionSettings(
-        seed if isinstance(seed, int) else 0, str(model or ""), trials, source=str(path), command=command
+        seed if isinstance(seed, int) else 0, str(model or ""), trials, source=str(session.path), command=command
     )
 
 

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.recording.exports.export_file import ExportFile, of_bytes
-from highfive.hil.recording.exports.session_arrays import SessionArrays
 from highfive.hil.recording.exports.tables import contact_rows
+from highfive.hil.recording.exports.trial_arrays import ExportTrial, TrialArrays
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.geometry.rotations import Array
 
@@ -49,7 +49,7 @@ class Channel:
     values: Array
 
 
-def bids_files(trials: Sequence[SessionArrays], source: str) -> list[ExportFile]:
+def bids_files(trials: Sequence[ExportTrial], source: str) -> list[ExportFile]:
     """All files of the data set; ``source`` names the recording in its README."""
     files = [
         of_bytes("dataset_description.json", partial(_json, _dataset(source))),
@@ -58,7 +58,7 @@ def bids_files(trials: Sequence[SessionArrays], source: str) -> list[ExportFile]
         of_bytes("participants.json", partial(_json, {"species": {"Description": "Who raised the hand."}})),
     ]
     scans = []
-    numbers = [trial.spans[0].number for trial in trials]
+    numbers = [trial.span.number for trial in trials]
     runs = numbers if len(set(numbers)) == len(numbers) else range(len(trials))  # some were broken off
     for trial, number in zip(trials, runs, strict=True):
         run = f"{_SUBJECT}_task-{TASK}_%srun-{number:02d}"
@@ -66,7 +66,7 @@ def bids_files(trials: Sequence[SessionArrays], source: str) -> list[ExportFile]
         for system, channels_of in (("person", person_channels), ("avatar", avatar_channels)):
             name = run % f"tracksys-{system}_"
             files += _motion_files(f"{folder}/{name}", trial, system, channels_of)
-            scans.append((f"motion/{name}_motion.tsv", trial.times[0]))
+            scans.append((f"motion/{name}_motion.tsv", 1e-9 * trial.span.start_ns))
         files += [
             of_bytes(f"{folder}/{run % ''}_events.tsv", partial(_events, trial)),
             of_bytes(f"{folder}/{run % ''}_events.json", partial(_json, _EVENTS)),
@@ -75,7 +75,7 @@ def bids_files(trials: Sequence[SessionArrays], source: str) -> list[ExportFile]
     return [*files, of_bytes(f"{_SUBJECT}/{_SUBJECT}_scans.tsv", partial(_tsv, scan_rows))]
 
 
-def person_channels(trial: SessionArrays) -> list[Channel]:
+def person_channels(trial: TrialArrays) -> list[Channel]:
     """Points, head and palm as the tracker knew them, and the markers, NaN where they were not measured."""
     channels = [channel for point, at in trial.points.items() for channel in _positions(point, at)]
     channels += _turns("head", trial.head_orientation, _WORLD)
@@ -86,7 +86,7 @@ def person_channels(trial: SessionArrays) -> list[Channel]:
     return [*channels, valid, _latency(trial)]
 
 
-def avatar_channels(trial: SessionArrays) -> list[Channel]:
+def avatar_channels(trial: TrialArrays) -> list[Channel]:
     """Each joint's place in the world, and its rotation relative to its parent (the pelvis': to the world)."""
     channels = []
     for joint, name in enumerate(avatar_skeleton().names):
@@ -107,22 +107,23 @@ def _turns(point: str, values: Array, frame: str) -> Iterable[Channel]:
     )
 
 
-def _latency(trial: SessionArrays) -> Channel:
+def _latency(trial: TrialArrays) -> Channel:
     return Channel("latency", "n/a", "LATENCY", "n/a", "s", "n/a", trial.times - trial.times[0])
 
 
 def _motion_files(
-    name: str, trial: SessionArrays, system: str, channels_of: Callable[[SessionArrays], list[Channel]]
+    name: str, trial: ExportTrial, system: str, channels_of: Callable[[TrialArrays], list[Channel]]
 ) -> list[ExportFile]:
     return [
-        of_bytes(f"{name}_motion.tsv", lambda: _rows(channels_of(trial)), len(trial)),
-        of_bytes(f"{name}_motion.json", lambda: _json(_motion(trial, system, channels_of(trial)))),
-        of_bytes(f"{name}_channels.tsv", lambda: _channels(channels_of(trial))),
+        of_bytes(f"{name}_motion.tsv", lambda: _rows(channels_of(trial.load())), trial.span.ticks),
+        of_bytes(f"{name}_motion.json", lambda: _json(_motion(trial.load(), system, channels_of))),
+        of_bytes(f"{name}_channels.tsv", lambda: _channels(channels_of(trial.load()))),
         of_bytes(f"{name}_channels.json", partial(_json, _FRAMES)),
     ]
 
 
-def _motion(trial: SessionArrays, system: str, channels: Sequence[Channel]) -> dict[str, Any]:
+def _motion(trial: TrialArrays, system: str, channels_of: Callable[[TrialArrays], list[Channel]]) -> dict[str, Any]:
+    channels = channels_of(trial)
     kinds = [channel.kind for channel in channels]
     steps = np.diff(trial.times)
     nominal = round(1.0 / float(np.median(steps)), 3) if len(steps) else 120.0
@@ -155,8 +156,8 @@ def _channels(channels: Sequence[Channel]) -> bytes:
     return _tsv([head, *((c.name, c.component, c.kind, c.point, c.units, c.frame) for c in channels)])
 
 
-def _events(trial: SessionArrays) -> bytes:
-    (row,) = contact_rows(trial)
+def _events(of: ExportTrial) -> bytes:
+    trial, (row,) = of.load(), contact_rows([of.span])
     more = [_cell(row[name]) for name in _MORE]
     events = [("0", f"{trial.times[-1] - trial.times[0]:.6f}", "high_five", *more)]
     if row["met_time"] is not None:

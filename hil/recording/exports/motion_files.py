@@ -11,7 +11,7 @@ import numpy as np
 from highfive.hil.recording.exports.bvh import bvh
 from highfive.hil.recording.exports.even_times import even_times
 from highfive.hil.recording.exports.export_file import ExportFile, of_bytes
-from highfive.hil.recording.exports.session_arrays import SessionArrays
+from highfive.hil.recording.exports.trial_arrays import ExportTrial, TrialArrays
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.files.recording import Recording, make_recording
@@ -24,40 +24,45 @@ AVATAR_SET = "full_body"
 PERSON, AVATAR = "human:", "avatar:"
 
 
-def bvh_files(trials: Sequence[SessionArrays], names: Sequence[str]) -> list[ExportFile]:
+def bvh_files(trials: Sequence[ExportTrial], names: Sequence[str]) -> list[ExportFile]:
     """The avatar's motion, a file a high five."""
-    return [of_bytes(name, partial(_bvh, trial, name), len(trial)) for trial, name in zip(trials, names, strict=True)]
+    return [
+        of_bytes(name, partial(_bvh, trial, name), trial.span.ticks) for trial, name in zip(trials, names, strict=True)
+    ]
 
 
-def _bvh(trial: SessionArrays, name: str) -> bytes:
-    even = even_times(trial.times, name)
-    return bvh(avatar_skeleton(), even.between(trial.root), even.turns_between(trial.quaternions), even.rate_hz)
+def _bvh(trial: ExportTrial, name: str) -> bytes:
+    arrays = trial.load()
+    even = even_times(arrays.times, name)
+    return bvh(avatar_skeleton(), even.between(arrays.root), even.turns_between(arrays.quaternions), even.rate_hz)
 
 
-def c3d_files(trials: Sequence[SessionArrays], names: Sequence[str]) -> list[ExportFile]:
+def c3d_files(trials: Sequence[ExportTrial], names: Sequence[str]) -> list[ExportFile]:
     """Both people's markers, a file a high five, and ``trials.csv``: a folder that ``highfive train`` reads.
 
     Raises:
         HighFiveError: no markers were recorded.
     """
-    if not trials[0].names:
+    if not trials[0].load().names:
         raise HighFiveError(
             "the recording holds no markers (/markers): it was made before version 0.2.0, or not by a session; "
             "csv, npz and bvh can be had of it"
         )
-    files = [ExportFile(name, partial(_c3d, trial), len(trial)) for trial, name in zip(trials, names, strict=True)]
+    files = [
+        ExportFile(name, partial(_c3d, trial), trial.span.ticks) for trial, name in zip(trials, names, strict=True)
+    ]
     rows = [
-        (name, trial.spans[0].text("emotion"), trial.spans[0].text("cell"), "", "")
+        (name, trial.span.text("emotion"), trial.span.text("cell"), "", "")
         for trial, name in zip(trials, names, strict=True)
     ]
     return [*files, of_bytes(TABLE, partial(table_bytes, rows))]
 
 
-def _c3d(trial: SessionArrays, path: Path) -> None:
-    write_c3d(path, marker_recording(trial, path.name))
+def _c3d(trial: ExportTrial, path: Path) -> None:
+    write_c3d(path, marker_recording(trial.load(), path.name))
 
 
-def marker_recording(trial: SessionArrays, name: str) -> Recording:
+def marker_recording(trial: TrialArrays, name: str) -> Recording:
     """The person's tracked markers, missing where they were not measured, and those that the avatar would wear."""
     even, skeleton, worn = even_times(trial.times, name), avatar_skeleton(), load_marker_set(AVATAR_SET)
     placed = skeleton.forward_kinematics(even.between(trial.root), even.turns_between(trial.quaternions))

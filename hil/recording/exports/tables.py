@@ -8,17 +8,24 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable
+import shutil
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from math import isnan
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highfive.hil.recording.exports.export_file import ExportFile, of_bytes
-from highfive.hil.recording.exports.session_arrays import SessionArrays
+from highfive.hil.recording.exports.trial_arrays import ExportTrial, TrialArrays
+from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.model.errors import HighFiveError
+from highfive.model.files import UNFINISHED, written_whole
 from highfive.model.geometry.rotations import Array
 
 CONTACT = ("met_time", "distance", "gap", "lateral", "palm_angle", "approach_speed", "peak_force", "uncorrected_error")
@@ -26,28 +33,34 @@ CONTACT = ("met_time", "distance", "gap", "lateral", "palm_angle", "approach_spe
 _TEXTS = ("title", "emotion", "style", "cell")
 
 
-def csv_files(arrays: SessionArrays, stem: str) -> list[ExportFile]:
+def csv_files(trials: Sequence[ExportTrial], stem: str) -> list[ExportFile]:
     """``STEM_person.csv``, ``_avatar.csv``, ``_contacts.csv``, and ``_markers.csv`` where markers were recorded."""
-    tables: list[tuple[str, Callable[[SessionArrays], dict[str, Array]]]]
+    tables: list[tuple[str, Callable[[TrialArrays], dict[str, Array]]]]
     tables = [("person", person_columns), ("avatar", avatar_columns)]
-    tables += [("markers", marker_columns)] if arrays.names else []
-    files = [of_bytes(f"{stem}_{name}.csv", partial(_tick_table, arrays, of), len(arrays)) for name, of in tables]
-    return [*files, of_bytes(f"{stem}_contacts.csv", partial(_contact_table, arrays))]
+    tables += [("markers", marker_columns)] if trials[0].load().names else []
+    ticks = ticks_of(trials)
+    files = [ExportFile(f"{stem}_{name}.csv", partial(_tick_table, trials, of), ticks) for name, of in tables]
+    return [*files, of_bytes(f"{stem}_contacts.csv", partial(_contact_table, trials))]
 
 
-def npz_file(arrays: SessionArrays, name: str) -> ExportFile:
+def npz_file(trials: Sequence[ExportTrial], name: str) -> ExportFile:
     """One ``.npz`` with all of it, without pickled objects."""
-    return of_bytes(name, partial(_npz, arrays), len(arrays))
+    return ExportFile(name, partial(_npz, trials), ticks_of(trials))
 
 
-def person_columns(arrays: SessionArrays) -> dict[str, Array]:
+def ticks_of(trials: Sequence[ExportTrial]) -> int:
+    """Of all of them."""
+    return sum(trial.span.ticks for trial in trials)
+
+
+def person_columns(arrays: TrialArrays) -> dict[str, Array]:
     """Column -> (T,): the person's points, head and palm."""
     columns = {name: values for point, at in arrays.points.items() for name, values in _xyz(point, at)}
     columns |= dict(_xyz("palm_normal", arrays.palm_normal)) | dict(_quaternion("head", arrays.head_orientation))
     return columns | {"valid": arrays.valid.astype(float), "age": arrays.age}
 
 
-def avatar_columns(arrays: SessionArrays) -> dict[str, Array]:
+def avatar_columns(arrays: TrialArrays) -> dict[str, Array]:
     """Column -> (T,): each joint's place in the world, and its rotation relative to its parent (root: the world)."""
     columns: dict[str, Array] = {}
     for joint, name in enumerate(avatar_skeleton().names):
@@ -55,16 +68,16 @@ def avatar_columns(arrays: SessionArrays) -> dict[str, Array]:
     return columns
 
 
-def marker_columns(arrays: SessionArrays) -> dict[str, Array]:
+def marker_columns(arrays: TrialArrays) -> dict[str, Array]:
     """Column -> (T,): the person's markers, NaN where they were not measured."""
     places = _unseen_as_nan(arrays)
     return {column: values for m, name in enumerate(arrays.names) for column, values in _xyz(name, places[:, m])}
 
 
-def contact_rows(arrays: SessionArrays) -> list[dict[str, Any]]:
+def contact_rows(spans: Iterable[TrialSpan]) -> list[dict[str, Any]]:
     """A row a high five: what it was, when, and how the palms met; None where nothing was judged."""
     rows = []
-    for span in arrays.spans:
+    for span in spans:
         start, contact = 1e-9 * span.start_ns, span.contact
         where = contact.get("where")
         where = where if isinstance(where, list) and len(where) == 3 else [None] * 3
@@ -88,20 +101,34 @@ def _quaternion(name: str, values: Array) -> Iterable[tuple[str, Array]]:
     return ((f"{name}_q{axis}", values[:, i]) for i, axis in enumerate("wxyz"))
 
 
-def _tick_table(arrays: SessionArrays, columns_of: Callable[[SessionArrays], dict[str, Array]]) -> bytes:
-    columns = columns_of(arrays)
-    text = io.StringIO()
-    text.write(",".join(("time", "trial", "phase", *columns)) + "\n")
-    for time, trial, phase, row in zip(
-        arrays.times, arrays.trials, arrays.phases, np.stack(list(columns.values()), axis=1), strict=True
-    ):
-        cells = ",".join(["" if isnan(value) else f"{value:.6g}" for value in row.tolist()])
-        text.write(f"{time:.9f},{trial},{phase},{cells}\n")
-    return text.getvalue().encode()
+def _tick_table(
+    trials: Sequence[ExportTrial], columns_of: Callable[[TrialArrays], dict[str, Array]], path: Path
+) -> None:
+    with written_whole(path) as partly, partly.open("w", encoding="utf-8", newline="\n") as table:
+        first: list[str] = []
+        for trial in trials:
+            arrays = trial.load()
+            columns = columns_of(arrays)
+            if not first:
+                first = list(columns)
+                table.write(",".join(("time", "trial", "phase", *first)) + "\n")
+            _check_same(list(columns), first, trial.span)
+            for time, phase, row in zip(
+                arrays.times, arrays.phases, np.stack(list(columns.values()), axis=1), strict=True
+            ):
+                cells = ",".join(["" if isnan(value) else f"{value:.6g}" for value in row.tolist()])
+                table.write(f"{time:.9f},{trial.span.number},{phase},{cells}\n")
 
 
-def _contact_table(arrays: SessionArrays) -> bytes:
-    text, rows = io.StringIO(), contact_rows(arrays)
+def _check_same(names: Sequence[str], first: Sequence[str], span: TrialSpan) -> None:
+    if names != first:
+        raise HighFiveError(
+            f"high five {span.number + 1} has other markers than the first one; take each by itself (--trial)"
+        )
+
+
+def _contact_table(trials: Sequence[ExportTrial]) -> bytes:
+    text, rows = io.StringIO(), contact_rows(trial.span for trial in trials)
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
@@ -114,26 +141,53 @@ def _cell(value: Any) -> Any:
     return "" if value is None else int(value) if isinstance(value, bool) else value
 
 
-def _npz(arrays: SessionArrays) -> bytes:
-    rows = contact_rows(arrays)
-    held: dict[str, NDArray[Any]] = {
-        "time": arrays.times, "trial": arrays.trials, "phase": arrays.phases,
+def _npz(trials: Sequence[ExportTrial], path: Path) -> None:
+    """High five by high five, each array first in a file of its own: all of an hour together has no room."""
+    with written_whole(path) as partly, TemporaryDirectory(prefix=UNFINISHED, dir=path.parent) as folder:
+        names: list[str] = []
+        phases: list[NDArray[Any]] = []
+        shapes: dict[str, tuple[np.dtype[Any], list[int]]] = {}
+        for trial in trials:
+            arrays = trial.load()
+            names = names or list(arrays.names)
+            _check_same(list(arrays.names), names, trial.span)
+            phases.append(arrays.phases)
+            for name, values in _tick_arrays(arrays).items():
+                _, shape = shapes.setdefault(name, (values.dtype, [0, *values.shape[1:]]))
+                shape[0] += len(values)
+                with (Path(folder) / name).open("ab") as file:
+                    file.write(np.ascontiguousarray(values).data)
+        rows = contact_rows(trial.span for trial in trials)
+        small: dict[str, NDArray[Any]] = {
+            "phase": np.concatenate(phases),
+            "avatar_joints": np.array(avatar_skeleton().names),
+            "marker_names": np.array(names, dtype=np.str_),
+            **{f"trials_{name}": _array([row[name] for row in rows]) for name in rows[0]},
+        }
+        with ZipFile(partly, "w", ZIP_DEFLATED) as held:
+            for name, (kind, shape) in shapes.items():
+                about = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": tuple(shape)}
+                with held.open(f"{name}.npy", "w", force_zip64=True) as file, (Path(folder) / name).open("rb") as ticks:
+                    np.lib.format.write_array_header_1_0(file, about)
+                    shutil.copyfileobj(ticks, file)
+            for name, values in small.items():
+                with held.open(f"{name}.npy", "w", force_zip64=True) as file:
+                    np.lib.format.write_array(file, values, allow_pickle=False)
+
+
+def _tick_arrays(arrays: TrialArrays) -> dict[str, NDArray[Any]]:
+    """A row a tick."""
+    return {
+        "time": arrays.times, "trial": np.full(len(arrays), arrays.span.number, dtype=np.int64),
         **{f"person_{name}": values for name, values in arrays.points.items()},
         "person_palm_normal": arrays.palm_normal, "person_head_quaternion": arrays.head_orientation,
-        "person_valid": arrays.valid, "person_age": arrays.age,
-        "avatar_joints": np.array(avatar_skeleton().names), "avatar_root": arrays.root,
+        "person_valid": arrays.valid, "person_age": arrays.age, "avatar_root": arrays.root,
         "avatar_quaternions": arrays.quaternions, "avatar_positions": arrays.positions,
-        "avatar_orientations": arrays.orientations,
-        "marker_names": np.array(arrays.names, dtype=np.str_), "markers": _unseen_as_nan(arrays),
+        "avatar_orientations": arrays.orientations, "markers": _unseen_as_nan(arrays),
     }  # fmt: skip
-    for name in rows[0]:
-        held[f"trials_{name}"] = _array([row[name] for row in rows])
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **held)
-    return buffer.getvalue()
 
 
-def _unseen_as_nan(arrays: SessionArrays) -> Array:
+def _unseen_as_nan(arrays: TrialArrays) -> Array:
     return np.where(arrays.seen[..., None], arrays.markers, np.nan)
 
 

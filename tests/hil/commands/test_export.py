@@ -8,7 +8,7 @@ import pytest
 from command_line import failing, running
 from disk import files_no_larger_than
 from mcap.writer import Writer
-from shipped import shipped, shipped_recording
+from shipped import shipped_recording, shipped_trials
 
 from highfive.hil.view import SHIPPED_RECORDING
 
@@ -41,7 +41,7 @@ def test_files_lie_beside_the_recording_and_json_names_them(run, session, kind):
     assert said["files"] == [str(session / name) for name in FILES[kind]]
     assert there(session) == set(FILES[kind])
     assert said["frames"] == 918 and said["trials"] == [0, 1, 2, 3] and said["complete"]
-    assert said["duration"] == pytest.approx(sum(1e-9 * (s.end_ns - s.start_ns) for s in shipped().spans), abs=1e-5)
+    assert said["duration"] == pytest.approx(sum(it.times[-1] - it.times[0] for it in shipped_trials()), abs=1e-5)
 
 
 def test_bids_is_a_folder(run, session):
@@ -85,7 +85,7 @@ def test_a_recording_without_an_end_is_exported_as_far_as_it_goes(run, session):
 
 def test_a_high_five_of_a_single_tick_is_left_out_of_what_moves(run, fails, session):
     """A recording of the first high five, and of the first tick of the second."""
-    recording, end = shipped_recording(), shipped().spans[1].start_ns
+    recording, end = shipped_recording(), shipped_trials()[1].span.start_ns
     with (session / "session.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()

@@ -1,5 +1,6 @@
 """A recorded session, a high five at a time."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -103,8 +104,43 @@ def test_one_malformed_message_is_left_out_and_reading_goes_on(content: bytes, r
     assert read_recording(path).complete
 
 
-def test_a_trial_message_without_its_number_is_no_key_error(recorded: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("content", [b"{}", b"{", b'{"trial": "second", "markers": 7}'])
+def test_a_trial_message_without_its_number_is_of_the_high_five_that_ticks_say(
+    content: bytes, recorded: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "unnumbered.mcap"
-    _with_one_replaced(recorded, path, "/trial", 1, b"{}")
-    (first,), (whole, _) = read_session(path), read_session(recorded)
-    assert len(first.messages["/tick"]) == len(whole.messages["/tick"])
+    _with_one_replaced(recorded, path, "/trial", 1, content)
+    for found, whole in zip(read_session(path), read_session(recorded), strict=True):
+        assert found.number == whole.number and found.contact == whole.contact
+        np.testing.assert_array_equal(found.arrays("/markers")["positions"], whole.arrays("/markers")["positions"])
+        np.testing.assert_array_equal(found.arrays("/person")["time"], whole.arrays("/person")["time"])
+
+
+def test_the_first_is_at_0_and_what_is_left_out_is_said_once(
+    recorded: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "malformed.mcap"
+    _with_one_replaced(recorded, path, "/tick", 3, b"{")
+    session = read_session(path)
+    assert len(session) == 2 and session[0].number == 0 and session[-1].number == session[1].number == 1
+    assert [one.number for one in session[:]] == [0, 1] and session.complete
+    assert [record.getMessage() for record in caplog.records] == ["malformed.mcap: left out: 1 malformed message"]
+
+
+def test_a_damaged_chunk_is_passed_over(recorded: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    content, path = bytearray(recorded.read_bytes()), tmp_path / "damaged.mcap"
+    chunks = sorted({span.last[0] for span in read_session(recorded).spans})
+    content[chunks[0] + 200] ^= 1
+    path.write_bytes(content)
+    whole, found = read_session(recorded), read_session(path)
+    assert [span.number for span in found.spans] == [0, 1] and found.complete
+    assert found.spans[0].ticks < whole.spans[0].ticks and found.spans[1].ticks == whole.spans[1].ticks
+    assert [record.getMessage() for record in caplog.records] == ["damaged.mcap: left out: 1 damaged chunk"]
+
+
+def test_a_newer_format_is_refused_and_says_what_to_do(recorded: Path, tmp_path: Path) -> None:
+    path, newer = tmp_path / "newer.mcap", {"format": 3, "settings": {"versions": {"high-five": "9.1"}}, "joints": []}
+    _with_one_replaced(recorded, path, "/session", 0, json.dumps(newer).encode())
+    for read in (read_session, read_recording):
+        with pytest.raises(HighFiveError, match=r"format 3, .*reads up to 2; open it with .*\(9\.1\), or a newer one"):
+            read(path)

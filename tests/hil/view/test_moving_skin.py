@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from shipped import shipped_trials
+from shipped import exported, shipped_trials
 from test_skin_file import Glb, seen
 
 from highfive.hil.view import SHIPPED_RECORDING
@@ -27,7 +27,7 @@ ROUNDED = 3e-5
 
 @cache
 def data() -> bytes:
-    (file,) = glb_files([shipped_trials()[TRIAL]], ["session_trial02.glb"])
+    (file,) = glb_files(exported(shipped_trials()[TRIAL]), ["session_trial02.glb"])
     with TemporaryDirectory() as folder:
         path = Path(folder) / file.name
         file.write(path)

@@ -29,7 +29,8 @@ from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, Emul
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.recording import read_recording
-from highfive.hil.recording.replay_goals import recorded_high_fives
+from highfive.hil.recording.replay_goals import RecordedHighFives
+from highfive.hil.recording.session_reader import read_session
 from highfive.hil.runtime.console import show_log
 from highfive.hil.runtime.threads import SWITCH_S
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -235,7 +236,7 @@ def test_ctrl_z_at_a_terminal_stops_the_arm_and_suspends_nobody(recorded: Path, 
 
 def test_a_computer_that_is_too_busy_is_reported_with_what_helps(recorded: Path) -> None:
     """The program gets no processor for a moment, as where others take it; the arm's driver goes on."""
-    reference = recorded_high_fives(read_recording(recorded), recorded)[0]
+    reference = RecordedHighFives(read_session(recorded))[0]
     with VirtualClock() as clock, virtual_arm(VirtualRig(clock, make_bus(emulator_options(ArmOptions())))) as loop:
         host = clock.first
 

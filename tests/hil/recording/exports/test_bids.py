@@ -10,7 +10,7 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from shipped import shipped, shipped_trials
+from shipped import exported, shipped_trials
 
 from highfive.hil.recording.exports.bids import bids_files
 
@@ -22,7 +22,7 @@ KINDS = {"POS", "ORNT", "LATENCY", "MISC"}
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bids")
-    for file in bids_files(shipped_trials(), "session.mcap"):
+    for file in bids_files(exported(*shipped_trials()), "session.mcap"):
         (folder / file.name).parent.mkdir(parents=True, exist_ok=True)
         file.write(folder / file.name)
     return folder
@@ -69,14 +69,15 @@ def test_events_and_starts_are_in_the_recordings_time(dataset):
         row["filename"]: datetime.fromisoformat(row["acq_time"]) for row in rows_of(dataset / "sub-01/sub-01_scans.tsv")
     }
     first = starts["motion/sub-01_task-highfive_tracksys-person_run-00_motion.tsv"]
+    begin = shipped_trials()[0].times[0]
     for trial in shipped_trials():
-        run = f"run-{trial.spans[0].number:02d}"
+        run = f"run-{trial.span.number:02d}"
         for system in ("person", "avatar"):
             start = starts[f"motion/sub-01_task-highfive_tracksys-{system}_{run}_motion.tsv"]
-            assert (start - first).total_seconds() == pytest.approx(trial.times[0] - shipped().times[0], abs=1e-6)
+            assert (start - first).total_seconds() == pytest.approx(trial.times[0] - begin, abs=1e-6)
         events = rows_of(dataset / f"sub-01/motion/sub-01_task-highfive_{run}_events.tsv")
         assert [event["trial_type"] for event in events] == ["high_five", "contact"]
-        assert float(events[1]["onset"]) == pytest.approx(trial.spans[0].contact["met_time"], abs=1e-6)
+        assert float(events[1]["onset"]) == pytest.approx(trial.span.contact["met_time"], abs=1e-6)
         described = json.loads((dataset / f"sub-01/motion/sub-01_task-highfive_{run}_events.json").read_text())
         assert described.keys() == events[0].keys()
 

@@ -6,7 +6,7 @@ from bvh_by_the_format import read_bvh
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from shipped import shipped_trials
+from shipped import exported, shipped_trials
 
 from highfive.hil.recording.exports.bvh import ORDER, bvh, smooth_euler
 from highfive.hil.recording.exports.motion_files import bvh_files
@@ -24,7 +24,7 @@ def to_z_up(places):
 @pytest.mark.parametrize("place", range(4))
 def test_joints_are_where_they_were_recorded(place, tmp_path):
     trial, path = shipped_trials()[place], tmp_path / "t.bvh"
-    bvh_files([trial], ["t.bvh"])[0].write(path)
+    bvh_files(exported(trial), ["t.bvh"])[0].write(path)
     read = read_bvh(path)
     assert read.frame_time == pytest.approx(1 / 60, abs=1e-8) and len(read.rows) == len(trial)
     places = read.places()
@@ -34,7 +34,7 @@ def test_joints_are_where_they_were_recorded(place, tmp_path):
 
 def test_ends_are_the_tips_of_bones(tmp_path):
     trial, path = shipped_trials()[0], tmp_path / "t.bvh"
-    bvh_files([trial], ["t.bvh"])[0].write(path)
+    bvh_files(exported(trial), ["t.bvh"])[0].write(path)
     places, skeleton = read_bvh(path).places(), avatar_skeleton()
     leaves = set(skeleton.names) - {skeleton.names[parent] for parent in skeleton.parents if parent >= 0}
     assert {name for name in places if name.endswith("_end")} == {f"{name}_end" for name in leaves}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import ezc3d
 import numpy as np
 import pytest
-from shipped import shipped_trials
+from shipped import exported, shipped_trials
 
 from highfive.hil.datasets.dyads import Role, read_pairs
 from highfive.hil.recording.exports.motion_files import AVATAR_SET, c3d_files
@@ -31,7 +31,7 @@ def hidden():
 @pytest.fixture(scope="module")
 def folder(hidden, tmp_path_factory):
     folder = tmp_path_factory.mktemp("c3d")
-    for file in c3d_files([hidden, shipped_trials()[2]], ["a.c3d", "b.c3d"]):
+    for file in c3d_files(exported(hidden, shipped_trials()[2]), ["a.c3d", "b.c3d"]):
         file.write(folder / file.name)
     return folder
 
@@ -60,7 +60,7 @@ def test_uneven_ticks_become_one_rate_and_lost_ones_hide_the_person(tmp_path):
         trial, seen=trial.seen[kept], markers=way[kept], times=times[kept], root=trial.root[kept],
         quaternions=trial.quaternions[kept],
     )  # fmt: skip
-    c3d_files([uneven], ["u.c3d"])[0].write(tmp_path / "u.c3d")
+    c3d_files(exported(uneven), ["u.c3d"])[0].write(tmp_path / "u.c3d")
     found = read_c3d(tmp_path / "u.c3d").person("human")
     at = uneven.times[0] + np.arange(len(found)) / found.rate_hz
     seen = found.valid.all(axis=1)
@@ -89,4 +89,4 @@ def test_the_table_and_the_files_are_a_data_folder(folder):
 def test_a_recording_without_markers_says_so():
     bare = replace(shipped_trials()[0], names=(), markers=np.zeros((246, 0, 3)), seen=np.zeros((246, 0), dtype=bool))
     with pytest.raises(HighFiveError, match=r"/markers.*before version 0\.2\.0"):
-        c3d_files([bare], ["a.c3d"])
+        c3d_files(exported(bare), ["a.c3d"])

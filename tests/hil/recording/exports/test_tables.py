@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from shipped import shipped, shipped_recording
+from shipped import exported, shipped_recording, shipped_trials
 
 from highfive.hil.recording.exports.tables import csv_files, npz_file
 from highfive.hil.sim.avatar import avatar_skeleton
@@ -13,7 +13,7 @@ from highfive.hil.sim.avatar import avatar_skeleton
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tables")
-    for file in [*csv_files(shipped(), "s"), npz_file(shipped(), "s.npz")]:
+    for file in [*csv_files(exported(*shipped_trials()), "s"), npz_file(exported(*shipped_trials()), "s.npz")]:
         file.write(folder / file.name)
     return folder
 
@@ -45,9 +45,9 @@ def test_person_and_avatar_are_as_recorded(folder):
 
 def test_a_marker_that_was_not_measured_has_empty_cells(folder):
     rows, said = table(folder, "markers"), shipped_recording().arrays("/markers")
-    seen = np.array([[bool(row[f"{name}_x"]) for name in shipped().names] for row in rows])
+    seen = np.array([[bool(row[f"{name}_x"]) for name in shipped_trials()[0].names] for row in rows])
     np.testing.assert_array_equal(seen, said["seen"])
-    for m, name in enumerate(shipped().names):
+    for m, name in enumerate(shipped_trials()[0].names):
         there = seen[:, m]
         np.testing.assert_allclose(column(rows, f"{name}_z")[there], said["positions"][there, m, 2], atol=1e-9)
 
@@ -66,8 +66,14 @@ def test_npz_needs_no_pickle_and_holds_the_same(folder):
     with np.load(folder / "s.npz", allow_pickle=False) as held:
         arrays = {name: held[name] for name in held.files}
     assert all(values.dtype != object for values in arrays.values())
-    np.testing.assert_array_equal(arrays["person_wrist"], shipped().points["wrist"])
-    np.testing.assert_array_equal(arrays["avatar_quaternions"], shipped().quaternions)
-    np.testing.assert_array_equal(np.isfinite(arrays["markers"]).all(axis=-1), shipped().seen)
+    for name, of in (
+        ("person_wrist", lambda it: it.points["wrist"]),
+        ("avatar_quaternions", lambda it: it.quaternions),
+    ):
+        np.testing.assert_array_equal(arrays[name], np.concatenate([of(trial) for trial in shipped_trials()]))
+    seen = np.concatenate([trial.seen for trial in shipped_trials()])
+    np.testing.assert_array_equal(np.isfinite(arrays["markers"]).all(axis=-1), seen)
+    np.testing.assert_array_equal(arrays["trial"], shipped_recording().arrays("/tick")["trial"])
+    assert list(arrays["phase"]) == [tick.data["phase"] for tick in shipped_recording().channels["/tick"]]
     assert list(arrays["avatar_joints"]) == list(avatar_skeleton().names)
     assert list(arrays["trials_emotion"]) == ["neutral", "happy", "angry", "sad"]

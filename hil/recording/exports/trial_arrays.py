@@ -1,16 +1,17 @@
-"""A recording as arrays, checked: what every export is made from."""
+"""A recorded high five as arrays, checked: what every export is made from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive.hil.recording.recording import SessionRecording
-from highfive.hil.recording.trial_spans import TrialSpan, trial_spans
+from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader
+from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
@@ -19,19 +20,18 @@ POINTS = ("head", "shoulder", "elbow", "wrist", "knuckles", "palm")
 """Of the person, as the session saw them."""
 NEVER_S = 1e6
 """An age beyond which a marker was never seen."""
+TOPICS = ("/trial", "/person", "/avatar", "/tick", "/markers")
 _UNIT = 0.01
 """How far a rotation's length may be from 1: recordings are rounded."""
-_TIED = ("times", "trials", "phases", "palm_normal", "head_orientation", "valid", "age", "root", "quaternions",
-         "positions", "orientations", "markers", "seen")  # fmt: skip
 
 
 @dataclass(frozen=True)
-class SessionArrays:
-    """T ticks in which both person and avatar were recorded.
+class TrialArrays:
+    """T ticks of a high five in which both person and avatar were recorded.
 
     Attributes:
+        span: the high five.
         times: (T,) s of the recording.
-        trials: (T,) number of the high five.
         phases: (T,) what the avatar was about, such as ``reach``; '' where that was not recorded.
         points: the person's :data:`POINTS`, each (T, 3) m.
         palm_normal: (T, 3) unit, out of the person's palm.
@@ -44,13 +44,10 @@ class SessionArrays:
         names: of M markers of the person, as they were tracked; none in recordings of before 0.2.0.
         markers: (T, M, 3) m.
         seen: (T, M) measured in that tick.
-        spans: the high fives, in order.
-        rows: for each of them its ticks.
-        complete: the recording has its end.
     """
 
+    span: TrialSpan
     times: Array
-    trials: NDArray[np.int64]
     phases: NDArray[np.str_]
     points: Mapping[str, Array]
     palm_normal: Array
@@ -64,69 +61,64 @@ class SessionArrays:
     names: tuple[str, ...]
     markers: Array
     seen: NDArray[np.bool_]
-    spans: tuple[TrialSpan, ...]
-    rows: tuple[slice, ...]
-    complete: bool
 
     def __len__(self) -> int:
         """Number of ticks, T."""
         return len(self.times)
 
-    def trial(self, place: int) -> SessionArrays:
-        """One high five by itself, by its place among them; times stay those of the recording."""
-        rows = self.rows[place]
-        return replace(
-            self,
-            **{name: getattr(self, name)[rows] for name in _TIED},
-            points={name: values[rows] for name, values in self.points.items()},
-            spans=(self.spans[place],),
-            rows=(slice(0, rows.stop - rows.start),),
-        )
 
-    def place_of(self, number: int) -> int:
-        """The place of the high five with a number; of several, which were broken off, the last.
+@dataclass(frozen=True)
+class ExportTrial:
+    """A high five that is to be exported: its arrays are read when they are asked for, for an hour has no room."""
 
-        Raises:
-            HighFiveError: there is none.
-        """
-        numbers = [span.number for span in self.spans]
-        if number not in numbers:
-            known = ", ".join(map(str, numbers))
-            raise HighFiveError(f"no high five {number} in the recording; it holds {known}; --trial takes one of these")
-        return len(numbers) - 1 - numbers[::-1].index(number)
+    span: TrialSpan
+    load: Callable[[], TrialArrays]
 
 
-def session_arrays(recording: SessionRecording, name: str) -> SessionArrays:
-    """The arrays of a recording, as far as it goes.
-
-    Args:
-        recording: as read.
-        name: of its file, for messages.
+def export_trials(session: SessionReader) -> list[ExportTrial]:
+    """The high fives of a recording that have ticks, in order, as far as it goes; the last one read is kept.
 
     Raises:
-        HighFiveError: it is of another avatar or version, or holds no tick of person and avatar.
+        HighFiveError: it is of another avatar, or holds no tick of person and avatar.
     """
-    skeleton = avatar_skeleton()
-    if recording.joints != tuple(skeleton.names):
+    name, joints = session.path.name, len(avatar_skeleton().names)
+    if session.joints != tuple(avatar_skeleton().names):
         raise HighFiveError(
-            f"{name} is the recording of another avatar: {len(recording.joints)} joints, this one has "
-            f"{len(skeleton.names)}; export it with the version that recorded it"
+            f"{name} is the recording of another avatar: {len(session.joints)} joints, this one has {joints}; export "
+            "it with the version that recorded it"
         )
-    both = _in_both(recording)
-    if not both:
-        cut = "" if recording.complete else "; it is cut short"
+    load = lru_cache(maxsize=1)(lambda place: trial_arrays(session.read(session.spans[place], TOPICS), name))
+    trials = [ExportTrial(span, partial(load, place)) for place, span in enumerate(session.spans) if span.ticks]
+    if not trials:
+        cut = "" if session.complete else "; it is cut short"
         raise HighFiveError(f"{name} holds no high five: no ticks of avatar and person in it{cut}")
-    reader = _Reader(recording, name, both)
+    return trials
+
+
+def trial_arrays(high_five: RecordedHighFive, name: str) -> TrialArrays:
+    """The arrays of a high five.
+
+    Args:
+        high_five: with :data:`TOPICS`.
+        name: of the recording, for messages.
+
+    Raises:
+        HighFiveError: it is of another version.
+    """
+    both = _in_both(high_five)
+    if not both:
+        raise HighFiveError(
+            f"{name}: high five {high_five.number + 1} has no ticks of avatar and person that can be read; leave it "
+            "out (--trial takes another one)"
+        )
+    reader = _Reader(high_five, name, both)
     root, quaternions = reader.numbers("/avatar", "root", 3), reader.rotations("/avatar", "quaternions", 53, 4)
-    positions, orientations = skeleton.forward_kinematics(root, quaternions)
+    positions, orientations = avatar_skeleton().forward_kinematics(root, quaternions)
     age = 1e-9 * reader.numbers("/person", "age_ns")
     names, markers, seen = reader.markers()
-    spans, trials = trial_spans(recording), reader.whole("/tick", "trial")
-    times = 1e-9 * np.array(both, dtype=float)
-    kept = [(span, rows) for span in spans if (rows := _rows(both, span)).stop > rows.start]
-    return SessionArrays(
-        times=times,
-        trials=trials,
+    return TrialArrays(
+        span=high_five.span,
+        times=1e-9 * np.array(both, dtype=float),
         phases=reader.texts("/tick", "phase"),
         points={point: reader.numbers("/person", point, 3) for point in POINTS},
         palm_normal=reader.numbers("/person", "palm_normal", 3),
@@ -140,29 +132,24 @@ def session_arrays(recording: SessionRecording, name: str) -> SessionArrays:
         names=names,
         markers=markers,
         seen=seen,
-        spans=tuple(span for span, _ in kept),
-        rows=tuple(rows for _, rows in kept),
-        complete=recording.complete,
     )
 
 
-def _in_both(recording: SessionRecording) -> list[int]:
+def _in_both(high_five: RecordedHighFive) -> list[int]:
     """Times, ns, at which person, avatar and tick were recorded."""
-    person, avatar = ({m.time_ns for m in recording.channels[topic]} for topic in ("/person", "/avatar"))
-    return sorted({m.time_ns for m in recording.channels["/tick"]} & person & avatar)
-
-
-def _rows(both: list[int], span: TrialSpan) -> slice:
-    return slice(int(np.searchsorted(both, span.start_ns)), int(np.searchsorted(both, span.end_ns, side="right")))
+    tick, person, avatar = (
+        {message.time_ns for message in high_five.of(topic)} for topic in ("/tick", "/person", "/avatar")
+    )
+    return sorted(tick & person & avatar)
 
 
 class _Reader:
     """Fields of the messages at some times, checked: a recording is a file, and may hold anything."""
 
-    def __init__(self, recording: SessionRecording, name: str, times: list[int]) -> None:
+    def __init__(self, high_five: RecordedHighFive, name: str, times: list[int]) -> None:
         self._name, self._times = name, times
         self._rows = {
-            topic: {message.time_ns: message.data for message in recording.channels[topic]}
+            topic: {message.time_ns: message.data for message in high_five.of(topic)}
             for topic in ("/person", "/avatar", "/tick", "/markers")
         }
 
@@ -186,12 +173,6 @@ class _Reader:
             raise self._wrong(topic, f"{field} is no rotation: its length is not 1")
         return values / lengths
 
-    def whole(self, topic: str, field: str) -> NDArray[np.int64]:
-        values = self._values(topic, field)
-        if not all(isinstance(value, int) for value in values):
-            raise self._wrong(topic, f"{field} is no whole number")
-        return np.array(values, dtype=np.int64)
-
     def flags(self, topic: str, field: str) -> NDArray[np.bool_]:
         return np.array([value is True for value in self._values(topic, field)])
 
@@ -210,7 +191,7 @@ class _Reader:
             for i, time in enumerate(self._times):
                 if (row := rows.get(time)) is not None:
                     if row["names"] != names:
-                        raise self._wrong("/markers", "the names change within the recording")
+                        raise self._wrong("/markers", "the names change within the high five")
                     points[i], seen[i] = row["positions"], row["seen"]
         except (KeyError, TypeError, ValueError):
             raise self._wrong("/markers", "positions and seen do not fit the names") from None

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shipped import shipped, shipped_recording
+from shipped import shipped_recording, shipped_trials, written
 
-from highfive.hil.recording.exports.session_arrays import session_arrays
-from highfive.hil.recording.recording import RecordedMessage
+from highfive.hil.recording.exports.trial_arrays import TrialArrays, export_trials
+from highfive.hil.recording.recording import RecordedMessage, SessionRecording
+from highfive.hil.recording.session_reader import read_session
 from highfive.model.errors import HighFiveError
 
 
@@ -25,28 +26,35 @@ def without(recording, topic):
     return replace(recording, channels={**recording.channels, topic: ()})
 
 
-def test_trials_are_the_parts_of_the_whole():
-    whole, parts = shipped(), [shipped().trial(place) for place in range(4)]
-    for name in ("times", "root", "quaternions", "seen", "age"):
-        np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
-    assert [part.spans[0].number for part in parts] == [0, 1, 2, 3]
-    assert all((part.trials == part.spans[0].number).all() for part in parts)
+def arrays_of(recording: SessionRecording) -> list[TrialArrays]:
+    return [trial.load() for trial in export_trials(read_session(written(recording)))]
+
+
+def test_high_fives_are_the_parts_of_the_whole():
+    whole, parts = shipped_recording(), shipped_trials()
+    np.testing.assert_allclose(np.concatenate([part.times for part in parts]), whole.arrays("/tick")["time"])
+    np.testing.assert_array_equal(np.concatenate([part.root for part in parts]), whole.arrays("/avatar")["root"])
+    np.testing.assert_array_equal(np.concatenate([part.seen for part in parts]), whole.arrays("/markers")["seen"])
+    numbers = whole.arrays("/tick")["trial"]
+    assert [part.span.number for part in parts] == [0, 1, 2, 3]
+    assert [len(part) for part in parts] == [(numbers == part.span.number).sum() for part in parts]
 
 
 def test_joints_are_the_skeletons():
-    recording = shipped_recording()
-    np.testing.assert_allclose(shipped().positions[:, 0], recording.arrays("/avatar")["root"])
-    assert np.allclose(np.linalg.norm(shipped().orientations, axis=-1), 1.0)
+    root = np.concatenate([part.positions[:, 0] for part in shipped_trials()])
+    np.testing.assert_allclose(root, shipped_recording().arrays("/avatar")["root"])
+    for part in shipped_trials():
+        assert np.allclose(np.linalg.norm(part.orientations, axis=-1), 1.0)
 
 
 def test_an_older_recording_has_no_markers():
-    arrays = session_arrays(without(shipped_recording(), "/markers"), "old.mcap")
-    assert arrays.names == () and arrays.markers.shape == (918, 0, 3)
+    for arrays in arrays_of(without(shipped_recording(), "/markers")):
+        assert arrays.names == () and arrays.markers.shape == (len(arrays), 0, 3)
 
 
 def test_a_marker_that_was_never_seen_has_no_age():
-    arrays = session_arrays(changed("/person", lambda d: d | {"age_ns": 2**63 - 1}), "s.mcap")
-    assert np.isnan(arrays.age).all()
+    for arrays in arrays_of(changed("/person", lambda d: d | {"age_ns": 2**63 - 1})):
+        assert np.isnan(arrays.age).all()
 
 
 @pytest.mark.parametrize(
@@ -56,8 +64,7 @@ def test_a_marker_that_was_never_seen_has_no_age():
         (without(shipped_recording(), "/tick"), "holds no high five"),
         (without(shipped_recording(), "/person"), "holds no high five"),
         (replace(without(shipped_recording(), "/avatar"), complete=False), "holds no high five.*cut short"),
-        (changed("/tick", lambda d: d | {"trial": None}), "another version"),
-        (changed("/tick", lambda d: {"phase": ""}), "another version"),
+        (changed("/tick", lambda d: {}), "another version.*phase is missing"),
         (changed("/avatar", lambda d: d | {"root": [0.0, 1.0]}, False), "/avatar: root is not made of numbers"),
         (
             changed("/avatar", lambda d: d | {"quaternions": d["quaternions"][1:]}),
@@ -73,10 +80,5 @@ def test_a_marker_that_was_never_seen_has_no_age():
 )
 def test_what_cannot_be_exported_is_one_line(recording, says):
     with pytest.raises(HighFiveError, match=says) as error:
-        session_arrays(recording, "s.mcap")
+        arrays_of(recording)
     assert "\n" not in str(error.value)
-
-
-def test_a_number_that_is_not_there_is_named_with_those_that_are():
-    with pytest.raises(HighFiveError, match=r"no high five 7.*0, 1, 2, 3"):
-        shipped().place_of(7)

@@ -69,14 +69,14 @@ def bar(*_: object):
 
 @pytest.mark.slow
 def test_a_port_that_dies_half_way_is_gone_on_from_and_the_plate_is_found(tmp_path: Path) -> None:
-    run, truth = wanted(tmp_path, 12), drawn_truth(40)
-    with pytest.raises(HighFiveError), room(truth, CameraFaults(), "unplug@60-600") as (drive, watch, _):
+    run, truth = wanted(tmp_path, 10), drawn_truth(40)
+    with pytest.raises(HighFiveError), room(truth, CameraFaults(), "unplug@55-600") as (drive, watch, _):
         measured(run, drive, watch, bar)
     before = load_poses(run.half_done, run.arm, TEMPLATE.names, 6)
-    assert 0 < len(before) < 12
+    assert 0 < len(before) < 10
     with room(truth, CameraFaults()) as (drive, watch, _):
         poses = measured(run, drive, watch, bar)
-    assert len(poses) == 12
+    assert len(poses) == 10
     np.testing.assert_array_equal(poses[0].encoders, before[0].encoders)
     summary = fitted(run, poses, drive.moving_s)
     assert not run.half_done.exists()

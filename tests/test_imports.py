@@ -55,15 +55,16 @@ ALLOWED: dict[str, set[str]] = {
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},
     "hil.recording": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials"},
     "hil.recording.exports": MODEL | BRIDGE | SIM | {"hil.recording"},
+    "hil.experiments": ERRORS | {"hil.runtime", "hil.sim.people.emotions", "hil.sim.people.grid"},
     "hil.publish": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials", "hil.recording"},
     "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},
     "hil.report": MODEL | BRIDGE | SIM | ARM
-    | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation"},
+    | {"hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.experiments"},
     "hil.view": MODEL | BRIDGE | SIM
     | {"hil.drivers.latch", "hil.session", "hil.trials.events", "hil.trials.trial_result", "hil.recording"},
     "hil.commands": MODEL | BRIDGE | SIM | ARM
     | {"calibration", "hil.session", "hil.datasets", "hil.trials", "hil.recording", "hil.evaluation", "hil.report"}
-    | {"hil.view", "hil.publish"},
+    | {"hil.view", "hil.publish", "hil.experiments"},
     "hil.bench": {"calibration", "hil", "mocap_bridge", "model", "scenes"},
     "hil.cli": {"model.errors", "hil.runtime", "hil.commands", PACKAGE},  # the package for its version
     PACKAGE: {"calibration", "hil", "mocap_bridge", "model", "scenes"},

@@ -12,6 +12,7 @@ import typer
 from typer.exceptions import TyperException
 
 from highfive.hil.cli import bench as cli_bench
+from highfive.hil.cli import experiment as cli_experiment
 from highfive.hil.cli import files as cli_files
 from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
@@ -32,6 +33,7 @@ app.add_typer(cli_mocap.app)
 app.add_typer(cli_files.app)
 app.add_typer(cli_bench.app, name="bench")
 app.add_typer(cli_rig.app, name="rig")
+app.add_typer(cli_experiment.app, name="experiment")
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""

@@ -58,7 +58,7 @@ def check_balance(protocol: Protocol) -> None:
         fewer = protocol.participants // len(orders) * len(orders)
         raise HighFiveError(
             f"{len(protocol.parts)} parts have {len(orders)} orders, of which {protocol.participants} participants "
-            f"cannot have each equally often; plan {_or([fewer, fewer + len(orders)])} participants"
+            f"cannot have each equally often; plan {_or([fewer, fewer + len(orders)])} people"
         )
     for block in protocol.blocks:
         if block.mode is Mode.INTERACTIVE:

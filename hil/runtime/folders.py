@@ -50,8 +50,8 @@ def results_folder(
         try:
             folder.mkdir(parents=True, exist_ok=True)
             stack.callback(_remove_empty, made)
-            locked = stack.enter_context(_locked(folder))
-            if locked is False:
+            free = stack.enter_context(locked(folder))
+            if free is False:
                 raise HighFiveError(f"another command is writing to {folder}; give another --out")
             taken = any(not (entry.name.startswith(UNFINISHED) or resumed(entry)) for entry in folder.iterdir())
             if taken and not overwrite:
@@ -60,7 +60,7 @@ def results_folder(
                 pass
         except OSError as error:
             raise HighFiveError(f"cannot write to {folder}: {error.strerror}; give another --out") from None
-        yield bool(locked)
+        yield bool(free)
 
 
 def check_file(path: Path, overwrite: bool, option: str = "--out") -> None:
@@ -87,7 +87,7 @@ def check_file(path: Path, overwrite: bool, option: str = "--out") -> None:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[bool | None]:
+def locked(folder: Path) -> Iterator[bool | None]:
     """Whether the folder is this process's until this is left; None where there are no locks. The killed hold none."""
     if fcntl is None:
         yield None

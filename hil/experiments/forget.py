@@ -1,0 +1,75 @@
+"""A participant is forgotten: her plan, rows and recordings are deleted, and it is said what remains."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from highfive.hil.experiments.study import PARTICIPANTS, PLAN, participant_folder, participants
+from highfive.hil.runtime.folders import locked
+from highfive.model.errors import HighFiveError
+
+BEYOND = "Not reached: exports and backups elsewhere, and the key that says who the code is; delete those yourself."
+
+_TEXTS = {".csv", ".html", ".json", ".jsonl", ".log", ".md", ".svg", ".toml", ".tsv", ".txt"}
+
+
+@dataclass(frozen=True)
+class Forgotten:
+    """What was deleted, and where the code still stands.
+
+    Attributes:
+        participant: the code.
+        deleted: files, below the study.
+        shown_to: participants whose plans and recordings have her trials: she moves in them.
+        mentioned: other files of the study in whose name or text the code is.
+    """
+
+    participant: str
+    deleted: tuple[str, ...]
+    shown_to: tuple[str, ...]
+    mentioned: tuple[str, ...]
+
+
+def forget(study: Path, code: str) -> Forgotten:
+    """Deletes all that a study has of a participant.
+
+    Raises:
+        HighFiveError: nothing is known of her, a run is going on, or something cannot be deleted.
+    """
+    folder = participant_folder(study, code)
+    if not folder.is_dir() or folder.is_symlink():
+        known = ", ".join(participants(study)) or "nobody"
+        raise HighFiveError(f"{study} has no participant {code}; it has {known}")
+    with locked(study) as free:
+        if free is False:
+            raise HighFiveError(f"a run is writing to {study}; forget {code} when it is over")
+        deleted = sorted(path.relative_to(study).as_posix() for path in folder.rglob("*") if not path.is_dir())
+        try:
+            for path in sorted(folder.iterdir(), key=lambda path: path.name == PLAN):  # so that it can be done again
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+            folder.rmdir()
+        except OSError as error:
+            raise HighFiveError(
+                f"cannot delete all of {folder}: {error.strerror or error} ({error.filename}); put that right, and "
+                f"forget {code} again"
+            ) from None
+    mentions = _mentions(study, code)
+    others = {parts[1] for name in mentions if (parts := Path(name).parts)[0] == PARTICIPANTS and len(parts) > 2}
+    return Forgotten(
+        code, tuple(deleted), tuple(sorted(others)),
+        tuple(name for name in mentions if Path(name).parts[0] != PARTICIPANTS),
+    )  # fmt: skip
+
+
+def _mentions(study: Path, code: str) -> list[str]:
+    """Files below the study in whose name, or text where they are texts, the code stands by itself."""
+    word = re.compile(rb"(?<![A-Za-z0-9])" + re.escape(code.encode()) + rb"(?![A-Za-z0-9])")
+    return sorted(
+        path.relative_to(study).as_posix()
+        for path in study.rglob("*")
+        if path.is_file()
+        and (word.search(path.name.encode()) or (path.suffix in _TEXTS and word.search(path.read_bytes())))
+    )

@@ -1,0 +1,138 @@
+"""What a trial log holds: read from its bytes, marks applied, and what they say comes next. Pure.
+
+A line is a JSON object with a ``kind``: ``run`` (the log was opened, by which version, for which plan), ``begin`` (a
+trial begins), ``trial`` (it is over: a :class:`~highfive.hil.experiments.trial_row.TrialRow`), ``mark`` (trials that
+are asked again, by their number in the session).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any
+
+from highfive.hil.experiments.plan import Plan, PlannedTrial
+from highfive.hil.experiments.plan_file import plan_of
+from highfive.hil.experiments.trial_row import TrialRow, row_of
+from highfive.model.errors import HighFiveError
+from highfive.model.toml_file import check_keys, is_table, typed
+
+
+@dataclass(frozen=True)
+class LogContent:
+    """A log, read.
+
+    Attributes:
+        plan: with which the first run began; None while there was none.
+        software: versions that wrote it, in their order.
+        begun: number in the session -> trial, of all that began.
+        finished: rows as they were written.
+        marked: number in the session -> why it is asked again.
+    """
+
+    plan: Plan | None = None
+    software: tuple[str, ...] = ()
+    begun: dict[int, str] | None = None
+    finished: tuple[TrialRow, ...] = ()
+    marked: dict[int, str] | None = None
+
+    @property
+    def asks(self) -> dict[int, str]:
+        """Number in the session -> trial, of all that began."""
+        return self.begun or {}
+
+    @property
+    def rows(self) -> list[TrialRow]:
+        """All that are over; those that were asked again say so in ``excluded_why``."""
+        marked = self.marked or {}
+        return [replace(row, excluded_why=marked.get(row.ask, row.excluded_why)) for row in self.finished]
+
+    @property
+    def standing(self) -> list[TrialRow]:
+        """Those that were not asked again."""
+        return [row for row in self.finished if row.ask not in (self.marked or {})]
+
+    @property
+    def unfinished(self) -> list[int]:
+        """Numbers of those that began, are not over, and are not marked."""
+        over = {row.ask for row in self.finished} | set(self.marked or {})
+        return [ask for ask in self.asks if ask not in over]
+
+
+def whole_lines(content: bytes) -> int:
+    """How many of the bytes are whole lines: what a crash or a loss of power left behind them is torn."""
+    end = content.rfind(b"\n") + 1
+    last = content[content.rfind(b"\n", 0, max(0, end - 1)) + 1 : end]
+    return end if not last or _is_object(last) else end - len(last)
+
+
+def read_log(content: bytes, where: str) -> LogContent:
+    """The content of whole lines.
+
+    Raises:
+        HighFiveError: a line is damaged; the message begins with ``where``.
+    """
+    plan: Plan | None = None
+    software: list[str] = []
+    begun: dict[int, str] = {}
+    finished: list[TrialRow] = []
+    marked: dict[int, str] = {}
+    for number, line in enumerate(content.splitlines(), 1):
+        at = f"{where}, line {number}"
+        if not _is_object(line):
+            raise HighFiveError(f"{at}: damaged, expected a JSON object; take the log from a backup")
+        entry: dict[str, Any] = json.loads(line)
+        match entry.pop("kind", None):
+            case "run":
+                plan = plan or plan_of(_table(entry, at, "plan"))
+                software.append(typed(entry, f"{at}: ", "software", str))
+            case "begin":
+                begun[typed(entry, f"{at}: ", "ask", int)] = typed(entry, f"{at}: ", "trial", str)
+            case "trial":
+                finished.append(row_of(entry, at))
+            case "mark":
+                why = typed(entry, f"{at}: ", "why", str)
+                marked |= dict.fromkeys(typed(entry, f"{at}: ", "asks", list), why)
+            case other:
+                raise HighFiveError(f"{at}: kind is {other!r}, expected run, begin, trial or mark")
+    return LogContent(plan, tuple(dict.fromkeys(software)), begun, tuple(finished), marked)
+
+
+def next_trial(plan: Plan, content: LogContent, missing: Collection[str] = ()) -> PlannedTrial | None:
+    """The first trial of the plan that is still to be asked; None once there is none.
+
+    Not asked are replays of what was broken off, or never played: such a trial is in neither condition.
+
+    Args:
+        plan: hers.
+        content: of her log.
+        missing: other people's trials that there are not (``P03:I1-07``).
+    """
+    done = {row.trial for row in content.standing}
+    broken = {row.trial for row in content.standing if row.broken_off} | set(missing)
+    return next((trial for trial in plan.trials if trial.name not in done and trial.source not in broken), None)
+
+
+def block_asks(plan: Plan, content: LogContent, block: str) -> list[int]:
+    """Numbers in the session of a block's trials that began, and are not marked."""
+    names = {trial.name for trial in plan.block(block)}
+    return [ask for ask, trial in content.asks.items() if trial in names and ask not in (content.marked or {})]
+
+
+def interrupted_block(plan: Plan, content: LogContent, missing: Collection[str] = ()) -> str:
+    """The block that a run stopped inside of; empty where it stopped between two."""
+    following = next_trial(plan, content, missing)
+    return following.block if following is not None and block_asks(plan, content, following.block) else ""
+
+
+def _table(entry: dict[str, Any], where: str, name: str) -> Any:
+    check_keys(entry, where, {"software", "plan", "digest", "consent", "calibration", "simulated", "utc_ns"})
+    return entry[name]
+
+
+def _is_object(line: bytes) -> bool:
+    try:
+        return is_table(json.loads(line))
+    except (ValueError, RecursionError):
+        return False

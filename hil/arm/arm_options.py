@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
+
 EMULATED = "emulated"
 """In place of a port: an emulated arm, started for the session."""
 
@@ -18,8 +20,8 @@ class ArmOptions:
 
     Attributes:
         port: path of a serial port, :data:`EMULATED` or :data:`VIRTUAL`.
-        rig: file of the rig; None for the one that comes with the project.
-        limits: file of limits, none of them less safe than those that come with the project; None for these.
+        rig: file of the rig; None for the arm's own.
+        limits: file of limits, none of them less safe than the arm's own; None for these.
         lower: limits that are made safer, such as ``contact.speed=0.5``.
         armed: a person said that a real arm may move.
         estop: path of a named pipe that pulls the emergency stop, besides key and signals.
@@ -28,6 +30,7 @@ class ArmOptions:
         registration: file that says where the arm's base stands in that person's room.
         nobody_near: the operator answers for it that the arm can reach nobody.
         slow: every known point of the arm is as slow as near a face.
+        arm: name of the arm, or its folder.
     """
 
     port: str = EMULATED
@@ -41,6 +44,7 @@ class ArmOptions:
     registration: Path | None = None
     nobody_near: bool = False
     slow: bool = False
+    arm: str = DEFAULT_ARM
 
     @property
     def emulated(self) -> bool:

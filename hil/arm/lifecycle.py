@@ -10,12 +10,14 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from highfive.hil.arm.arm_files import rig_file
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.preconditions import check_arm, check_options, check_person, refuse_unless_ready, room
 from highfive.hil.arm.rig_planner import planner
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
@@ -73,7 +75,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
     if advance is not None:
         advance("starting", 0)
     with when_compiling(lambda: advance and advance("compiling, a minute or two the first time", 0)):
-        retarget = planner(rig, limits)
+        retarget = planner(rig, limits, find_arm(options.arm))
     terminal = 0 if sys.stdin.isatty() else None
     with ExitStack() as stack:
         if options.port == VIRTUAL:
@@ -137,7 +139,7 @@ def virtual_arm(
     limits, rig = check_options(options)
     estop = Latch(clock) if estop is None else estop
     refuse_unless_ready(PATH, rig, limits, virtual.wiring)
-    retarget = planner(rig, limits) if retarget is None else retarget
+    retarget = planner(rig, limits, find_arm(options.arm)) if retarget is None else retarget
     arm = virtual.start_arm(weakened(rig, limits), RATE_HZ, estop, ALLOWANCE_MS, has_host)
     try:
         arm.wait_ready(START_S)
@@ -153,7 +155,8 @@ def virtual_arm(
 
 def emulator_options(options: ArmOptions) -> EmulatorOptions:
     """The emulator of an arm's options, without their faults."""
-    return EmulatorOptions(rig=None if options.rig is None else str(options.rig), plant=PLANT)
+    rig = options.rig or rig_file(find_arm(options.arm))
+    return EmulatorOptions(rig=str(rig), plant=f"{PLANT}:{options.arm}")
 
 
 def weakened(rig: Rig, limits: Limits) -> Rig:

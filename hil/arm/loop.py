@@ -154,7 +154,7 @@ class ArmLoop:
         self._ahead_ns = 0
         self._head = self._palm = _Seen(self._frame_ns)
         self._check: Check | None = None
-        self._standing = standing(clock.now())
+        self._standing = standing(clock.now(), len(limits.joints))
         self._state: RetargetState | None = None
         self._reference: Array | None = None
         self._on_course = False
@@ -170,7 +170,7 @@ class ArmLoop:
         self._check = self._checked()
         if self._check.mismatches:
             raise HighFiveError(first_of(self._check.mismatches))
-        self._standing = standing(self._check.time_ns, self._standing.feed_forward)
+        self._standing = standing(self._check.time_ns, len(self._limits.joints), self._standing.feed_forward)
         self._state = self._reference = None
         self._arm.unread()
 

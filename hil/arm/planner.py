@@ -37,6 +37,9 @@ from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 
+FULLY = 0.2
+"""m a radian: ``facing`` of an arm that can turn its plate as it likes."""
+
 
 class Retarget:
     """The arm, its ready posture and the settings: what does not change from tick to tick."""
@@ -177,7 +180,8 @@ class Retarget:
         fraction = float(minimum_jerk(1.0 - contact.time / s.facing))
         normal = (1.0 - fraction) * self._ready_normal + fraction * contact.normal
         normal /= max(math.sqrt(normal @ normal), 0.1)
-        return normal, 1.0 / (s.turned + s.turning * contact.time) ** 2
+        able = (self.arm.folder.facing / FULLY) ** 2
+        return normal, able / (s.turned + s.turning * contact.time) ** 2
 
     def _meeting_speed(self, goal: PalmGoal) -> tuple[float, Array]:
         """m/s, at which the plate closes on the hand along its normal, and the hand's velocity (3,) then."""

@@ -78,11 +78,11 @@ class PostureDrive:
         """
         self._arm, self._body, self._limits, self._sag = arm, body, limits, sag
         self._estop, self.clock, self._in_the_way, self.settings = estop, clock, in_the_way, settings
-        self._standing = standing(clock.now())
+        self._standing = standing(clock.now(), len(limits.joints))
         self._check = checked()
         if self._check.mismatches:
             raise HighFiveError(first_of(self._check.mismatches))
-        self._standing = standing(self._check.time_ns)
+        self._standing = standing(self._check.time_ns, len(limits.joints))
         self._reference: Array | None = None
         self.moving_s = 0.0
         """For so long it moved, s."""

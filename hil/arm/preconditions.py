@@ -9,20 +9,21 @@ from datetime import UTC, datetime
 import numpy as np
 
 from highfive.calibration.arm_file import load_arm
+from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
 from highfive.hil.arm.emergency_stop import check_pipe
 from highfive.hil.arm.loop import first_of
-from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
 from highfive.hil.arm_model.from_mujoco import compiled_body
 from highfive.hil.drivers.bus.ports import too_slow
-from highfive.hil.drivers.bus.rig import Rig, load_rig
+from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
 from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
-from highfive.hil.safety.limits import JOINTS, Limits
-from highfive.hil.safety.limits_file import load_limits, load_safer, lowered, parse_changes
+from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.limits_file import load_safer, lowered, parse_changes
 from highfive.hil.safety.startup import Room, room_unknown
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.sources.address import parse_address
@@ -80,15 +81,14 @@ def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
         raise HighFiveError(f"--faults go wrong on an emulated arm; {options.port} may be a real one")
     if options.port == VIRTUAL and options.person:
         raise HighFiveError(f"--rig {VIRTUAL} is in virtual time, where no live person is; use --rig {EMULATED}")
-    limits = load_limits()
+    folder = find_arm(options.arm)
+    limits = limits_of(folder)
     if options.limits is not None:
         limits = load_safer(options.limits, limits)
     limits = lowered(limits, parse_changes(options.lower))
     if options.slow:
         limits = lowered(limits, {"motion.point_speed": min(limits.motion.point_speed, limits.face.speed)})
-    rig = load_rig(options.rig)
-    if (names := tuple(joint.name for joint in rig.joints)) != JOINTS:
-        raise HighFiveError(f"the rig has the joints {', '.join(names)}; this arm has {', '.join(JOINTS)}")
+    rig = rig_of(folder, options.rig)
     if not options.emulated and not options.armed:
         raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
     if troubles := room_unknown(not options.emulated, room(options, rig, datetime.now(UTC))):
@@ -111,15 +111,16 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
     if not options.person:
         raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
     found = load_arm(options.registration).registration
-    mismatches = found.mismatches(fingerprint(rig), parse_address(options.person).scheme, now)
+    mismatches = found.mismatches(fingerprint(rig, find_arm(options.arm)), parse_address(options.person).scheme, now)
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
 
 
-def fingerprint(rig: Rig) -> str:
+def fingerprint(rig: Rig, folder: ArmFolder | None = None) -> str:
     """Tells this arm, with its mount, from others: what a registration of it depends on."""
-    body = compiled_body(find_arm())
+    folder = folder or find_arm()
+    body = compiled_body(folder)
     shape = [np.round(part, 6).tolist() for part in (body.axes, body.offsets, body.plate, body.normal)]
-    parts = (rig.joints, shape, find_arm().mount)
+    parts = (rig.joints, shape, folder.mount)
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 

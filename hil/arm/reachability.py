@@ -19,6 +19,7 @@ from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.arm_model import dynamics
+from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
 from highfive.hil.arm_model.mount import Mount
 from highfive.hil.arm_model.servo_arm import ServoArm, solve
 from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
@@ -26,6 +27,8 @@ from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
+SIX = 6
+"""Joints that can give a plate any place and normal, with one to spare."""
 UP = np.array([0.0, 0.0, 1.0])
 
 DEPTH = 0.49
@@ -62,6 +65,14 @@ class ReachabilitySettings(Settings):
     """Of the best bases, that get a better ready posture before one is chosen."""
     rounds: int = setting(200, least=1)
     """Postures that are tried for it."""
+    near_fewer: float = setting(2e-3, "m", above=0.0)
+    """Of an arm of fewer than six joints: position; the normal is met as far as it can be, ..."""
+    turned_fewer: float = setting(float(np.radians(35.0)), "rad", above=0.0)
+    """... and is to be off by less than this."""
+    margin_fewer: float = setting(float(np.radians(6.0)), "rad", least=0.0)
+    """Small arms reach few cells with more."""
+    gap_fewer: float = setting(0.01, "m", least=0.0)
+    """Their links are thinner."""
     starts: int = setting(24, least=1)
     """Postures from which each place is solved for."""
 
@@ -78,20 +89,31 @@ class Base:
         standoff: m, from the base's axis to the middle of the grid, along ``side``.
         side: degrees; the base stands behind the grid in this direction, and points along it.
         tilt: degrees, pitched forward.
-        plate: m, from the last joint to the plate.
+        plate: m, from the last joint to the plate; None for what the arm's model says.
+        folder: which arm; None for the default one.
+        left: m, that the base stands to its left of where it would point to the middle of the grid.
     """
 
     height: float
     standoff: float
     side: float
     tilt: float
-    plate: float
+    plate: float | None
+    folder: ArmFolder | None = None
+    left: float = 0.0
+
+    @property
+    def out(self) -> float:
+        """m, from the last joint to the plate."""
+        return float(np.linalg.norm(self.arm().packed.plate)) if self.plate is None else self.plate
 
     def arm(self) -> ServoArm:
         """The arm on this base."""
         yaw = np.radians(self.side)
-        x, y = DEPTH - self.standoff * np.cos(yaw), -self.standoff * np.sin(yaw)
-        return ServoArm(Mount((float(x), float(y), self.height), float(yaw), float(np.radians(self.tilt))), self.plate)
+        x = DEPTH - self.standoff * np.cos(yaw) - self.left * np.sin(yaw)
+        y = self.left * np.cos(yaw) - self.standoff * np.sin(yaw)
+        mount = Mount((float(x), float(y), self.height), float(yaw), float(np.radians(self.tilt)))
+        return ServoArm(mount, self.plate, folder=self.folder or find_arm())
 
 
 @dataclass(frozen=True)
@@ -101,7 +123,8 @@ class CellReach:
     Attributes:
         cell: its name.
         reached: inside the limits, clear of everything, and agile.
-        miss: m, what is left of position and normal.
+        miss: m, what is left of position and normal; of an arm of fewer than six joints, of the position.
+        turned: rad, of the plate's normal from the one that is wanted.
         joints: (J,) rad.
         margin: rad, smallest distance of waist, shoulder, elbow and wrist angle from a limit.
         gap: m, to floor, mount and arm itself.
@@ -112,6 +135,7 @@ class CellReach:
     cell: str
     reached: bool
     miss: float
+    turned: float
     joints: Array
     margin: float
     gap: float
@@ -179,7 +203,8 @@ def postures(
 ) -> list[tuple[Array, float]]:
     """Different postures (J,) that put the plate there, with what they miss by; at least the one that is nearest."""
     draws = np.random.default_rng(0).uniform(0.7 * arm.packed.low, 0.7 * arm.packed.high, (settings.starts, arm.joints))
-    draws[:, 5] = 0.0  # turns the plate in itself, which changes nothing
+    if idle(arm):
+        draws[:, -1] = 0.0  # turns the plate in itself, which changes nothing
     found: list[tuple[Array, float]] = []
     for start in draws:
         joints, miss = solve(arm, point, normal, start, 60)
@@ -192,6 +217,31 @@ def postures(
         if all(np.abs(joints - other).max() > 0.1 for other, _ in found):
             found.append((joints, miss))
     return found
+
+
+def idle(arm: ServoArm) -> bool:
+    """Whether the last joint turns the plate in itself alone, which changes nothing."""
+    return bool(abs(arm.packed.axes[-1] @ arm.packed.normal) > 1.0 - 1e-6)
+
+
+def smallest_margin(arm: ServoArm, joints: Array) -> float:
+    """rad, to the nearest stop, of the base's joint and of all that cannot go round."""
+    near = arm.packed.high - arm.packed.low < 2.0 * np.pi - 1e-6
+    near[0] = True
+    return float(arm.margins(joints)[near].min())
+
+
+def as_mounted(folder: ArmFolder) -> BaseReach:
+    """What an arm reaches where its folder puts it."""
+    x, y, height = folder.mount.position
+    yaw, away = folder.mount.yaw, np.array([DEPTH - x, -y])
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    left = float(-along[0] * away[1] + along[1] * away[0])
+    tilt = float(np.degrees(folder.mount.tilt))
+    base = Base(height, float(along @ away), float(np.degrees(yaw)), tilt, None, folder, left)
+    arm = base.arm()
+    at_cells = [postures(arm, cell_point(cell), facing()) for cell in CELLS]
+    return from_ready(base, arm, np.array(folder.ready), at_cells)
 
 
 def from_ready(
@@ -211,10 +261,18 @@ def from_ready(
 def _rated(arm: ServoArm, cell: str, joints: Array, miss: float, ready: Array, s: ReachabilitySettings) -> CellReach:
     plate = arm.plate_at(joints)
     values = np.linalg.svd(np.vstack([plate.jacobian, 0.2 * plate.normal_jacobian]), compute_uv=False)
-    margin, gap = float(arm.margins(joints)[[0, 1, 2, 4]].min()), arm.clearance(joints)
-    good = miss < s.near and margin > s.margin and gap > s.gap and values[4] > s.agile
+    margin, gap = smallest_margin(arm, joints), arm.clearance(joints)
+    turned = float(np.arccos(np.clip(plate.normal @ facing(), -1.0, 1.0)))
+    if arm.joints < SIX:  # the normal is met as far as it can be
+        miss = float(np.linalg.norm(plate.position - cell_point(cell)))
+        values = np.linalg.svd(plate.jacobian, compute_uv=False)
+        near = miss < s.near_fewer and margin > s.margin_fewer and gap > s.gap_fewer and turned < s.turned_fewer
+        good, agility = near and values[-1] > s.agile, float(values[-1])
+    else:
+        good = miss < s.near and margin > s.margin and gap > s.gap and values[4] > s.agile
+        agility = float(values[4])
     seconds = float(dynamics.quickest(arm.packed, ready, joints))
-    return CellReach(cell, bool(good), miss, joints, margin, gap, float(values[4]), seconds)
+    return CellReach(cell, bool(good), miss, turned, joints, margin, gap, agility, seconds)
 
 
 def better_ready(reach: BaseReach, settings: ReachabilitySettings = REACHABILITY) -> BaseReach:
@@ -237,7 +295,7 @@ def better_ready(reach: BaseReach, settings: ReachabilitySettings = REACHABILITY
         aside = float(np.linalg.norm(plate.position - middle))
         turned = float(np.arccos(np.clip(plate.normal @ normal, -1.0, 1.0)))
         out = max(0.0, behind - 0.02) + max(0.0, aside - 0.12) + max(0.0, turned - settings.aside)
-        out += max(0.0, float(settings.margin - arm.margins(ready)[[0, 1, 2, 4]].min()))
+        out += max(0.0, float(settings.margin - smallest_margin(arm, ready)))
         return max(times) + 0.3 * float(np.mean(times)) + 20.0 * out
 
     found = minimize(cost, reach.ready[:5], method="Nelder-Mead", options={"maxfev": settings.rounds, "xatol": 1e-3})
@@ -280,11 +338,12 @@ class Tried:
 
 
 def tried(reach: BaseReach, notice: float = 0.45) -> Tried:
-    """High fives at two places about each cell, the hand held still, known of ``notice`` s before."""
+    """High fives at two places about each cell that is reached, the hand held still, known of ``notice`` s before."""
     rng, settings = np.random.default_rng(0), RetargetSettings(lag=0.0, press=0.0)
     retarget = Retarget(reach.base.arm(), reach.ready, settings)
     misses = []
-    for cell in (cell for cell in CELLS for _ in range(2)):
+    able = [cell.cell for cell in reach.cells if cell.reached] or CELLS
+    for cell in (cell for cell in able for _ in range(2)):
         point, normal = cell_point(cell) + rng.normal(0.0, 0.025, 3), facing(float(rng.normal(0.0, 4.0)))
         hand, state = PalmPose(point, -normal, UP, np.zeros(3)), retarget.start()
         for tick in range(round(notice / settings.tick)):

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
+from highfive.hil.arm.arm_files import resting_pose
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, ArmFolder, find_arm
 from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 from highfive.hil.runtime.clock import Event
-from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.model.geometry.rotations import Array
 
@@ -104,6 +104,7 @@ class SimulatedDriver:
         self._number += 1
 
 
-def mounted_arm() -> ArmPlant:
-    """The default arm on its mount, where it rests."""
-    return ArmPlant(find_arm().mount, load_limits().way_points[-1])
+def mounted_arm(arm: str = DEFAULT_ARM) -> ArmPlant:
+    """An arm, by its name or folder, on its mount, where it rests."""
+    folder = find_arm(arm)
+    return ArmPlant(folder.mount, resting_pose(folder), folder=folder)

@@ -28,6 +28,7 @@ class Arm(NamedTuple):
         meets_upper: (B,) 1 for a sphere that could meet the upper arm, else 0.
         posts: (3,) m, radii of turret, upper arm and column.
         upper: (2,) joints between which the upper arm lies; the turret reaches from the base to the first of them.
+        facing: m that a turn of the plate's normal by a radian counts as much as.
         met: (P,) joints whose centres, beside the plate, may meet a person.
     """
 
@@ -56,4 +57,5 @@ class Arm(NamedTuple):
     meets_upper: Array
     posts: Array
     upper: Array
+    facing: float
     met: Array

@@ -87,6 +87,8 @@ class ArmFolder:
         mount: where it stands.
         ready: (J,) rad, where it waits.
         near: names of shapes that may meet a head.
+        facing: m that a turn of the plate's normal by a radian counts as much as; little for an arm that cannot turn it
+            everywhere.
         gives_up: what it cannot do beside a six-jointed arm; '' for nothing.
         joints: from the base on.
         posts: m, radii of turret, upper arm and column.
@@ -104,6 +106,7 @@ class ArmFolder:
     mount: Mount
     ready: tuple[float, ...]
     near: tuple[str, ...]
+    facing: float
     gives_up: str
     joints: tuple[DrivenJoint, ...]
     posts: Vector
@@ -159,8 +162,8 @@ def servo_table() -> dict[str, Servo]:
 
 
 def _described(folder: Path, data: Mapping[str, Any]) -> ArmFolder:
-    required = {"name", "model", "speed_limit", "ready", "near", "gives_up", "mount", "joints", "posts", "person"}
-    check_keys(data, "the arm", required, {"balls", "plate"})
+    plain = {"name", "model", "speed_limit", "ready", "near", "facing", "gives_up"}
+    check_keys(data, "the arm", plain | {"mount", "joints", "posts", "person"}, {"balls", "plate"})
     joints = tuple(_joint(entry, f"joint {row + 1}: ") for row, entry in enumerate(typed(data, "", "joints", list)))
     names = tuple(joint.name for joint in joints)
     posts, person, mount = data["posts"], data["person"], data["mount"]
@@ -192,6 +195,7 @@ def _described(folder: Path, data: Mapping[str, Any]) -> ArmFolder:
         mount=Mount(_vector(mount["position"], "mount.position"), **angles),
         ready=ready,
         near=tuple(typed(data, "", "near", list)),
+        facing=number(data, "", "facing", float, 1e-4, 1.0),
         gives_up=typed(data, "", "gives_up", str),
         joints=joints,
         posts=(

@@ -12,9 +12,6 @@ from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 from highfive.model.linear_algebra import cholesky, cholesky_solve
 
-ROUND = 0.2
-"""m that a turn of the normal by a radian counts as much as."""
-
 
 @compiled
 def pose_error(arm: Arm, joints: Array, position: Array, normal: Array, residual: Array, jacobian: Array) -> float:
@@ -24,10 +21,10 @@ def pose_error(arm: Arm, joints: Array, position: Array, normal: Array, residual
     of_point, of_normal = plate_jacobian(arm, centres, frames, point, out)
     total = 0.0
     for r in range(3):
-        residual[r], residual[3 + r] = point[r] - position[r], ROUND * (out[r] - normal[r])
+        residual[r], residual[3 + r] = point[r] - position[r], arm.facing * (out[r] - normal[r])
         total += residual[r] ** 2 + residual[3 + r] ** 2
         for j in range(len(arm.joints)):
-            jacobian[r, j], jacobian[3 + r, j] = of_point[r, j], ROUND * of_normal[r, j]
+            jacobian[r, j], jacobian[3 + r, j] = of_point[r, j], arm.facing * of_normal[r, j]
     return total
 
 

@@ -97,6 +97,7 @@ class ServoArm:
             meets_upper=np.array([ball.upper for ball in folder.balls], float),
             posts=np.array(folder.posts),
             upper=np.array([names.index(name) for name in folder.between], float),
+            facing=folder.facing,
             met=np.array([names.index(name) for name in folder.meeting], float),
         )
 
@@ -130,7 +131,7 @@ class ServoArm:
 def solve(arm: ServoArm, position: Array, normal: Array, start: Array, steps: int = 40) -> tuple[Array, float]:
     """Joints (J,) near ``start`` that put the plate at a position facing a normal, and what is left, m.
 
-    A turn of the normal by a radian counts as 0.2 m. For searches and starting postures, not for the tick.
+    A turn of the normal by a radian counts as the arm's ``facing``. Not for the tick.
     """
     place, out, begin = (np.asarray(value, float) for value in (position, normal, start))
     joints, left = inverse_kinematics.posture(arm.packed, place, out, begin, steps)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.arm_trial import MS, ArmTrial, percentiles, played_until_stopped
 from highfive.hil.arm.contact_outcome import (
@@ -31,14 +32,13 @@ from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm.rig_planner import full_errors, retarget_settings
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
-from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
+from highfive.hil.arm_model.servo_arm import mounted
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.bench.virtual_play import VirtualPlay, default_planner, play_virtually
-from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.runtime.threads import parallel_map, quick_switching
-from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.startup import Check
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
@@ -55,7 +55,7 @@ PLAYERS = ("avatar", "twin", "rig")
 class ContactOptions:
     """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
     with, where its map is drawn, whether the arm is given the exact place and time, as soon as it is given any, whether
-    a picture that is there may be replaced, and whether the rig plays in virtual time."""
+    a picture that is there may be replaced, whether the rig plays in virtual time, and which arm plays."""
 
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
@@ -66,6 +66,7 @@ class ContactOptions:
     foretold: bool = False
     overwrite: bool = False
     virtual: bool = False
+    arm: str = DEFAULT_ARM
 
 
 def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
@@ -104,11 +105,13 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
         "seed": options.seed,
         "foretold": options.foretold,
         "virtual": options.virtual,
+        "arm": options.arm,
+        "gives_up": find_arm(options.arm).gives_up,
     }
     rows: list[dict[str, Any]] = []
     for player in options.players:
         play = played_in_virtual_time if options.virtual and player == "rig" else partial(played_by, player)
-        results, commanded = play(references, bar)
+        results, commanded = play(references, bar, options.arm)
         result[player] = contact_figures([one.met for one in results]) | commanded
         rows += [_row(player, one, before) for one in results]
     if options.picture is not None:
@@ -118,12 +121,13 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     return result | {"rows": rows}
 
 
-def twin_loop() -> ArmLoop:
-    """The twin at rest, ready to play."""
-    rig = load_rig()
-    twin = SimulatedDriver(mounted_arm(), full_errors(rig))
-    limits = load_limits()
-    retarget = Retarget(default_arm(), READY, retarget_settings(rig, limits, on_the_way=0.0))
+def twin_loop(arm: str = DEFAULT_ARM) -> ArmLoop:
+    """An arm's twin at rest, ready to play."""
+    folder = find_arm(arm)
+    rig, limits = rig_of(folder, simulated=True), limits_of(folder)
+    twin = SimulatedDriver(mounted_arm(arm), full_errors(rig), folder=folder)
+    settings = retarget_settings(rig, limits, on_the_way=0.0, folder=folder)
+    retarget = Retarget(mounted(folder), np.array(folder.ready), settings)
     return ArmLoop(twin, retarget, limits, lambda: Check(twin.now(), ()), Latch(twin), twin)
 
 
@@ -164,6 +168,8 @@ def read_baseline(path: Path) -> dict[str, float]:
 def print_contact(result: Mapping[str, Any]) -> None:
     """The table and the figures, for people."""
     print(f"{result['high_fives']} high fives, seed {result['seed']}; error: plate (or palm) to palm where they touch")
+    if result["gives_up"]:
+        print(f"{result['arm']} gives up {result['gives_up']}")
     if result["virtual"]:
         print("the rig plays in virtual time")
     if result["foretold"]:
@@ -223,13 +229,16 @@ def played(reference: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial:
     return trial
 
 
-def played_by(player: str, references: Sequence[ReferenceTrajectory], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+def played_by(
+    player: str, references: Sequence[ReferenceTrajectory], bar: Bar, arm: str = DEFAULT_ARM
+) -> tuple[list[Played], dict[str, Any]]:
     """How each high five went, and figures of all: speeds, m/s, planning, ms, and for the rig which were stopped.
 
     Args:
         player: one of :data:`PLAYERS`.
         references: the high fives.
         bar: shows how far it is.
+        arm: name or folder of the arm.
 
     Raises:
         HighFiveError: the twin stopped by itself, or the rig cannot be made ready.
@@ -239,14 +248,14 @@ def played_by(player: str, references: Sequence[ReferenceTrajectory], bar: Bar) 
     advance = bar(player, len(references))
     trials: list[ArmTrial] = []
     if player == "twin":
-        loop = twin_loop()
+        loop = twin_loop(arm)
         for it in references:
             trials.append(played(it, loop))
             advance()
-        return [Played(trial.met) for trial in trials], _commanded(trials)
+        return [Played(trial.met) for trial in trials], _commanded(trials, arm)
     results: list[Played] = []
     while len(results) < len(references):  # one that was stopped counts as it is; the arm is then made ready again
-        with quick_switching(), ready_arm(ArmOptions()) as loop:
+        with quick_switching(), ready_arm(ArmOptions(arm=arm)) as loop:
             while len(results) < len(references) and not loop.trouble:
                 it = references[len(results)]
                 trial = played_until_stopped(it, loop)
@@ -254,28 +263,30 @@ def played_by(player: str, references: Sequence[ReferenceTrajectory], bar: Bar) 
                 met = _not_met(it, loop.retarget) if trial is None or trial.broken_off else trial.met
                 results.append(Played(met, loop.trouble))
                 advance()
-    return results, _rig_figures(results, trials)
+    return results, _rig_figures(results, trials, arm)
 
 
-def played_in_virtual_time(references: Sequence[ReferenceTrajectory], bar: Bar) -> tuple[list[Played], dict[str, Any]]:
+def played_in_virtual_time(
+    references: Sequence[ReferenceTrajectory], bar: Bar, arm: str = DEFAULT_ARM
+) -> tuple[list[Played], dict[str, Any]]:
     """What the emulated rig does with each, on all cores; as :func:`played_by`.
 
     Raises:
         HighFiveError: the rig cannot be made ready.
     """
-    plays = [VirtualPlay(it, number) for number, it in enumerate(references)]
+    plays = [VirtualPlay(it, number, arm) for number, it in enumerate(references)]
     results: list[Played] = []
     trials: list[ArmTrial] = []
     for play, (trial, trouble) in zip(plays, parallel_map(play_virtually, plays, partial(bar, "rig")), strict=True):
         trials += [] if trial is None else [trial]
-        met = _not_met(play.reference, default_planner()) if trial is None or trial.broken_off else trial.met
+        met = _not_met(play.reference, default_planner(arm)) if trial is None or trial.broken_off else trial.met
         results.append(Played(met, trouble))
-    return results, _rig_figures(results, trials)
+    return results, _rig_figures(results, trials, arm)
 
 
-def _rig_figures(results: Sequence[Played], trials: Sequence[ArmTrial]) -> dict[str, Any]:
+def _rig_figures(results: Sequence[Played], trials: Sequence[ArmTrial], arm: str) -> dict[str, Any]:
     stops = [result.stopped for result in results if result.stopped]
-    return {**_commanded(trials), "stops": len(stops), "stopped": stops}
+    return {**_commanded(trials, arm), "stops": len(stops), "stopped": stops}
 
 
 def _not_met(reference: ReferenceTrajectory, retarget: Retarget) -> ContactOutcome:
@@ -294,12 +305,12 @@ def _not_met(reference: ReferenceTrajectory, retarget: Retarget) -> ContactOutco
     )
 
 
-def _commanded(trials: Sequence[ArmTrial]) -> dict[str, Any]:
+def _commanded(trials: Sequence[ArmTrial], name: str) -> dict[str, Any]:
     """The largest speeds near hand and head, m/s, of what went on the wire and of the body, and ms of planning.
 
     What the hand is faster than the limit by itself is not counted: the plate then stands.
     """
-    limits, arm = load_limits(), default_arm()
+    limits, arm = limits_of(find_arm(name)), mounted(find_arm(name))
     speeds = [trial.separation_speeds(arm, limits) for trial in trials]
     ticks = [tick for trial in trials for tick in trial.ticks]
     names = {"wire": "commanded", "body": "body"}

@@ -16,7 +16,7 @@ from highfive.hil.bench.motion_laws import judge_wire_motion
 from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety.envelope import LATE_TICK
-from highfive.hil.safety.limits import MECHANICAL, Limits
+from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED, State
 from highfive.model.geometry.rotations import Array
@@ -152,7 +152,8 @@ def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
     if len(allowed):
         laws.judge("goal current, of what is allowed", float((allowed / current).max()), 1.0 + 1e-3)
     positions, velocities = np.array(box.positions), np.abs(np.array(box.velocities))
-    beyond = np.maximum(positions - MECHANICAL[:, 1], MECHANICAL[:, 0] - positions)
+    low, high = np.array(limits.ceilings.mechanical).T
+    beyond = np.maximum(positions - high, low - positions)
     laws.judge("body: position beyond its stop, rad", float(beyond.max()), 0.05)
     on = np.flatnonzero(powered.any(axis=1))
     if not len(on):  # it lies limp as it fell when the plant was switched on

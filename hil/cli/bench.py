@@ -120,6 +120,7 @@ def bench_contact(
     virtual: Annotated[
         bool, typer.Option("--virtual", help="Let the rig play in virtual time: the same twice, whatever the machine.")
     ] = False,
+    arm: Annotated[str, typer.Option(metavar="NAME", help="Which arm, or its folder (docs/arm.md).")] = "vx300s",
     overwrite: OverwriteFile = False,
     seed: Seed = 0,
     json: Json = False,
@@ -127,7 +128,9 @@ def bench_contact(
     """Let avatar, twin and emulated rig meet the same hands, and tell how far off each palm is. Nothing real moves."""
     _run(
         json,
-        lambda bar: bench.contact(emotion, cell, player, baseline, picture, foretold, overwrite, virtual, seed, bar),
+        lambda bar: bench.contact(
+            emotion, cell, player, baseline, picture, foretold, overwrite, virtual, arm, seed, bar
+        ),
     )
 
 

@@ -30,6 +30,8 @@ Faults = Annotated[
     list[str] | None,
     typer.Option(help="What goes wrong on an emulated arm: dead=4@2-3; may be given again (docs/rig.md)."),
 ]
+ArmName = Annotated[str, typer.Option("--arm", metavar="NAME", help="Which arm, or its folder (docs/arm.md).")]
+DEFAULT_NAME = "vx300s"
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
 
 app = typer.Typer(help="The servo arm, and the stand-in that behaves like it.", no_args_is_help=True)
@@ -52,6 +54,7 @@ def emulate(
     seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
     unpaced: Annotated[bool, typer.Option("--unpaced", help="Bytes take no time.")] = False,
     seed: Seed = 0,
+    arm: ArmName = DEFAULT_NAME,
     json: Json = False,
 ) -> None:
     """Serve an emulated arm on a pseudo-terminal until Ctrl-C (docs/rig.md). Nothing real moves."""
@@ -68,7 +71,7 @@ def emulate(
         baud_rate=baud,
         seed=seed,
     )
-    result = emulate(options, seconds, say_aside if json else say)
+    result = emulate(options, seconds, say_aside if json else say, arm)
     print_result(result, json, print_emulated)
 
 
@@ -119,13 +122,14 @@ def reach(
     picture: Annotated[Path, typer.Option(metavar="FILE.png", help="Where to draw the map.")] = Path("reach.png"),
     overwrite: OverwriteFile = False,
     quick: Annotated[bool, typer.Option("--quick", help="Only the mount as it is; no search.")] = False,
+    arm: ArmName = DEFAULT_NAME,
     json: Json = False,
 ) -> None:
     """Show which cells the mounted arm reaches and how fast, and search for the best mount. Nothing moves."""
     from highfive.hil.commands.rig.reach import print_rig_reach, rig_reach  # noqa: PLC0415
 
     with progress_bars() as bar:
-        result = rig_reach(picture, quick, bar, overwrite=overwrite)
+        result = rig_reach(picture, quick, bar, overwrite=overwrite, arm=arm)
     print_result(result | {"picture": str(picture)}, json, print_rig_reach)
 
 

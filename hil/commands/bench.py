@@ -81,6 +81,7 @@ def contact(
     foretold: bool,
     overwrite: bool,
     virtual: bool,
+    arm: str,
     seed: int,
     bar: Bar,
 ) -> Measured:
@@ -90,7 +91,7 @@ def contact(
     from highfive.model.hgpdm.store import load_model
 
     whom = tuple(emotions or ()), tuple(cells or ()), tuple(players or PLAYERS)
-    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite, virtual)
+    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite, virtual, arm)
     return Measured(bench_contact(options, load_model(DEFAULT_MODEL), bar), print_contact)
 
 

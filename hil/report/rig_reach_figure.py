@@ -33,7 +33,7 @@ def draw_reach(path: Path, chosen: BaseReach, found: Sequence[BaseReach], *, rep
     base = chosen.base
     figure.suptitle(
         f"Base {base.height:.2f} m high, {base.standoff:.2f} m behind the grid, {base.side:.0f}° aside, tilted "
-        f"{base.tilt:.0f}°, plate {base.plate:.2f} m out: {chosen.reached} of 9 cells, slowest {chosen.slowest:.2f} s",
+        f"{base.tilt:.0f}°, plate {base.out:.2f} m out: {chosen.reached} of 9 cells, slowest {chosen.slowest:.2f} s",
         color=INK,
     )
     picture = io.BytesIO()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety import faults, feed_forward, motion, people, wire
 from highfive.hil.safety.feed_forward import FeedForward
-from highfive.hil.safety.limits import JOINTS, Limits
+from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.motion import Motion
 from highfive.hil.safety.people import Human, Points, Remembered
 from highfive.hil.safety.retract import retracting
@@ -54,7 +54,7 @@ def step(
         now_ns: monotonic clock, ns.
     """
     requested = inputs.requested
-    inputs, reasons = finite(inputs)
+    inputs, reasons = finite(inputs, len(limits.joints))
     reference = None if before.motion is None else before.motion.positions
     watch = faults.watched(limits, before.watch, inputs.arm, reference, now_ns)
     points = None if reference is None else placed(kinematics, reference, inputs)
@@ -94,7 +94,7 @@ def step(
         then = motion.moved(then, within * sent.reference, target, dt)
         offset = feed_forward.moved(limits, offset, within * sent.offset, then.positions, dt)
     now = EnvelopeState(
-        now.state, now.since_ns, now.reason, then, watch, seen, requested_ns, way_point, offset, now.stopped_by
+        now.state, now.since_ns, now.reason, then, watch, seen, requested_ns, offset, way_point, now.stopped_by
     )
 
     gap = None
@@ -117,34 +117,34 @@ def step(
     return now, command, report
 
 
-def finite(inputs: Inputs) -> tuple[Inputs, dict[Rule, str]]:
+def finite(inputs: Inputs, joints: int) -> tuple[Inputs, dict[Rule, str]]:
     """The inputs without those that hold something that is no number; and what that was."""
     reasons = {}
-    for field, name, array, shape in numbers(inputs):
+    for field, name, array, shape in numbers(inputs, joints):
         if reason := faults.not_finite(name, array, shape):
             inputs, reasons = replace(inputs, **{field: None}), {Rule.NOT_FINITE: reason}
     return inputs, reasons
 
 
-def numbers(inputs: Inputs) -> Iterator[tuple[str, str, NDArray[Any], tuple[int, ...]]]:
+def numbers(inputs: Inputs, joints: int) -> Iterator[tuple[str, str, NDArray[Any], tuple[int, ...]]]:
     """All arrays of the inputs: in which of their fields, what it is, the array, and the shape it has to have."""
     requested, arm, health, human = inputs.requested, inputs.arm, inputs.health, inputs.human
-    joints, vector = (len(JOINTS),), (3,)
+    joint, vector = (joints,), (3,)
     if requested is not None:
-        yield "requested", "requested positions", requested, joints
+        yield "requested", "requested positions", requested, joint
     if inputs.feed_forward is not None:
-        yield "feed_forward", "what goals shall lead by", inputs.feed_forward, joints
+        yield "feed_forward", "what goals shall lead by", inputs.feed_forward, joint
     if arm is not None:
-        yield "arm", "the servos' positions", arm.positions, joints
-        yield "arm", "the servos' velocities", arm.velocities, joints
-        yield "arm", "the servos' currents", arm.currents, joints
-        yield "arm", "the servos' errors", arm.errors, joints
-        yield "arm", "the servos' answers", arm.answered, joints
-        yield "arm", "the servos' watchdogs", arm.tripped, joints
-        yield "arm", "the distances of paired servos", arm.apart, joints
+        yield "arm", "the servos' positions", arm.positions, joint
+        yield "arm", "the servos' velocities", arm.velocities, joint
+        yield "arm", "the servos' currents", arm.currents, joint
+        yield "arm", "the servos' errors", arm.errors, joint
+        yield "arm", "the servos' answers", arm.answered, joint
+        yield "arm", "the servos' watchdogs", arm.tripped, joint
+        yield "arm", "the distances of paired servos", arm.apart, joint
     if health is not None:
-        yield "health", "the servos' temperatures", health.temperatures, joints
-        yield "health", "the servos' voltages", health.voltages, joints
+        yield "health", "the servos' temperatures", health.temperatures, joint
+        yield "health", "the servos' voltages", health.voltages, joint
     if human is not None:
         yield "human", "the person's head", human.head, vector
         if human.palm is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from highfive.hil.drivers.servo_errors import hardware_errors
 from highfive.hil.drivers.values import JointHealth, JointState
-from highfive.hil.safety.limits import JOINTS, Limits, Servo, Timing
+from highfive.hil.safety.limits import Limits, Servo, Timing
 from highfive.hil.safety.rules import Rule
 from highfive.model.geometry.rotations import Array
 
@@ -37,9 +37,9 @@ class Watch:
     gap_s: float = 0.0
 
 
-def watch_from(now_ns: int) -> Watch:
+def watch_from(now_ns: int, joints: int) -> Watch:
     """A watch that begins now."""
-    return Watch(now_ns, (now_ns,) * len(JOINTS), (None,) * len(JOINTS), (None,) * len(JOINTS))
+    return Watch(now_ns, (now_ns,) * joints, (None,) * joints, (None,) * joints)
 
 
 def watched(limits: Limits, watch: Watch, arm: JointState | None, reference: Array | None, now_ns: int) -> Watch:
@@ -80,47 +80,47 @@ def all_finite(array: NDArray[Any]) -> bool:
     return all(map(math.isfinite, array.ravel().tolist()))
 
 
-def servo_error(arm: JointState | None) -> str:
+def servo_error(names: Sequence[str], arm: JointState | None) -> str:
     """Errors that servos report, and watchdogs that have tripped."""
     for joint, bits in enumerate([] if arm is None else arm.errors.tolist()):
         if bits:
-            return f"the servo of {JOINTS[joint]} reports {', '.join(hardware_errors(bits))}"
+            return f"the servo of {names[joint]} reports {', '.join(hardware_errors(bits))}"
     for joint, tripped in enumerate([] if arm is None else arm.tripped.tolist()):
         if tripped:
-            return f"the servo of {JOINTS[joint]} stopped by itself: its watchdog heard nothing for too long"
+            return f"the servo of {names[joint]} stopped by itself: its watchdog heard nothing for too long"
     return ""
 
 
-def silent_servo(servo: Servo, watch: Watch, now_ns: int) -> str:
+def silent_servo(names: Sequence[str], servo: Servo, watch: Watch, now_ns: int) -> str:
     """Joints that have not answered for too long."""
     last = min(watch.heard_ns)
     silent = (now_ns - last) * 1e-9
     if silent <= servo.silent_s:
         return ""
-    longest = [joint for joint, heard in zip(JOINTS, watch.heard_ns, strict=True) if heard == last]
+    longest = [joint for joint, heard in zip(names, watch.heard_ns, strict=True) if heard == last]
     return f"{', '.join(longest)} {'has' if len(longest) == 1 else 'have'} not answered for {1e3 * silent:.0f} ms"
 
 
-def following(servo: Servo, watch: Watch, now_ns: int) -> str:
+def following(names: Sequence[str], servo: Servo, watch: Watch, now_ns: int) -> str:
     """Joints that have not been where they were commanded to be for too long."""
-    joint, strayed = _longest(watch.strayed_ns, now_ns)
+    joint, strayed = _longest(names, watch.strayed_ns, now_ns)
     if strayed <= servo.following_s:
         return ""
     return f"{joint} has been more than {servo.following:g} rad off for {1e3 * strayed:.0f} ms"
 
 
-def shadow_mismatch(servo: Servo, watch: Watch, now_ns: int) -> str:
+def shadow_mismatch(names: Sequence[str], servo: Servo, watch: Watch, now_ns: int) -> str:
     """Joints whose two servos have not agreed on where they are for too long."""
-    joint, parted = _longest(watch.parted_ns, now_ns)
+    joint, parted = _longest(names, watch.parted_ns, now_ns)
     if parted <= servo.shadow_s:
         return ""
     return f"the two servos of {joint} have been more than {servo.shadow:g} rad apart for {1e3 * parted:.0f} ms"
 
 
-def _longest(since_ns: Sequence[int | None], now_ns: int) -> tuple[str, float]:
+def _longest(names: Sequence[str], since_ns: Sequence[int | None], now_ns: int) -> tuple[str, float]:
     """The joint for which something has lasted longest, and how long, s; 0 s where it does for none."""
     began = min((one for one in since_ns if one is not None), default=now_ns)
-    joint = JOINTS[since_ns.index(began)] if began in since_ns else ""
+    joint = names[since_ns.index(began)] if began in since_ns else ""
     return joint, (now_ns - began) * 1e-9
 
 
@@ -132,7 +132,7 @@ def health(servo: Servo, values: JointHealth | None, now_ns: int) -> str:
     return f"temperatures and voltages are {age:.1f} s old" if age > servo.health_s else ""
 
 
-def temperature(servo: Servo, values: JointHealth | None) -> str:
+def temperature(names: Sequence[str], servo: Servo, values: JointHealth | None) -> str:
     """Servos that are too hot."""
     if values is None:
         return ""
@@ -140,14 +140,14 @@ def temperature(servo: Servo, values: JointHealth | None) -> str:
     hottest = max(found)
     if hottest <= servo.temperature:
         return ""
-    return f"{JOINTS[found.index(hottest)]} has {hottest:.0f} °C, at most {servo.temperature:.0f}"
+    return f"{names[found.index(hottest)]} has {hottest:.0f} °C, at most {servo.temperature:.0f}"
 
 
-def voltage(servo: Servo, values: JointHealth | None) -> str:
+def voltage(names: Sequence[str], servo: Servo, values: JointHealth | None) -> str:
     """Servos with too low or too high a voltage."""
     for joint, found in enumerate([] if values is None else values.voltages.tolist()):
         if not servo.voltage_low <= found <= servo.voltage_high:
-            return f"{JOINTS[joint]} has {found:.1f} V, not {servo.voltage_low:.1f} to {servo.voltage_high:.1f}"
+            return f"{names[joint]} has {found:.1f} V, not {servo.voltage_low:.1f} to {servo.voltage_high:.1f}"
     return ""
 
 
@@ -168,14 +168,15 @@ def faults(
     limits: Limits, watch: Watch, arm: JointState | None, values: JointHealth | None, now_ns: int
 ) -> dict[Rule, str]:
     """Every reason to stop; all numbers are finite, see :func:`not_finite`."""
+    names = limits.names
     reasons = {
-        Rule.SERVO_ERROR: servo_error(arm),
-        Rule.SILENT_SERVO: silent_servo(limits.servo, watch, now_ns),
-        Rule.FOLLOWING: following(limits.servo, watch, now_ns),
-        Rule.SHADOW_MISMATCH: shadow_mismatch(limits.servo, watch, now_ns),
+        Rule.SERVO_ERROR: servo_error(names, arm),
+        Rule.SILENT_SERVO: silent_servo(names, limits.servo, watch, now_ns),
+        Rule.FOLLOWING: following(names, limits.servo, watch, now_ns),
+        Rule.SHADOW_MISMATCH: shadow_mismatch(names, limits.servo, watch, now_ns),
         Rule.HEALTH: health(limits.servo, values, now_ns),
-        Rule.TEMPERATURE: temperature(limits.servo, values),
-        Rule.VOLTAGE: voltage(limits.servo, values),
+        Rule.TEMPERATURE: temperature(names, limits.servo, values),
+        Rule.VOLTAGE: voltage(names, limits.servo, values),
         Rule.DEADLINE: deadline(limits.timing, watch),
     }
     return {rule: reason for rule, reason in reasons.items() if reason}

@@ -7,11 +7,11 @@ both to the rules for the person.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from highfive.hil.safety.limits import JOINTS, Limits
+from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.motion import NO_TIME, Motion
 from highfive.model.geometry.rotations import Array
 
@@ -28,8 +28,13 @@ class FeedForward:
         rates: (J,) rad/s, with which they came there.
     """
 
-    offsets: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
-    rates: Array = field(default_factory=lambda: np.zeros(len(JOINTS)))
+    offsets: Array
+    rates: Array
+
+
+def no_lead(joints: int) -> FeedForward:
+    """Goals that do not lead."""
+    return FeedForward(np.zeros(joints), np.zeros(joints))
 
 
 def next_rates(

@@ -30,6 +30,21 @@ STALL_CURRENTS = np.array([4.4, 4.4, 4.4, 4.4, 4.4, 2.3])
 """(J,) A at 12 V, of the joint's servos: XM540-W270, the last one XM430-W350 (the maker's tables)."""
 
 
+@dataclass(frozen=True)
+class Ceilings:
+    """An arm's joints, and what no limits file can raise.
+
+    Attributes:
+        names: of the joints, in the order of every array.
+        mechanical: (J, 2) rad, lowest and highest position of each.
+        stall_currents: (J,) A, of each of a joint's servos.
+    """
+
+    names: tuple[str, ...] = JOINTS
+    mechanical: tuple[tuple[float, float], ...] = tuple((float(low), float(high)) for low, high in MECHANICAL)
+    stall_currents: tuple[float, ...] = tuple(STALL_CURRENTS.tolist())
+
+
 Section = TypeVar("Section", bound="DataclassInstance")
 
 
@@ -238,9 +253,10 @@ class Limits:
     """All limits.
 
     Attributes:
-        joints: one a joint, in the order of :data:`JOINTS`.
+        joints: one a joint, in the order of the ceilings' names.
         servo, posture, contact, face, stale, motion, feed_forward, timing: as said there.
         path: W poses (J,), rad, along which the arm retracts; in the last one it rests.
+        ceilings: the arm that they are for.
     """
 
     joints: tuple[Joint, ...]
@@ -253,6 +269,12 @@ class Limits:
     feed_forward: Offset
     timing: Timing
     path: tuple[tuple[float, ...], ...]
+    ceilings: Ceilings = field(default_factory=Ceilings)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the joints."""
+        return self.ceilings.names
 
     @cached_property
     def lowest(self) -> Array:

@@ -10,9 +10,7 @@ from typing import Any
 
 from highfive.hil.safety.contact_force import contact_speed
 from highfive.hil.safety.limits import (
-    JOINTS,
-    MECHANICAL,
-    STALL_CURRENTS,
+    Ceilings,
     Contact,
     Face,
     Joint,
@@ -48,15 +46,15 @@ SECTIONS: dict[str, type[Any]] = {
 }
 
 
-def load_limits(path: Path = FILE) -> Limits:
-    """Reads a limits file.
+def load_limits(path: Path = FILE, ceilings: Ceilings | None = None) -> Limits:
+    """Reads a limits file of an arm with such ``ceilings``; None for the default arm.
 
     Raises:
         LimitsError: it cannot be read, lacks or adds an entry, or says what no file may say.
     """
     data = read_toml(path, "limits", LimitsError)
     try:
-        return _checked(_parsed(data))
+        return _checked(_parsed(data, ceilings or Ceilings()))
     except LimitsError as error:
         raise LimitsError(f"limits {path}: {error}; nothing moves until the file is put right") from None
 
@@ -71,8 +69,8 @@ def load_safer(path: Path, than: Limits) -> Limits:
     Raises:
         LimitsError: as :func:`load_limits`, or a limit in it is less safe than the arm's own, or it retracts elsewhere.
     """
-    limits = load_limits(path)
-    pairs = [(f"joint.{name}", own, new) for name, own, new in zip(JOINTS, than.joints, limits.joints, strict=True)]
+    limits = load_limits(path, than.ceilings)
+    pairs = [(f"joint.{name}", own, new) for name, own, new in zip(than.names, than.joints, limits.joints, strict=True)]
     pairs += [(name, getattr(than, name), getattr(limits, name)) for name in SECTIONS]
     try:
         for where, own, new in pairs:
@@ -98,10 +96,10 @@ def lowered(limits: Limits, changes: Mapping[str, float]) -> Limits:
     for name, value in changes.items():
         section, _, rest = name.partition(".")
         joint, _, entry = rest.rpartition(".")
-        if section == "joint" and (joint in JOINTS or not joint):
+        if section == "joint" and (joint in limits.names or not joint):
             joints = tuple(
                 _lowered_entry(one, name, entry, value) if joint in ("", which) else one
-                for which, one in zip(JOINTS, limits.joints, strict=True)
+                for which, one in zip(limits.names, limits.joints, strict=True)
             )
             limits = replace(limits, joints=joints)
         elif section in SECTIONS:
@@ -141,18 +139,22 @@ def _lowered_entry(section: Section, name: str, entry: str, value: float) -> Sec
     return replace(section, **{entry: float(value)})
 
 
-def _parsed(data: dict[str, Any]) -> Limits:
+def _parsed(data: dict[str, Any], ceilings: Ceilings) -> Limits:
+    names = ceilings.names
     _same_names(data, ("joint", *SECTIONS, "retract"), "the file")
     joint, retract = _table(data["joint"], "joint"), _table(data["retract"], "retract")
-    _same_names(joint, JOINTS, "[joint]")
+    if set(joint) - set(names) and set(names) - set(joint):
+        raise LimitsError(f"they are of another arm: [joint] has {', '.join(joint)}; this arm has {', '.join(names)}")
+    _same_names(joint, names, "[joint]")
     _same_names(retract, ("path",), "[retract]")
     path = retract["path"]
-    if not is_list(path) or not path or any(not is_list(p) or len(p) != len(JOINTS) for p in path):
-        raise LimitsError(f"retract.path has to be one or more poses of {len(JOINTS)} angles")
+    if not is_list(path) or not path or any(not is_list(p) or len(p) != len(names) for p in path):
+        raise LimitsError(f"retract.path has to be one or more poses of {len(names)} angles")
     anywhere = Span("rad", -math.pi, math.pi, 0)
     return Limits(
-        joints=tuple(_section(Joint, joint[name], f"joint.{name}") for name in JOINTS),
+        joints=tuple(_section(Joint, joint[name], f"joint.{name}") for name in names),
         path=tuple(tuple(_number(angle, "retract.path", anywhere) for angle in pose) for pose in path),
+        ceilings=ceilings,
         **{name: _section(kind, data[name], name) for name, kind in SECTIONS.items()},
     )
 
@@ -192,8 +194,9 @@ def _number(value: Any, name: str, span: Span) -> float:
 
 def _checked(limits: Limits) -> Limits:
     """The same limits, if they go together."""
-    for number, name in enumerate(JOINTS):
-        joint, (least, most), stall = limits.joints[number], MECHANICAL[number], STALL_CURRENTS[number]
+    own = limits.ceilings
+    for number, (name, joint) in enumerate(zip(own.names, limits.joints, strict=True)):
+        (least, most), stall = own.mechanical[number], own.stall_currents[number]
         if not least - PEER <= joint.lowest < joint.highest <= most + PEER:
             raise LimitsError(
                 f"joint.{name} goes from {joint.lowest:g} to {joint.highest:g} rad; "

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from highfive.hil.drivers.values import JointState
-from highfive.hil.safety.limits import JOINTS, MECHANICAL, Limits
+from highfive.hil.safety.limits import Limits
 from highfive.model.geometry.rotations import Array
 
 STANDS = 0.05
@@ -33,9 +33,9 @@ def posture_mismatches(
         held: the arm may be held in the pose in which it rests, by a hand or a stand.
     """
     own, positions = limits.posture, arm.positions
-    low, high = MECHANICAL.T
+    names, (low, high) = limits.names, np.array(limits.ceilings.mechanical).T
     lines = [
-        f"{JOINTS[joint]} says {np.degrees(positions[joint]):.0f}°, beyond its stops "
+        f"{names[joint]} says {np.degrees(positions[joint]):.0f}°, beyond its stops "
         f"({np.degrees(low[joint]):.0f} to {np.degrees(high[joint]):.0f}°): its zero is lost"
         for joint in np.flatnonzero((positions < low - own.stop) | (positions > high + own.stop))
     ]
@@ -51,7 +51,7 @@ def posture_mismatches(
     stopped = ((positions > high - own.stop) & (missing < 0.0)) | ((positions < low + own.stop) & (missing > 0.0))
     off = (np.abs(missing) > own.friction * strength + own.model * np.abs(gravity)) & ~stopped
     return tuple(
-        f"{JOINTS[joint]}: where it says that it is, at {np.degrees(positions[joint]):.0f}°, gravity asks for "
+        f"{names[joint]}: where it says that it is, at {np.degrees(positions[joint]):.0f}°, gravity asks for "
         f"{gravity[joint]:.1f} N·m, and its servos give {given[joint]:.1f}: {_WHY}"
         for joint in np.flatnonzero(off)
     )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from highfive.hil.safety.limits import JOINTS, Limits
+from highfive.hil.safety.limits import Limits
 
 CURRENT_BASED_POSITION = 5
 """The operating mode in which a servo yields (the maker's manual, register Operating Mode)."""
@@ -83,12 +83,12 @@ def limit_mismatches(limits: Limits, servos: Iterable[ServoLimits]) -> list[str]
     lines: list[str] = []
     known: set[str] = set()
     for servo in servos:
-        if servo.joint not in JOINTS:
+        if servo.joint not in limits.names:
             lines.append(f"{servo.joint} is no joint of this arm")
             continue
         known.add(servo.joint)
         lines += [f"{servo.joint}: {line}" for line in _mismatches(limits, servo)]
-    return lines + [f"{name}: nothing was read back" for name in JOINTS if name not in known]
+    return lines + [f"{name}: nothing was read back" for name in limits.names if name not in known]
 
 
 def watchdog_mismatch(limits: Limits, servo: ServoLimits) -> str:
@@ -177,7 +177,7 @@ def start_up_check(
 
 
 def _mismatches(limits: Limits, servo: ServoLimits) -> list[str]:
-    own = limits.joints[JOINTS.index(servo.joint)]
+    own = limits.joints[limits.names.index(servo.joint)]
     lines = [watchdog_mismatch(limits, servo)]
     if servo.operating_mode != CURRENT_BASED_POSITION:
         lines.append(f"its operating mode is {servo.operating_mode}, it has to be {CURRENT_BASED_POSITION}")

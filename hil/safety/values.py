@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 from highfive.hil.safety.faults import Watch, watch_from
-from highfive.hil.safety.feed_forward import FeedForward
+from highfive.hil.safety.feed_forward import FeedForward, no_lead
 from highfive.hil.safety.motion import Motion
 from highfive.hil.safety.people import Human, Remembered
 from highfive.hil.safety.rules import Rule
@@ -52,10 +54,10 @@ class EnvelopeState:
         since_ns: when that began.
         reason: why it stopped; empty while it did not.
         motion: the reference: where it was last commanded to be; None before anything was sent.
-        feed_forward: by how much goals lead the reference; what was sent is the sum of both.
         watch: what has to last before it is a fault.
         seen: what is known of the person.
         requested_ns: when something was last requested.
+        feed_forward: by how much goals lead the reference; what was sent is the sum of both.
         way_point: where it retracts to next.
         stopped_by: the rules that stopped it, as ``reason`` says in words.
     """
@@ -67,8 +69,8 @@ class EnvelopeState:
     watch: Watch
     seen: Remembered
     requested_ns: int
+    feed_forward: FeedForward
     way_point: int = 0
-    feed_forward: FeedForward = field(default_factory=FeedForward)
     stopped_by: frozenset[Rule] = frozenset()
 
 
@@ -121,10 +123,10 @@ class Report:
         }
 
 
-def standing(now_ns: int, feed_forward: FeedForward | None = None) -> EnvelopeState:
+def standing(now_ns: int, joints: int, feed_forward: FeedForward | None = None) -> EnvelopeState:
     """Where the envelope begins: nothing is checked, nothing is known, nothing is sent.
 
     An arm that is held from before goes on from its ``feed_forward``: without it, it would sag.
     """
-    kept = FeedForward() if feed_forward is None else FeedForward(feed_forward.offsets)
-    return EnvelopeState(State.UNCHECKED, now_ns, "", None, watch_from(now_ns), Remembered(), now_ns, feed_forward=kept)
+    kept = no_lead(joints) if feed_forward is None else FeedForward(feed_forward.offsets, np.zeros(joints))
+    return EnvelopeState(State.UNCHECKED, now_ns, "", None, watch_from(now_ns, joints), Remembered(), now_ns, kept)

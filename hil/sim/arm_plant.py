@@ -8,6 +8,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
+from highfive.hil.arm_model.arm_folder import ArmFolder
 from highfive.hil.arm_model.mount import Mount
 from highfive.hil.sim.arm_body import arm_alone
 from highfive.mocap_bridge.frames import PalmPose
@@ -22,16 +23,22 @@ class ArmPlant:
     """
 
     def __init__(
-        self, mount: Mount, joints: Array, change: Callable[[mujoco.MjModel], object] = lambda model: None
+        self,
+        mount: Mount,
+        joints: Array,
+        change: Callable[[mujoco.MjModel], object] = lambda model: None,
+        *,
+        folder: ArmFolder | None = None,
     ) -> None:
         """Starts at rest.
 
         Args:
             mount: where the arm stands.
             joints: (J,) rad.
+            folder: which arm; None for the default one.
             change: makes masses and friction other than those of the arm's model.
         """
-        self._twin = arm_alone(mount)
+        self._twin = arm_alone(mount, folder)
         change(self._twin.model)
         mujoco.mj_setConst(self._twin.model, mujoco.MjData(self._twin.model))  # pyright: ignore[reportAttributeAccessIssue]
         self._data = mujoco.MjData(self._twin.model)
@@ -56,7 +63,7 @@ class ArmPlant:
         """
         torques = np.asarray(torques, float)
         if not (math.isfinite(torques.sum()) and torques.shape == self._twin.dofs.shape and seconds >= 0.0):
-            raise HighFiveError(f"got torques {torques} for {seconds} s; six finite numbers and a time are expected")
+            raise HighFiveError(f"got torques {torques} for {seconds} s; expected a finite number a joint, and a time")
         model, data = self._twin.model, self._data
         self._left += seconds
         steps = int(self._left / model.opt.timestep + 1e-9)

@@ -103,7 +103,7 @@ class Loop:
     kinematics: Kinematics = field(default=kinematics)
 
     def __post_init__(self) -> None:
-        self.before = standing(self.now_ns)
+        self.before = standing(self.now_ns, len(LIMITS.joints))
         self.measured = self.start.copy()
 
     @property

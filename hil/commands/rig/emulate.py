@@ -9,20 +9,23 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
+from highfive.hil.arm.arm_files import rig_file
 from highfive.hil.arm.lifecycle import PLANT
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator import Emulator
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, make_bus
 from highfive.hil.drivers.priority import go_first
 from highfive.hil.runtime.shutdown import until_ended
-from highfive.hil.safety.limits import JOINTS
 from highfive.model.errors import HighFiveError
 
 
-def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str], None]) -> dict[str, Any]:
+def emulate(
+    options: EmulatorOptions, seconds: float | None, say: Callable[[str], None], arm: str = DEFAULT_ARM
+) -> dict[str, Any]:
     """Serves the emulated bus until Ctrl-C or SIGTERM, or for so long; ``say`` gets lines for people.
 
-    The servos of an arm with our joints move its twin, others an inertia per joint.
+    The servos of a rig with the joints of ``arm`` (a name or folder) move its twin, others an inertia per joint.
 
     Every line that comes in on standard input replaces what goes wrong, with times that count from then.
 
@@ -33,9 +36,12 @@ def emulate(options: EmulatorOptions, seconds: float | None, say: Callable[[str]
     Raises:
         HighFiveError: rig, faults or link make no sense, or there are no pseudo-terminals.
     """
+    folder = find_arm(arm)
+    if options.rig is None:
+        options = replace(options, rig=str(rig_file(folder)))
     rig = load_rig(options.rig)
-    if options.plant is None and tuple(joint.name for joint in rig.joints) == JOINTS:
-        options = replace(options, plant=PLANT)
+    if options.plant is None and tuple(joint.name for joint in rig.joints) == folder.names:
+        options = replace(options, plant=f"{PLANT}:{arm}")
     bus = make_bus(options)
     with until_ended() as end, Emulator(bus, link=options.link) as emulator:
         say(f"{emulator.port}: {rig.name}, {options.baud_rate or rig.baud_rate:,} baud")

@@ -140,8 +140,12 @@ def required_registers(rig: Rig) -> dict[int, dict[str, int]]:
     return {servo: _required(rig, joint, servo) for servo, joint in rig.servos.items()}
 
 
-def load_rig(path: str | Path | None = None) -> Rig:
-    """Reads and checks a rig's description; without a path, that of the arm that comes with the project.
+def load_rig(path: str | Path | None = None, *, simulated: bool = False) -> Rig:
+    """Reads and checks a rig's description; without a path, that of the default arm.
+
+    Args:
+        path: of the file.
+        simulated: no bus is to be driven: servos that do not limit their current are taken, too.
 
     Raises:
         HighFiveError: there is no such file, it is no TOML, or it makes no sense; one line says what.
@@ -149,8 +153,9 @@ def load_rig(path: str | Path | None = None) -> Rig:
     path = Path(path or DEFAULT_RIG)
     document = read_toml(path, "the rig file")
     try:
-        rig = _rig(document)
-        required_registers(rig)
+        rig = _rig(document, simulated)
+        if not simulated:
+            required_registers(rig)
     except HighFiveError as error:
         raise HighFiveError(f"{path}: {error}") from None
     return rig
@@ -179,12 +184,12 @@ def _required(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
     }
 
 
-def _rig(document: Mapping[str, Any]) -> Rig:
+def _rig(document: Mapping[str, Any], simulated: bool) -> Rig:
     check_keys(document, "the file", {"name", "baud_rate", "settings", "joints"})
     entries = document["joints"]
     if not isinstance(entries, list) or not entries:
         raise HighFiveError("joints: expected one table [[joints]] a joint")
-    joints = tuple(_joint(entry, n) for n, entry in enumerate(entries, 1))
+    joints = tuple(_joint(entry, n, simulated) for n, entry in enumerate(entries, 1))
     _once("joint", [joint.name for joint in joints])
     _once("ID", [str(servo) for joint in joints for servo in joint.ids])
     rig = Rig(
@@ -194,7 +199,7 @@ def _rig(document: Mapping[str, Any]) -> Rig:
         joints,
     )
     for joint in joints:
-        if rig.settings.operating_mode not in load_table(joint.model).operating_modes:
+        if not simulated and rig.settings.operating_mode not in load_table(joint.model).operating_modes:
             raise HighFiveError(f"settings: a {joint.model} has no operating mode {rig.settings.operating_mode}")
     return rig
 
@@ -219,7 +224,7 @@ def _settings(entry: Mapping[str, Any]) -> RigSettings:
     return RigSettings(*values)
 
 
-def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
+def _joint(entry: Mapping[str, Any], n: int, simulated: bool) -> RigJoint:
     where = f"joint {n}"
     check_keys(
         entry,
@@ -235,7 +240,7 @@ def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
     zero = number(entry, f"{where}: ", "zero", int, 0, COUNTS - 1)
     lower, upper = _limits(entry, where, zero)
     table = load_table(model)
-    if "current_limit" not in table:
+    if "current_limit" not in table and not simulated:
         raise HighFiveError(f"{where}: a {model} does not limit its current; take an XM430-W350 or an XM540-W270")
     highest = table.motor.stall_current
     return RigJoint(

@@ -91,11 +91,12 @@ def _servo(text: str, baud_rate: int) -> EmulatedServo:
 
 
 def _plant(name: str) -> Any:
-    module, _, function = name.partition(":")
+    module, _, rest = name.partition(":")
+    function, _, argument = rest.partition(":")
     try:
-        return getattr(importlib.import_module(module), function)()
+        return getattr(importlib.import_module(module), function)(*([argument] if argument else []))
     except (ImportError, AttributeError, ValueError) as error:
-        raise HighFiveError(f"no plant {name!r} ({error}); give it as package.module:function") from None
+        raise HighFiveError(f"no plant {name!r} ({error}); give it as package.module:function[:ARGUMENT]") from None
 
 
 class EmulatorProcess:

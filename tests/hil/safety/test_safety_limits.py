@@ -204,7 +204,7 @@ SCRAPS = st.none() | st.integers() | st.text(max_size=3) | st.dictionaries(st.sa
 @settings(deadline=None)
 def test_any_data_are_limits_or_refused(data: dict[str, Any]) -> None:
     with pytest.raises(LimitsError):
-        limits_file._parsed(data)
+        limits_file._parsed(data, module.Ceilings())
 
 
 @given(st.sampled_from(ENTRIES), st.floats(allow_nan=True, allow_infinity=True))

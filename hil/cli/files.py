@@ -21,7 +21,7 @@ def export(
         Path | None,
         typer.Option(help="Folder, or a name with the format's ending (default: beside the recording, with its name)."),
     ] = None,
-    trial: Annotated[int | None, typer.Option(min=0, help="Only this high five, by its number from 0.")] = None,
+    trial: Annotated[int | None, typer.Option(min=1, help="Only this high five; the first is 1.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the files that are written.")] = False,
     json: Json = False,
 ) -> None:
@@ -29,7 +29,7 @@ def export(
     from highfive.hil.commands.export import ExportOptions, export, print_export  # noqa: PLC0415
 
     with progress_bars() as bar:
-        result = export(ExportOptions(session, to, out, trial, overwrite), bar)
+        result = export(ExportOptions(session, to, out, None if trial is None else trial - 1, overwrite), bar)
     print_result(result, json, print_export)
 
 

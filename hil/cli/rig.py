@@ -143,8 +143,8 @@ def play(
         ),
     ] = "emulated",
     arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
-    trial: Annotated[list[int] | None, typer.Option(help="Only this trial; may be given again.")] = None,
-    begin: Annotated[int | None, typer.Option("--from", metavar="TRIAL", min=0, help="Begin with this trial.")] = None,
+    trial: Annotated[list[int] | None, typer.Option(min=1, help="Only this trial, from 1; may be given again.")] = None,
+    begin: Annotated[int | None, typer.Option("--from", metavar="TRIAL", min=1, help="Begin with this trial.")] = None,
     trials: Annotated[int | None, typer.Option(min=1, help="Play so many at most.")] = None,
     file: RigFile = None,
     limits: LimitsFile = None,
@@ -165,7 +165,8 @@ def play(
     which = ArmOptions(
         port, file, limits, tuple(lower or ()), arm, estop, tuple(faults or ()), nobody_near=nobody_near, slow=slow
     )
-    options = PlayOptions(session, which, tuple(trial or ()), begin, trials, overwrite)
+    chosen, first = tuple(number - 1 for number in trial or ()), None if begin is None else begin - 1
+    options = PlayOptions(session, which, chosen, first, trials, overwrite)
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)
@@ -175,7 +176,7 @@ def play(
         if summary["remedy"]:
             say_aside(summary["remedy"])
         if summary["from"] is not None:
-            say_aside(f"go on with the same command, --from {summary['from']} and another --out")
+            say_aside(f"go on with the same command, --from {summary['from'] + 1} and another --out")
         raise typer.Exit(1)
 
 

@@ -40,7 +40,7 @@ class ExportOptions:
         recording: an MCAP file, or the folder of a session.
         format: one of :data:`FORMATS`.
         out: a folder, or a file's name with the format's ending; None for beside the recording, with its name.
-        trial: only the high five of this number.
+        trial: only the high five of this number, counted from 0.
         overwrite: replace files that are there.
     """
 
@@ -114,8 +114,8 @@ def _chosen(trials: Sequence[ExportTrial], number: int) -> ExportTrial:
     """The high five of a number; of several, which were broken off, the last."""
     found = [trial for trial in trials if trial.span.number == number]
     if not found:
-        known = ", ".join(str(trial.span.number) for trial in trials)
-        raise HighFiveError(f"no high five {number} in the recording; it holds {known}; --trial takes one of these")
+        known = ", ".join(str(trial.span.number + 1) for trial in trials)
+        raise HighFiveError(f"no high five {number + 1} in the recording; it holds {known}; --trial takes one of these")
     return found[-1]
 
 

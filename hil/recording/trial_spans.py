@@ -28,9 +28,9 @@ class StoredMessage:
         return value if type(value) is int else None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TrialSpan:
-    """One high five.
+    """One high five; one is the same as itself alone.
 
     Attributes:
         number: the recording's own, from 0, as in a session's figures.

@@ -101,7 +101,10 @@ def cloud_points(data: bytes) -> dict[str, Any]:
         ValueError: it is no such message.
     """
     points = np.frombuffer(PointCloud.FromString(data).data, dtype=_POINT)
-    places = np.stack([points[axis] for axis in "xyz"], axis=1).astype(float)
+    single = np.stack([points[axis] for axis in "xyz"], axis=1)
+    if not np.isfinite(single).all():
+        raise ValueError("a point that is nowhere")
+    places = single.astype(float)
     return {"positions": np.round(places, 6).tolist(), "seen": points["seen"].astype(bool).tolist()}
 
 

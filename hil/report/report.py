@@ -193,7 +193,7 @@ def _findings(summary: dict[str, Any]) -> str:
     )
     for entry in summary["out_of_reach_trials"]:
         found.append(
-            f"Trial {entry['trial']} ({escape(entry['title'])}): the palm was out of reach, "
+            f"Trial {entry['trial'] + 1} ({escape(entry['title'])}): the palm was out of reach, "
             f"{show(entry['distance_mm'])} mm away."
         )
     other = summary["other_error_mm"]
@@ -220,7 +220,7 @@ def _spread(extent: Mapping[str, float | None], summary: Mapping[str, Any], unit
 
 
 def _list(name: str, numbers: Sequence[int]) -> str:
-    return f"{name} {', '.join(str(n) for n in numbers)}." if numbers else ""
+    return f"{name} {', '.join(str(n + 1) for n in numbers)}." if numbers else ""
 
 
 def _unwanted(summary: dict[str, Any]) -> str:
@@ -247,7 +247,7 @@ def _unwanted(summary: dict[str, Any]) -> str:
 
 
 def _numbers(trials: Iterable[int]) -> str:
-    listed = [str(t) for t in trials]
+    listed = [str(t + 1) for t in trials]
     return ", ".join(listed[:12]) + (" …" if len(listed) > 12 else "")
 
 

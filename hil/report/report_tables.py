@@ -57,7 +57,7 @@ def trial_table(summary: dict[str, Any]) -> str:
         return ""
     own = any(row["person_emotion"] and row["person_emotion"] != row["style"] for row in rows)
     columns = [
-        ("", [str(row["trial"]) for row in rows]),
+        ("", [str(row["trial"] + 1) for row in rows]),
         ("style", [f"{dot(row['style'])}{escape(row['style'] or '–')}" for row in rows]),
         ("person", [escape(row["person_emotion"] or "–") if own else "" for row in rows]),
         ("cell", [escape(row["cell"] or "") for row in rows]),

@@ -87,8 +87,8 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     recorded = RecordedHighFives(session)
     chosen = _chosen(options, recorded, path)
     if absent := [number for number in chosen if number not in recorded]:
-        known = ", ".join(map(str, recorded))
-        raise HighFiveError(f"{path} has no high five {absent[0]} in which the palms met; there are {known}")
+        known = ", ".join(str(number + 1) for number in recorded)
+        raise HighFiveError(f"{path} has no high five {absent[0] + 1} in which the palms met; there are {known}")
     about = _settings(session, len(chosen))
     say_aside(f"{counted(len(chosen), 'high five')}, {_duration([recorded.ticks[number] for number in chosen])}")
     with uninterrupted() as from_now_on:
@@ -118,7 +118,7 @@ def _chosen(options: PlayOptions, recorded: Mapping[int, ReferenceTrajectory], p
     begin = options.begin
     chosen = tuple(number for number in options.trials or recorded if begin is None or number >= begin)[: options.most]
     if not chosen and recorded:
-        raise HighFiveError(f"{path} has no high five from {begin} on; its last one is {max(recorded)}")
+        raise HighFiveError(f"{path} has no high five from {(begin or 0) + 1} on; its last one is {max(recorded) + 1}")
     return chosen
 
 

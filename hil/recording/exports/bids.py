@@ -61,7 +61,7 @@ def bids_files(trials: Sequence[ExportTrial], source: str) -> list[ExportFile]:
     numbers = [trial.span.number for trial in trials]
     runs = numbers if len(set(numbers)) == len(numbers) else range(len(trials))  # some were broken off
     for trial, number in zip(trials, runs, strict=True):
-        run = f"{_SUBJECT}_task-{TASK}_%srun-{number:02d}"
+        run = f"{_SUBJECT}_task-{TASK}_%srun-{number + 1:02d}"
         folder = f"{_SUBJECT}/motion"
         for system, channels_of in (("person", person_channels), ("avatar", avatar_channels)):
             name = run % f"tracksys-{system}_"

@@ -31,10 +31,10 @@ def of_bytes(name: str, content: Callable[[], bytes], frames: int = 0) -> Export
 
 
 def trial_names(stem: str, spans: Sequence[TrialSpan], ending: str) -> list[str]:
-    """``STEM_trial00.bvh`` and so on, by the numbers of the high fives; a second one of a number is ``_trial00-2``."""
+    """``STEM_trial01.bvh`` and so on, the first high five being 1; a second one of a number is ``_trial01-2``."""
     numbers = [span.number for span in spans]
     times = [numbers[:place].count(number) + 1 for place, number in enumerate(numbers)]
     return [
-        f"{stem}_trial{number:02d}{f'-{time}' if time > 1 else ''}{ending}"
+        f"{stem}_trial{number + 1:02d}{f'-{time}' if time > 1 else ''}{ending}"
         for number, time in zip(numbers, times, strict=True)
     ]

@@ -14,10 +14,10 @@ from highfive.hil.view import SHIPPED_RECORDING
 
 run, fails = running("export"), failing("export")
 FILES = {
-    "bvh": [f"session_trial0{n}.bvh" for n in range(4)],
+    "bvh": [f"session_trial0{n + 1}.bvh" for n in range(4)],
     "csv": [f"session_{name}.csv" for name in ("person", "avatar", "markers", "contacts")],
     "npz": ["session.npz"],
-    "c3d": [*(f"session_trial0{n}.c3d" for n in range(4)), "trials.csv"],
+    "c3d": [*(f"session_trial0{n + 1}.c3d" for n in range(4)), "trials.csv"],
 }
 
 
@@ -46,11 +46,11 @@ def test_files_lie_beside_the_recording_and_json_names_them(run, session, kind):
 
 def test_bids_is_a_folder(run, session):
     assert run(session / "session.mcap", "--to", "bids")[0] == 0
-    assert "session_bids/sub-01/motion/sub-01_task-highfive_tracksys-person_run-03_motion.tsv" in there(session)
+    assert "session_bids/sub-01/motion/sub-01_task-highfive_tracksys-person_run-04_motion.tsv" in there(session)
 
 
 def test_one_high_five_under_a_name_of_its_own(run, session, tmp_path):
-    code, out, _ = run(session, "--to", "bvh", "--trial", "2", "--out", tmp_path / "new" / "angry.bvh", "--json")
+    code, out, _ = run(session, "--to", "bvh", "--trial", "3", "--out", tmp_path / "new" / "angry.bvh", "--json")
     assert code == 0 and json.loads(out)["trials"] == [2] and json.loads(out)["frames"] == 147
     assert there(tmp_path / "new") == {"angry.bvh"}
 
@@ -98,8 +98,8 @@ def test_a_high_five_of_a_single_tick_is_left_out_of_what_moves(run, fails, sess
     code, out, err = run(session, "--to", "bvh", "--json")
     assert code == 0 and "left out: 1 high five of a single tick" in err
     assert json.loads(out)["trials"] == [0] and json.loads(out)["frames"] == 246
-    assert there(session) == {"session_trial00.bvh"}
-    assert "csv and npz hold single ticks" in fails(session, "--to", "bids", "--trial", "1")
+    assert there(session) == {"session_trial01.bvh"}
+    assert "csv and npz hold single ticks" in fails(session, "--to", "bids", "--trial", "2")
     assert json.loads(run(session, "--to", "npz", "--json")[1])["trials"] == [0, 1]
 
 
@@ -114,7 +114,7 @@ def test_what_is_no_recording_is_refused(fails, tmp_path, content):
 def test_refusals(fails, session, tmp_path):
     assert "No such file" in fails(tmp_path / "none.mcap", "--to", "csv")
     assert "bvh, glb, c3d, csv, npz, bids" in fails(session, "--to", "fbx")
-    assert "it holds 0, 1, 2, 3" in fails(session, "--to", "bvh", "--trial", "4")
+    assert "no high five 5 in the recording; it holds 1, 2, 3, 4;" in fails(session, "--to", "bvh", "--trial", "5")
     assert "is a folder" in fails(session, "--to", "npz", "--out", _folder(tmp_path / "x" / "session.npz").parent)
     assert there(session) == set()
 

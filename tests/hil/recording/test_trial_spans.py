@@ -47,7 +47,7 @@ def test_one_that_was_broken_off_has_the_number_of_the_next_and_no_contact():
     )  # fmt: skip
     assert [(s.number, s.start_ns, s.end_ns) for s in found] == [(3, 0, 8), (3, 9, 16), (4, 20, 20)]
     assert [bool(s.contact) for s in found] == [False, True, False]
-    assert trial_names("s", found, ".bvh") == ["s_trial03.bvh", "s_trial03-2.bvh", "s_trial04.bvh"]
+    assert trial_names("s", found, ".bvh") == ["s_trial04.bvh", "s_trial04-2.bvh", "s_trial05.bvh"]
 
 
 def test_a_trial_that_cannot_be_read_begins_all_the_same():

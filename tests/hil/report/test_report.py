@@ -88,7 +88,7 @@ def test_page_says_what_was_measured_and_that_it_is_simulated(page, results):
     assert "The people in this report are simulated" in text
     for result in results:
         assert f"{1e3 * result.uncorrected_error:.{2 if result.uncorrected_error < 0.1 else 1}f}" in text
-    assert "out of reach" in text and "No contact: trial 4" in text
+    assert "out of reach" in text and "No contact: trial 5" in text
     assert "highfive simulate --seed 3 && echo <b>" in text
 
 

@@ -230,7 +230,7 @@ def test_ctrl_z_at_a_terminal_stops_the_arm_and_suspends_nobody(recorded: Path, 
     assert os.WIFEXITED(status) and os.WEXITSTATUS(status) == 1, text  # a suspended one had been reported as stopped
     assert "Ctrl-Z stops the arm" in text, text
     assert "the arm was stopped: " in text and "emergency stop" in text, text
-    assert "2 high fives, about" in text and "--from 1" in text
+    assert "2 high fives, about" in text and "--from 2" in text
     assert (out / "report.html").is_file() and read_recording(out / "arm.mcap").complete
 
 

@@ -53,7 +53,7 @@ def test_channels_describe_the_columns(dataset, system):
 
 def test_values_are_the_recordings(dataset):
     trial = shipped_trials()[1]
-    stem = dataset / "sub-01" / "motion" / "sub-01_task-highfive_tracksys-avatar_run-01"
+    stem = dataset / "sub-01" / "motion" / "sub-01_task-highfive_tracksys-avatar_run-02"
     names = [row["name"] for row in rows_of(stem.with_name(f"{stem.name}_channels.tsv"))]
     values = np.loadtxt(stem.with_name(f"{stem.name}_motion.tsv"), delimiter="\t")
     by_name = dict(zip(names, values.T, strict=True))
@@ -68,10 +68,10 @@ def test_events_and_starts_are_in_the_recordings_time(dataset):
     starts = {
         row["filename"]: datetime.fromisoformat(row["acq_time"]) for row in rows_of(dataset / "sub-01/sub-01_scans.tsv")
     }
-    first = starts["motion/sub-01_task-highfive_tracksys-person_run-00_motion.tsv"]
+    first = starts["motion/sub-01_task-highfive_tracksys-person_run-01_motion.tsv"]
     begin = shipped_trials()[0].times[0]
     for trial in shipped_trials():
-        run = f"run-{trial.span.number:02d}"
+        run = f"run-{trial.span.number + 1:02d}"
         for system in ("person", "avatar"):
             start = starts[f"motion/sub-01_task-highfive_tracksys-{system}_{run}_motion.tsv"]
             assert (start - first).total_seconds() == pytest.approx(trial.times[0] - begin, abs=1e-6)

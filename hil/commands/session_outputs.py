@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from highfive.hil.commands.headset_session import wears_headset
+from highfive.hil.commands.live_options import sees_webcam
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.publish.background import BackgroundPublisher
 from highfive.hil.publish.outputs import SessionOutputs
@@ -14,6 +16,7 @@ from highfive.hil.publish.publisher import Publisher
 from highfive.hil.publish.wanted import FOXGLOVE, LSL, VMC, Wanted, parse_wanted
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.stream_samples import check_stream_names
+from highfive.hil.runtime.clock import Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import RATE_HZ
 from highfive.mocap_bridge.sources.address import is_live, parse_address
@@ -94,10 +97,14 @@ def open_outlets(
 
 
 def session_outputs(
-    options: SimulateOptions, recorder: BackgroundRecorder, publishers: Sequence[BackgroundPublisher]
-) -> SessionOutputs:
-    """Where the session goes."""
-    return SessionOutputs(recorder, publishers, options.record_lsl, local_only=_lsl_here(options))
+    options: SimulateOptions, recorder: BackgroundRecorder, publishers: Sequence[BackgroundPublisher],
+    person: LivePerson | None, clock: Clock,
+) -> SessionOutputs:  # fmt: skip
+    """Where the session goes; a live ``person`` is one of its streams."""
+    outputs = SessionOutputs(recorder, publishers, options.record_lsl, local_only=_lsl_here(options), clock=clock)
+    if person is not None:
+        outputs.streams.follow(person.source, by_page=wears_headset(options) or sees_webcam(options))
+    return outputs
 
 
 def nominal_rates(rate_hz: float) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session_streams import SessionStreams
 from highfive.hil.session.shown import Shown
-from highfive.hil.session.stream import StreamState
+from highfive.hil.session.stream import StreamSettings, StreamState
 from highfive.hil.session.sync_events import SyncEvent
 from highfive.hil.trials.trial_result import TrialResult
 
@@ -50,6 +50,7 @@ class SessionOutputs:
         *,
         local_only: bool = True,
         clock: Clock = MACHINE,
+        known: Mapping[str, StreamSettings] | None = None,
     ) -> None:
         """Of one session.
 
@@ -59,11 +60,12 @@ class SessionOutputs:
             streams: names of the LSL streams that are recorded beside it.
             local_only: those of this machine alone.
             clock: of the session, where it has publishers or streams.
+            known: what is known of streams beforehand, by name.
         """
         self._recorder, self._publishers, self._clock = recorder, tuple(publishers), clock
         self._streams, self._local_only = tuple(streams), local_only
         self._inlets: LslInlets | None = None
-        self.streams = SessionStreams(self._synchronised)
+        self.streams = SessionStreams(self._synchronised, known)
         self.on_streams: Callable[[list[StreamState]], None] = lambda states: None
         self.stood: list[StreamState] = []
         self._trial: int | None = None

@@ -24,7 +24,7 @@ PAGES = 8
 """That are followed at once; of more, the one that was there first is forgotten."""
 _PICTURES = 3600
 """Of a page that its figures are of: the last minute's at 60 Hz."""
-ARM = "arm"
+ARM, PERSON = "arm", "person"
 
 
 class SessionStreams:
@@ -36,7 +36,8 @@ class SessionStreams:
     """
 
     def __init__(self, told: Told = lambda event: None, known: Mapping[str, StreamSettings] | None = None) -> None:
-        """``told`` is told of what happens to them; ``known`` is what is known of some beforehand, by name."""
+        """``told`` is told of what happens to them; ``known`` is what is known of some beforehand, by name; all of the
+        person's systems are :data:`PERSON` there."""
         self._told, self._known = told, dict(known or {})
         self._server = Synchroniser(self._tell)
         self.events: list[SyncEvent] = []
@@ -45,10 +46,11 @@ class SessionStreams:
         self._pages: dict[int, tuple[Stream[Shown], ToldClock, deque[Shown]]] = {}
 
     def open(
-        self, name: str, kind: Kind[Any], clock: ClockEstimate | None = None, *, updates: bool = True
+        self, name: str, kind: Kind[Any], clock: ClockEstimate | None = None, *, updates: bool = True, known: str = ""
     ) -> Stream[Any]:
-        """A new stream; see :meth:`highfive.hil.session.synchroniser.Synchroniser.open`."""
-        return self._server.open(name, kind, clock, updates=updates, settings=self._known.get(name))
+        """A new stream, of which is known what is of ``known``, by default its name; see
+        :meth:`highfive.hil.session.synchroniser.Synchroniser.open`."""
+        return self._server.open(name, kind, clock, updates=updates, settings=self._known.get(known or name))
 
     def close(self, stream: Stream[Any]) -> None:
         """It is there no more."""
@@ -61,7 +63,7 @@ class SessionStreams:
             newest = part.newest(0)
             own = newest is not None and newest.own_clock
             clock = part.stamps if not own else self.paged if by_page else ToldClock()
-            part.hear(_taken(self.open(part.title, MARKERS, clock, updates=False)))
+            part.hear(_taken(self.open(part.title, MARKERS, clock, updates=False, known=PERSON)))
 
     def arm(self, time_ns: int, joints: Array) -> None:
         """Joint angles (J,), rad, that servos said at a time of this computer's clock."""

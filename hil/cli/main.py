@@ -98,6 +98,10 @@ def simulate(
         float,
         typer.Option(help="What cameras, network and screen take, ms, beyond what a live system reports; made up for."),
     ] = 0.0,
+    latencies: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.toml", help="How late streams are, as calibrate event measured; made up for."),
+    ] = None,
     rig: Annotated[
         str | None,
         typer.Option(
@@ -184,6 +188,7 @@ def simulate(
         pictures=not no_pictures,
         place=place,
         latency_ms=latency,
+        latencies=latencies,
         arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
         view=page_options(view, source, headset, port, no_open, https),
         headset=headset,

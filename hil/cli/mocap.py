@@ -182,3 +182,26 @@ def calibrate_extrinsics(
     print_result(result, json, print_extrinsics)
     if result["mismatches"]:
         raise typer.Exit(1)
+
+
+@calibrate.command("event")
+def calibrate_event(
+    recording: Annotated[Path, typer.Argument(help="A session's session.mcap, or its folder, with taps or claps.")],
+    stream: Annotated[str, typer.Option(help="Whose latency is sought: person, arm, or lsl/NAME.")],
+    reference: Annotated[str, typer.Option(help="The stream that is in time, likewise.")],
+    channel: Annotated[
+        str | None,
+        typer.Option(help="Of the stream: a channel's label, a person's marker, a text (default: the clearest)."),
+    ] = None,
+    reference_channel: Annotated[str | None, typer.Option(help="The same of the reference.")] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The latencies, for simulate --latencies.")] = Path(
+        "latencies.toml"
+    ),
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what the file has of this stream.")] = False,
+    json: Json = False,
+) -> None:
+    """Measure how late one stream is, from taps or claps that another one sees too (docs/synchronisation.md)."""
+    from highfive.hil.commands.calibrate_event import EventCalibration, calibrate_event, print_event  # noqa: PLC0415
+
+    options = EventCalibration(recording, stream, reference, channel, reference_channel, out, overwrite)
+    print_result(calibrate_event(options), json, print_event)

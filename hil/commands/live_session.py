@@ -9,8 +9,10 @@ from highfive.calibration.arm_file import load_arm
 from highfive.calibration.placement_file import load_placement, save_placement
 from highfive.hil.commands.headset_session import HERE, hand_of, wait_until_worn
 from highfive.hil.commands.page import saying_to
+from highfive.hil.commands.session_outputs import known_of
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.runtime.console import confirm, say_aside
+from highfive.hil.session.session_streams import PERSON
 from highfive.hil.trials.live_partner import LivePerson, live_source
 from highfive.hil.trials.live_settings import LIVE, WORN
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
@@ -38,7 +40,8 @@ def live_person(
     if page is not None:
         wait_until_worn(source, page, wiring.clock)
         registered = HERE
-    latency_ns = round(1e6 * options.latency_ms)
+    measured = known_of(options).get(PERSON)
+    latency_ns = round(1e6 * options.latency_ms) + (0 if measured is None else measured.latency_ns)
     person = LivePerson(
         source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm, saying_to(page),
         settings=LIVE if page is None else WORN, hand="right" if page is None else hand_of(options),

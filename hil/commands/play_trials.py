@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,6 @@ from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
-from highfive.hil.session.sync_events import SyncEvent
 from highfive.hil.sim.playout import KinematicPlayOut, PhysicsPlayOut, PlayOut, PlayState
 from highfive.hil.sim.scene import Scene
 from highfive.hil.trials.events import TrialEvents
@@ -168,14 +167,12 @@ class _Kept:
         replay: Replay | None,
     ) -> None:
         """Begins with the first tick."""
-        self.paced = head.paced
+        self.paced, self.streams = head.paced, recorder.streams
         self._recorder, self._head, self._watch = recorder, head, watch
         self._session, self._replay = session, replay
         self._asked = session.weights, session.corrects
         self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
         self._begun = False
-        self.source_events: Sequence[SyncEvent] = ()  # of a live person's trial, as they come
-        self._told = 0
 
     def __call__(self, begins: TickInput, tick: Tick, state: PlayState, tick_ms: float) -> None:
         """A tick."""
@@ -187,9 +184,6 @@ class _Kept:
         for event in happened if self._begun else ["trial_start", *happened]:
             self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
         self._begun = True
-        for event in self.source_events[self._told :]:
-            self._recorder.record_event(event.happened.value, event.time_ns, **event.about(), **self._about)
-        self._told = len(self.source_events)
         if (asked := (self._session.weights, self._session.corrects)) != self._asked:
             self._asked = asked
             about = {"weights": dict(asked[0]), "corrects": asked[1], **self._about}
@@ -214,10 +208,12 @@ def _view(
 ) -> SessionView:  # fmt: skip
     from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
 
-    return SessionView(
+    view = SessionView(
         page, session, playout, scene, arm=None if watch is None else watch.joints,
         shown=lambda told: recorder.record_shown(told.page, told.shown, told.bound_ns),
     )  # fmt: skip
+    recorder.on_streams = view.streams
+    return view
 
 
 def _tell_broken_off(
@@ -287,7 +283,7 @@ def _trial(
     if live is None:
         return run_trial(number, partner, session, playout, inputs, seen, kept), ""
     assert person is not None
-    kept.source_events = live.events
+    told = len(kept.streams.events)
     person.say(f"high five {number + 1}, {style}: raise the {person.hand} hand")
     result = run_trial(number, partner, session, playout, inputs, seen, kept) if live.begins() else None
     if result is None or live.trouble:
@@ -297,7 +293,7 @@ def _trial(
         f"{live.count} ticks, {live.late} late, {live.predicted} between frames, {live.stale} of them stale; "
         f"poses {ahead:.1f} ms ahead of the newest frame"
     )
-    result = replace(result, notes=(*result.notes, note, *(event.text for event in live.events)))
+    result = replace(result, notes=(*result.notes, note, *(event.text for event in kept.streams.events[told:])))
     if person.camera is not None:
         from highfive.hil.trials.screen_contact import seen_on_screen  # noqa: PLC0415
 

@@ -33,6 +33,8 @@ def print_session(summary: dict[str, Any], folder: Path) -> None:
             print(f"  {label + ':':<26}{summary[key]}")
     if summary["arm"]:
         _print_arm(summary["arm"])
+    if summary["streams"]:
+        _print_streams(summary["streams"])
     if summary["replayed"] is not None:
         _print_replayed(summary["replayed"])
     if summary["interrupted"]:
@@ -42,6 +44,25 @@ def print_session(summary: dict[str, Any], folder: Path) -> None:
             continue
         STDERR.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     print(f"Open {folder / 'report.html'}")
+
+
+def _print_streams(streams: list[dict[str, Any]]) -> None:
+    """How the session's streams stood, for people."""
+    name_width = max(len("streams"), *(len(row["stream"]) for row in streams))
+    print(f"  {'streams':<{name_width}}  {'rate':>9}  {'offset':>15}  {'drift':>10}  {'bound':>9}  {'age':>9}  resets")
+    for row in streams:
+        rate, bound = (
+            "–" if value is None else f"{value:.{digits}f} {unit}"
+            for value, digits, unit in ((row["rate_hz"], 1, "Hz"), (row["bound_ms"], 2, "ms"))
+        )
+        print(
+            f"  {row['stream']:<{name_width}}  {rate:>9}  {row['offset_s']:>13.6f} s  {row['drift_ppm']:>6.1f} ppm  "
+            f"{bound:>9}  {row['age_ms']:>6.1f} ms  {row['resets']}"
+        )
+        if row["shown"]:
+            late = row["shown"]["late_ms"]
+            pictures = f"{counted(row['shown']['pictures'], 'picture')} of the last minute, {row['shown']['dropped']}"
+            print(f"    {pictures} dropped, shown {late['p50']:.1f} ms after their pose's time (p95 {late['p95']:.1f})")
 
 
 def _print_replayed(replayed: dict[str, Any]) -> None:

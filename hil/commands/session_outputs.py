@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from highfive.calibration.latency_file import load_latencies
+from highfive.hil.commands.headset_session import wears_headset
+from highfive.hil.commands.live_options import sees_webcam
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.publish.background import BackgroundPublisher
 from highfive.hil.publish.outputs import SessionOutputs
@@ -14,8 +17,10 @@ from highfive.hil.publish.publisher import Publisher
 from highfive.hil.publish.wanted import FOXGLOVE, LSL, VMC, Wanted, parse_wanted
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.stream_samples import check_stream_names
+from highfive.hil.runtime.clock import Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import RATE_HZ
+from highfive.hil.session.stream import StreamSettings
 from highfive.mocap_bridge.sources.address import is_live, parse_address
 from highfive.model.errors import HighFiveError
 
@@ -38,6 +43,7 @@ def check_output_options(options: SimulateOptions, *, again: bool = False) -> No
         HighFiveError: something does not.
     """
     check_stream_names(options.record_lsl)
+    known_of(options)  # a file that cannot be read is said before anything begins
     if options.publish_network and not options.publish:
         raise HighFiveError("--publish-network says who may hear what --publish sends; add --publish")
     if again and (options.publish or options.record_lsl):
@@ -94,10 +100,29 @@ def open_outlets(
 
 
 def session_outputs(
-    options: SimulateOptions, recorder: BackgroundRecorder, publishers: Sequence[BackgroundPublisher]
-) -> SessionOutputs:
-    """Where the session goes."""
-    return SessionOutputs(recorder, publishers, options.record_lsl, local_only=_lsl_here(options))
+    options: SimulateOptions, recorder: BackgroundRecorder, publishers: Sequence[BackgroundPublisher],
+    person: LivePerson | None, clock: Clock,
+) -> SessionOutputs:  # fmt: skip
+    """Where the session goes; a live ``person`` is one of its streams."""
+    outputs = SessionOutputs(
+        recorder, publishers, options.record_lsl, local_only=_lsl_here(options), clock=clock, known=known_of(options)
+    )
+    if person is not None:
+        outputs.streams.follow(person.source, by_page=wears_headset(options) or sees_webcam(options))
+    return outputs
+
+
+def known_of(options: SimulateOptions) -> dict[str, StreamSettings]:
+    """What ``--latencies`` says of streams.
+
+    Raises:
+        HighFiveError: the file cannot be read.
+    """
+    kept = {} if options.latencies is None else load_latencies(options.latencies)
+    return {
+        name: StreamSettings(latency_ns=round(1e6 * one.latency_ms), latency_bound_ns=round(1e6 * one.bound_ms))
+        for name, one in kept.items()
+    }
 
 
 def nominal_rates(rate_hz: float) -> tuple[float, float]:

@@ -48,6 +48,7 @@ from highfive.model.online.reaction import ReactionModel
 if TYPE_CHECKING:
     from highfive.calibration.headset_file import KeptRegistration
     from highfive.hil.arm.arm_trial import ArmWatch
+    from highfive.hil.publish.outputs import SessionOutputs
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
     from highfive.hil.trials.head_watch import DriftWatch
@@ -131,12 +132,12 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             recorder = BackgroundRecorder(
                 SessionRecorder(folder / RECORDING, settings, session.chain), paced=bool(paced)
             )
-            outputs = session_outputs(options, recorder, publishers)
+            outputs = session_outputs(options, recorder, publishers, person, clock)
             played = play(options, session, scene, partners, person, outputs, bar, watch, page, replay, drift)
             if page is not None:
                 page.tell("over", message=over_message(played, folder))
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
-        return _report(options, played, recorder.trouble, replayed, settings, folder, bar, lag)
+        return _report(options, played, outputs, recorder.trouble, replayed, settings, folder, bar, lag)
 
 
 def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack) -> SimulateOptions:
@@ -243,6 +244,7 @@ def _arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitS
 def _report(
     options: SimulateOptions,
     played: Played,
+    outputs: SessionOutputs,
     unrecorded: str,
     replayed: dict[str, Any] | None,
     settings: SessionSettings,
@@ -261,8 +263,9 @@ def _report(
         figures = played.arm.figures
         arm, drawings = arm_summary(figures), draw_arm(list(played.arm.whole.values()), lag, figures)
     summary = summarise(
-        played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm
-    )
+        played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm,
+        streams=outputs.stream_rows(),
+    )  # fmt: skip
     strips, film = _pictures(options, played, folder, bar)
     write_report(folder, summary, played.results, settings, strips, film, drawings)
     return summary

@@ -69,6 +69,7 @@ class SimulateOptions:
         pictures: draw the film and the pictures.
         place: keeps where a live person stands, for the next session; None for not.
         latency_ms: what cameras, network and screen take beyond what a live source says of itself.
+        latencies: of streams, as ``calibrate event`` measured them; None for none.
         view: the live page that shows it; None for none.
         headset: registration of a headset that the live person wears beside a lab's system; None for none.
         webcam: where the source is the webcam of the live page.
@@ -94,6 +95,7 @@ class SimulateOptions:
     pictures: bool = True
     place: Path | None = None
     latency_ms: float = 0.0
+    latencies: Path | None = None
     view: PageOptions | None = None
     headset: Path | None = None
     webcam: WebcamOptions = WebcamOptions()

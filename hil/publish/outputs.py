@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,11 @@ from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.runtime.console import say_aside
+from highfive.hil.session.session_streams import SessionStreams
 from highfive.hil.session.shown import Shown
+from highfive.hil.session.stream import StreamSettings, StreamState
+from highfive.hil.session.sync_events import SyncEvent
 from highfive.hil.trials.trial_result import TrialResult
 
 if TYPE_CHECKING:
@@ -22,10 +27,19 @@ if TYPE_CHECKING:
     from highfive.hil.recording.lsl_inlets import LslInlets
 
 
+LOOKED_NS = 1_000_000_000
+"""So often all streams are asked for one time, and how they stand is recorded and shown."""
+
+
 class SessionOutputs:
     """Takes what :class:`BackgroundRecorder` takes, and hands ticks and events to publishers as well.
 
     Use it in ``with``: streams of others are recorded meanwhile.
+
+    Attributes:
+        streams: all that come, are recorded or are shown, on one synchroniser.
+        on_streams: is given how they stand, each second.
+        stood: how they stood when that was last.
     """
 
     def __init__(
@@ -36,6 +50,7 @@ class SessionOutputs:
         *,
         local_only: bool = True,
         clock: Clock = MACHINE,
+        known: Mapping[str, StreamSettings] | None = None,
     ) -> None:
         """Of one session.
 
@@ -45,10 +60,16 @@ class SessionOutputs:
             streams: names of the LSL streams that are recorded beside it.
             local_only: those of this machine alone.
             clock: of the session, where it has publishers or streams.
+            known: what is known of streams beforehand, by name.
         """
         self._recorder, self._publishers, self._clock = recorder, tuple(publishers), clock
         self._streams, self._local_only = tuple(streams), local_only
         self._inlets: LslInlets | None = None
+        self.streams = SessionStreams(self._synchronised, known)
+        self.on_streams: Callable[[list[StreamState]], None] = lambda states: None
+        self.stood: list[StreamState] = []
+        self._trial: int | None = None
+        self._look_ns: int | None = None  # when streams are looked at next
         self._end_ns = 0  # of the last tick
 
     @property
@@ -58,6 +79,7 @@ class SessionOutputs:
 
     def begin_trial(self, head: TrialHead) -> None:
         """See :meth:`BackgroundRecorder.begin_trial`."""
+        self._trial, self._look_ns = head.number, None
         self._recorder.begin_trial(head)
 
     def record_tick(self, tick: RecordedTick) -> None:
@@ -66,9 +88,12 @@ class SessionOutputs:
         self._recorder.record_tick(tick)
         for publisher in self._publishers:
             publisher.give(tick)
+        self._look()
 
     def record_arm(self, ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> None:
         """See :meth:`BackgroundRecorder.record_arm`."""
+        for cycle in cycles:
+            self.streams.arm(cycle.state.time_ns, cycle.state.positions)
         self._recorder.record_arm(ticks, cycles)
 
     def end_trial(self, result: TrialResult) -> None:
@@ -82,6 +107,7 @@ class SessionOutputs:
 
     def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
         """See :meth:`BackgroundRecorder.record_shown`."""
+        self.streams.shown(page, shown, bound_ns)
         self._recorder.record_shown(page, shown, bound_ns)
         for publisher in self._publishers:
             publisher.give(ShownPicture(page, shown, bound_ns))
@@ -104,7 +130,7 @@ class SessionOutputs:
         if self._streams:
             from highfive.hil.recording.lsl_inlets import LslInlets  # noqa: PLC0415  (loads the library)
 
-            self._inlets = LslInlets(self._streams, self, local_only=self._local_only, clock=self._clock)
+            self._inlets = LslInlets(self._streams, self, self.streams, local_only=self._local_only, clock=self._clock)
         return self
 
     def __exit__(
@@ -120,6 +146,26 @@ class SessionOutputs:
         if self._inlets is not None:
             self._inlets.close()
             self._inlets = None
+
+    def _look(self) -> None:
+        """How all streams stand, a second after the last look, or after the high five began."""
+        now = self._clock.now()
+        if self._look_ns is not None and now >= self._look_ns:
+            self.stood = states = self.streams.states(now)
+            self._recorder.record_streams(states, now)
+            self.on_streams(states)
+        elif self._look_ns is not None:
+            return
+        self._look_ns = now + LOOKED_NS
+
+    def _synchronised(self, event: SyncEvent) -> None:
+        say_aside(event.text)
+        self.record_event(event.happened.value, event.time_ns, trial=self._trial, **event.about())
+
+    def stream_rows(self) -> list[dict[str, Any]]:
+        """The streams for a summary: how each stood at the last look, and what each page has shown."""
+        pages = self.streams.pages()
+        return [asdict(state) | {"shown": pages.get(state.stream)} for state in self.stood]
 
     def _publish(self, event: str, at_ns: int, about: dict[str, Any]) -> None:
         for publisher in self._publishers:

@@ -15,6 +15,7 @@ from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.console import LOGGER, counted, say_aside
 from highfive.hil.session.shown import Shown
+from highfive.hil.session.stream import StreamState
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 
@@ -78,6 +79,10 @@ class BackgroundRecorder:
     def record_stream(self, samples: StreamSamples) -> None:
         """See :meth:`SessionRecorder.record_stream`; the first ones of a stream, which name its channels, always."""
         self._give(lambda: self._recorder.record_stream(samples), always=samples.begins)
+
+    def record_streams(self, states: Sequence[StreamState], at_ns: int) -> None:
+        """See :meth:`SessionRecorder.record_streams`."""
+        self._give(lambda: self._recorder.record_streams(states, at_ns))
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`SessionRecorder.record_log`."""

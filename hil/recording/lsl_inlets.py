@@ -1,13 +1,14 @@
 """Streams of the Lab Streaming Layer that are recorded beside a session: markers of PsychoPy, an EEG, an eye tracker.
 
 Nothing waits for them. Each has a thread of its own, which looks for it, follows it, and looks again when it is gone.
-Raw time stamps are kept beside those on the session's clock: the sender's stamp, plus LSL's estimate of how far its
-clock is behind this machine's, renewed every :data:`RENEWED_NS`.
+Meanwhile it is one of the session's streams. LSL asks the sender for the time by eight packets every two seconds and
+keeps the one with the least round trip: each of these goes into a :class:`PingClock`, by which the samples are put on
+the session's clock; the sender's own stamps are kept beside that.
 """
 
 from __future__ import annotations
 
-import contextlib
+import ctypes
 import logging
 import threading
 from collections.abc import Sequence
@@ -15,15 +16,21 @@ from typing import Any, Protocol
 
 import numpy as np
 import pylsl
+from pylsl.lib import lib as library
 
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import counted, say_aside
+from highfive.hil.session.kinds import EVENTS, VECTORS
+from highfive.hil.session.session_streams import SessionStreams
+from highfive.hil.session.stream import Stream
 from highfive.mocap_bridge.sources.lsl import clock_minus_lsl, configure
+from highfive.mocap_bridge.sources.ping_clock import PingClock
 from highfive.mocap_bridge.sources.scheduler import in_seconds
 from highfive.mocap_bridge.wire.lsl import channel_labels, checked_times
 
-RENEWED_NS = 2_000_000_000
+RENEWED_NS = 500_000_000
+"""So often it is looked whether LSL has measured anew how far the sender's clock is off."""
 PATIENCE_NS = 5_000_000_000
 """A stream that is not found for so long is said to be absent."""
 _SEARCH_S, _PAUSE_S = 1.2, 1.8
@@ -31,6 +38,15 @@ _SEARCH_S, _PAUSE_S = 1.2, 1.8
 after half a second; and it asks from ports of the range in which streams announce themselves: three searches without a
 pause leave none for a stream that begins."""
 _STEP_S, _OPEN_S, _KEPT_S, _MOST = 0.05, 3.0, 60, 4096
+LSL = "lsl/"
+"""Before the name of such a stream among those of the session."""
+
+_offset = library.lsl_time_correction_ex  # the C interface says when and how well it was measured
+_offset.restype = ctypes.c_double
+_offset.argtypes = [
+    ctypes.c_void_p, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double), ctypes.c_double,
+    ctypes.POINTER(ctypes.c_int),
+]  # fmt: skip
 
 
 class StreamTaker(Protocol):
@@ -49,12 +65,13 @@ class LslInlets:
     """Follows the streams of these names from now on; close it."""
 
     def __init__(
-        self, names: Sequence[str], taker: StreamTaker, *, local_only: bool = False, clock: Clock = MACHINE
-    ) -> None:
-        """Looks for each, on this machine alone where ``local_only``."""
+        self, names: Sequence[str], taker: StreamTaker, streams: SessionStreams, *, local_only: bool = False,
+        clock: Clock = MACHINE,
+    ) -> None:  # fmt: skip
+        """Looks for each, on this machine alone where ``local_only``; those that are there are among ``streams``."""
         configure(local_only)
         self._closing = threading.Event()
-        self._streams = {name: _Stream(name, taker, clock, self._closing) for name in names}
+        self._streams = {name: _Stream(name, taker, streams, clock, self._closing) for name in names}
         jobs = [self._search, *(stream.run for stream in self._streams.values())]
         self._threads = [threading.Thread(target=job, name="lsl-inlets", daemon=True) for job in jobs]
         for thread in self._threads:
@@ -79,8 +96,10 @@ class LslInlets:
 class _Stream:
     """One name, and whatever stream has it."""
 
-    def __init__(self, name: str, taker: StreamTaker, clock: Clock, closing: threading.Event) -> None:
-        self._name, self._taker, self._clock, self._closing = name, taker, clock, closing
+    def __init__(
+        self, name: str, taker: StreamTaker, streams: SessionStreams, clock: Clock, closing: threading.Event
+    ) -> None:
+        self._name, self._taker, self._streams, self._clock, self._closing = name, taker, streams, clock, closing
         self._there: dict[str, pylsl.StreamInfo] = {}  # those of the name, by uid, the oldest first
         self._refused: set[str] = set()
         self._known: tuple[int, bool] | None = None  # channels, and whether they are texts, when it was there last
@@ -129,31 +148,71 @@ class _Stream:
         if self._closing.is_set():
             return
         inlet.open_stream(_OPEN_S)
-        from_lsl, renewed = clock_minus_lsl(in_seconds(self._clock.now)), self._clock.now()
-        to_ours = inlet.time_correction(_OPEN_S) + from_lsl
+        theirs = _SenderClock(inlet, clock_minus_lsl(in_seconds(self._clock.now)))
         kind = f"{counted(count, 'channel')}, {'text' if text else 'numbers'}, type {full.type() or '(none)'}"
         if self._known is not None and self._known != (count, text):
             self._tell("lsl_changed", f"is another than before: {kind}", logging.WARNING)
         else:
             self._tell("lsl_found", f"is recorded: {kind}")
-        self._known, begins, closing = (count, text), True, False
+        self._known = count, text
+        # What comes irregularly holds until the next one.
+        held = text or full.nominal_srate() == pylsl.IRREGULAR_RATE
+        stream = self._streams.open(f"{LSL}{self._name}", EVENTS if held else VECTORS, theirs.clock)
+        try:
+            self._take(inlet, theirs, stream, labels, text)
+        finally:
+            self._streams.close(stream)
+
+    def _take(
+        self, inlet: pylsl.StreamInlet, theirs: _SenderClock, stream: Stream[Any], labels: tuple[str, ...], text: bool
+    ) -> None:
+        begins, closing, renewed = True, False, self._clock.now()
         while not closing:
             closing = self._closing.wait(_STEP_S)  # what has come until then is taken once more
             while samples := _pulled(inlet):
-                values, stamps = samples
-                times = [round(1e9 * (stamp + to_ours)) for stamp in stamps]
+                (values, stamps), arrival_ns = samples, self._clock.now()
+                stamps_ns = [round(1e9 * stamp) for stamp in stamps]
+                for stamp_ns, value in zip(stamps_ns, values, strict=True):
+                    stream.add(stamp_ns, tuple(value) if text else np.asarray(value, dtype=float), arrival_ns)
+                times = [stream.time_of(stamp_ns) for stamp_ns in stamps_ns]
                 self._taker.record_stream(StreamSamples(self._name, labels, text, values, stamps, times, begins))
                 begins = False
             if self._clock.now() - renewed > RENEWED_NS:
                 renewed = self._clock.now()
-                with contextlib.suppress(pylsl.util.TimeoutError):  # none newer
-                    to_ours = inlet.time_correction(0.0) + from_lsl
+                theirs.learn(0.0)
 
     def _tell(self, event: str, what: str, level: int = logging.INFO) -> None:
         if self._closing.is_set():  # what becomes of it is the session's no more
             return
         say_aside(f"the LSL stream {self._name} {what}", level)
         self._taker.record_event(event, self._clock.now(), detail=f"{self._name} {what}")
+
+
+class _SenderClock:
+    """How far the sender's clock is off, as LSL measures it."""
+
+    def __init__(self, inlet: pylsl.StreamInlet, from_lsl_s: float) -> None:
+        """Waits for the first measurement: before that no sample has a time. ``from_lsl_s``: our clock minus LSL's."""
+        self.clock = PingClock()
+        self._inlet, self._from_lsl_s, self._measured_s = inlet, from_lsl_s, 0.0
+        self.learn(_OPEN_S)
+
+    def learn(self, wait_s: float) -> None:
+        """Takes in the newest measurement.
+
+        Raises:
+            pylsl.util.TimeoutError, pylsl.util.LostError: there is none within ``wait_s``, where that is not 0.
+        """
+        remote, trip, error = ctypes.c_double(), ctypes.c_double(), ctypes.c_int()
+        offset = _offset(self._inlet.obj, remote, trip, wait_s, error)
+        if wait_s:
+            pylsl.util.handle_error(error)
+        if error.value or remote.value == self._measured_s:  # none newer
+            return
+        self._measured_s = remote.value
+        ours_s = remote.value + offset + self._from_lsl_s
+        sent_ns, came_ns = (round(1e9 * (ours_s + sign * 0.5 * trip.value)) for sign in (-1.0, 1.0))
+        self.clock.update(sent_ns, round(1e9 * remote.value), came_ns)
 
 
 def _pulled(inlet: pylsl.StreamInlet) -> tuple[list[list[float | str]], list[float]] | None:

@@ -27,6 +27,7 @@ from highfive.hil.recording.sink import Sink
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import utc_ns
 from highfive.hil.session.shown import Shown
+from highfive.hil.session.stream import StreamState
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.machine import machine
 from highfive.hil.trials.partners import Partner
@@ -226,6 +227,11 @@ class SessionRecorder:
         about = {"page": page, "frame": shown.frame, "dropped": shown.dropped, "bound_ns": bound_ns}
         times = {"pose_ns": shown.pose_ns, "display_ns": shown.display_ns}
         self._add("/shown", self._at(shown.display_ns), {**about, **times})
+
+    def record_streams(self, states: Sequence[StreamState], at_ns: int) -> None:
+        """How streams stand, asked for ``at_ns`` of the session's clock."""
+        for state in states:
+            self._add("/streams", self._at(at_ns), asdict(state))
 
     def record_stream(self, samples: StreamSamples) -> None:
         """Samples of another program's stream; such as are older than the session are of its first moment."""

@@ -113,6 +113,11 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
         {"page": _WHOLE, "frame": _WHOLE, "pose_ns": _WHOLE, "display_ns": _WHOLE, "dropped": _WHOLE,
          "bound_ns": _WHOLE},
     ),
+    "/streams": (
+        "high_five.StreamState",
+        {"stream": _TEXT, "rate_hz": _UNKNOWN, "offset_s": _NUMBER, "drift_ppm": _NUMBER, "bound_ms": _UNKNOWN,
+         "age_ms": _NUMBER, "valid": _YES, "resets": _WHOLE},
+    ),
     "/event": (
         "high_five.Event",
         {"event": _TEXT, "trial": _MAYBE_WHOLE, "emotion": _MAYBE_TEXT, "style": _MAYBE_TEXT, "cell": _MAYBE_TEXT,

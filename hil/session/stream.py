@@ -30,6 +30,16 @@ class HostClock:
         return 0
 
 
+class ToldClock(HostClock):
+    """Of a peer that puts its stamps on this computer's clock itself, and tells how far off they may be."""
+
+    told_ns = UNKNOWN_NS
+
+    def bound_ns(self, stamp_ns: int) -> int:
+        """What it told last, ns."""
+        return self.told_ns
+
+
 @dataclass(frozen=True)
 class StreamSettings(Settings):
     """What is known of a stream beforehand."""
@@ -59,12 +69,38 @@ class Aligned(Generic[Sample]):
     bound_ns: int
 
 
+@dataclass(frozen=True)
+class StreamState:
+    """How a stream stands at a time: for people and for a recording.
+
+    Attributes:
+        stream: its name.
+        rate_hz: of its samples; None where that is not known, or what comes holds until the next one.
+        offset_s: this computer's clock minus the stream's.
+        drift_ppm: by how much this computer's clock is faster.
+        bound_ms: how far the stream's time may be off; None where nothing is known of it.
+        age_ms: from the nearest sample to the time requested.
+        valid: there is a sample so near that it may be used.
+        resets: how often it was synchronised anew.
+    """
+
+    stream: str
+    rate_hz: float | None
+    offset_s: float
+    drift_ppm: float
+    bound_ms: float | None
+    age_ms: float
+    valid: bool
+    resets: int
+
+
 class Stream(Generic[Sample]):
     """One thread adds; any may ask. Neither raises, whatever comes: what is wrong is an event.
 
     Attributes:
         name: of the stream; there is one of that name.
         kind: what it is of.
+        synchronised_anew: how often that was told of.
     """
 
     def __init__(
@@ -83,6 +119,7 @@ class Stream(Generic[Sample]):
             watch: when it is said to be wrong.
         """
         self.name, self.kind, self._told = name, kind, told
+        self.synchronised_anew = 0
         self._clock = clock or HostClock()
         self._heard = self._clock if updates and isinstance(self._clock, StampClock) else None
         self._settings = settings or StreamSettings()
@@ -138,6 +175,7 @@ class Stream(Generic[Sample]):
         else:
             return
         text = f"{self.name} was synchronised anew: {why}; its time moved by {1e-6 * moved_ns:+.1f} ms"
+        self.synchronised_anew += 1
         self._told(SyncEvent(Happened.RESYNCHRONISED, self.name, arrival_ns, text, moved_ns))
         self._line.forget_from(time_ns)
 
@@ -151,6 +189,24 @@ class Stream(Generic[Sample]):
     def newest_ns(self) -> int | None:
         """Time of the newest sample; None before the first."""
         return self._line.newest_ns
+
+    def time_of(self, stamp_ns: int) -> int:
+        """When a sample with that stamp was, ns of this computer's clock, as the stream's clock is known by now."""
+        return self._clock.local(stamp_ns) - self._settings.latency_ns
+
+    def state(self, aligned: Aligned[Sample]) -> StreamState:
+        """How it stands, where it was asked for a time and this is what it was then."""
+        period_ns, bound_ns, stamp_ns = self._watch.period_ns, aligned.bound_ns, self._stamp_ns
+        return StreamState(
+            self.name,
+            round(1e9 / period_ns, 3) if period_ns else None,
+            round(1e-9 * (self._clock.local(stamp_ns) - stamp_ns), 9),
+            round(1e6 * self._clock.drift, 3),
+            None if bound_ns >= UNKNOWN_NS else round(1e-6 * bound_ns, 6),
+            round(1e-6 * aligned.age_ns, 6),
+            aligned.valid,
+            self.synchronised_anew,
+        )
 
     def at(self, time_ns: int) -> Aligned[Sample] | None:
         """What it is at a time; None before the first sample."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from highfive.hil.session.kinds import Kind
-from highfive.hil.session.stream import Aligned, Stream, StreamSettings
+from highfive.hil.session.stream import Aligned, Stream, StreamSettings, StreamState
 from highfive.hil.session.stream_watch import WatchSettings
 from highfive.hil.session.sync_events import SyncEvent, Told
 from highfive.mocap_bridge.sources.steady_time import ClockEstimate
@@ -95,6 +95,11 @@ class Synchroniser:
         """All streams at ``time_ns``: between samples by interpolation, before the oldest the oldest. Never waits."""
         found = ((name, stream.at(time_ns)) for name, stream in self._streams.items())
         return Moment(time_ns, {name: aligned for name, aligned in found if aligned is not None})
+
+    def states(self, time_ns: int) -> list[StreamState]:
+        """How each stream that has begun stands at ``time_ns``, in the order in which they were opened."""
+        moment, streams = self.at(time_ns), self._streams
+        return [streams[name].state(aligned) for name, aligned in moment.items() if name in streams]
 
     def _tell(self, event: SyncEvent) -> None:
         if self._told is not None:

@@ -15,8 +15,6 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.reach import Phase
 from highfive.hil.session.session import RATE_HZ, Tick, TickInput
-from highfive.hil.session.source_watch import SourceWatch
-from highfive.hil.session.sync_events import SyncEvent
 from highfive.hil.trials.live_settings import LIVE, LiveSettings
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.hil.trials.partners import Partner
@@ -218,7 +216,6 @@ class LiveTrial:
         stale: those of them in which the newest frame was stale by the settings.
         count: ticks so far.
         ahead_ms: by how much each was ahead of its frame, ms.
-        events: what happened to the source's clock.
         trouble: why the trial ended early, '' if it did not: nothing has come for ``settings.gone`` s.
     """
 
@@ -243,8 +240,6 @@ class LiveTrial:
         self._source, self._placement, self._clock, self._latency_ns = source, placement, clock, latency_ns
         self.late = self.predicted = self.stale = self.count = 0
         self.ahead_ms: list[float] = []
-        self.events: list[SyncEvent] = []
-        self._watch = SourceWatch(source, self.events.append)
         self.trouble, self._reached = "", False
         self._time_ns = self._idle_since_ns = 0
 
@@ -268,7 +263,6 @@ class LiveTrial:
             now = self._clock.now()
             if self._is_gone(now):
                 return
-            self._watch.look(now)
             if new is not None:
                 seen_ns = min(self._source.captured(new), now)
                 stamp = 0 if frame is None else stamp + self._elapsed(frame, new, seen_ns - captured)

@@ -86,6 +86,7 @@ def summarise(
     unrecorded: str = "",
     replayed: dict[str, Any] | None = None,
     arm: dict[str, Any] | None = None,
+    streams: Sequence[dict[str, Any]] = (),
 ) -> dict[str, Any]:
     """The JSON object of a session: numbers, strings, lists and objects of them; what is not known is None.
 
@@ -100,6 +101,8 @@ def summarise(
     Trials out of reach and without contact count in all of them. ``warnings`` are sentences for people.
     ``unrecorded`` says why the recording ends before the session; '' where it does not. ``replayed`` compares with the
     recording that was played again (:meth:`highfive.hil.recording.replay.Replay.summary`); None where none was.
+    ``streams`` are those of a session that keeps time, as they stood last: see
+    :class:`highfive.hil.session.stream.StreamState`; of pages ``shown`` says what they have shown.
     """
     unwanted = [entry for result in results for entry in _unwanted(result)]
     out_of_reach = [
@@ -122,6 +125,7 @@ def summarise(
         "rig": settings.arm or None,
         "unrecorded": unrecorded,
         "replayed": replayed,
+        "streams": list(streams),
         "warnings": [*([unrecorded] if unrecorded else []), *_warnings(results, settings.corrected)],
         **spreads,
         "by_cell": _by_cell(results),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import Session, Tick, TickInput
+from highfive.hil.session.stream import StreamState
 from highfive.hil.sim.playout import PlayOut
 from highfive.hil.sim.scene import Scene
 from highfive.hil.trials.events import PalmsTogether
@@ -130,6 +131,10 @@ class SessionView:
         self._page.tell("contact", met=result.contact.met, distance_m=error, style=result.style, cell=result.cell)
         self._obey()
         return self._wish if self._wish != "next" else ""
+
+    def streams(self, states: Sequence[StreamState]) -> None:
+        """Shows how the session's streams stand."""
+        self._page.tell("streams", streams=[asdict(state) for state in states])
 
     def ends(self, why: str, *, stopped: bool) -> None:
         """The session ends before it is through: the page says ``why``, and whether the arm was ``stopped``."""

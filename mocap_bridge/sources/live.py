@@ -101,7 +101,6 @@ class LiveSource:
         self._received = self._lost = self._refused = self._impossible = 0
         self._stamps = StampClock()
         self._steady = SteadyTime(self._stamps)
-        self._resynchronised = 0, 0
         self._stamped: int | None = None
         self._period_ns = 1e9 / rate_hz  # of the frames, by their stamps
         self._came = 0, 0  # frames, and when the newest of them arrived, ns: read together
@@ -113,7 +112,18 @@ class LiveSource:
         self._names: tuple[str, ...] | None = None  # as they come, with their prefixes
         self._own_names: tuple[str, ...] = ()
         self._columns = np.zeros(0, dtype=np.intp)
+        self._heard: tuple[Callable[[MarkerFrame], None], ...] = ()  # replaced as a whole
         self._task = scheduler.start(f"source {title}", self._run)
+
+    def hear(self, take: Callable[[MarkerFrame], None]) -> None:
+        """From now on ``take`` is given each frame that is kept, in the thread that receives: it must neither wait nor
+        raise."""
+        self._heard = (*self._heard, take)
+
+    @property
+    def parts(self) -> Sequence[LiveSource]:
+        """The systems that it is of, each with a clock of its own: itself, where it is one."""
+        return (self,)
 
     @property
     def rate_hz(self) -> float:
@@ -139,14 +149,9 @@ class LiveSource:
         """The system's clock by the arrivals of its frames; the source keeps it up to date."""
         return self._stamps
 
-    @property
-    def resynchronised(self) -> tuple[int, int]:
-        """How often the system's clock, or this one, was set, and by how much that moved the frames' times, ns."""
-        return self._resynchronised
-
     def captured(self, frame: MarkerFrame) -> int:
         """When the cameras saw a frame, ns of this process's monotonic clock; it does not go back from frame to frame,
-        unless a clock was set (:attr:`resynchronised`).
+        unless a clock was set (:attr:`stamps`).
 
         What the least delay of network and system is beyond what the system reports of it, nobody here can know.
         """
@@ -262,7 +267,8 @@ class LiveSource:
         if newest is None:
             return
         self._came = self._received, now
-        self._follow_clock(newest.source_time_ns, now)
+        self._stamps.update(newest.source_time_ns, now)
+        self._steady.local(newest.source_time_ns)
         try:
             newest = replace(self._of_person(newest), arrival_time_ns=now)
         except HighFiveError as error:
@@ -274,14 +280,8 @@ class LiveSource:
         with self._changed:
             self._newest, self._trouble, self._hopeless = newest, "", False
             self._changed.notify_all()
-
-    def _follow_clock(self, stamp_ns: int, now: int) -> None:
-        """Learns of the system's clock; where one was set, by how much."""
-        self._stamps.update(stamp_ns, now)
-        foreseen = self._steady.foreseen(stamp_ns)
-        time_ns = self._steady.local(stamp_ns)
-        if self._stamps.resets != self._resynchronised[0]:
-            self._resynchronised = self._stamps.resets, time_ns - foreseen
+        for take in self._heard:
+            take(newest)
 
     def _pace(self, frame: MarkerFrame, step: int) -> None:
         """Averages the period of the frames; a gap in their numbers does not count."""

@@ -211,6 +211,11 @@ class MergedSource(LiveSource):
         rate = max(source.rate_hz for source in self._sources)
         super().__init__(title, connect if tap is None else tapped(connect, tap, scheduler.now), None, rate, scheduler)
 
+    @property
+    def parts(self) -> Sequence[LiveSource]:
+        """The systems."""
+        return self._sources
+
     def close(self) -> None:
         """Ends all of them."""
         super().close()

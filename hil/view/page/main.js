@@ -9,6 +9,7 @@ import { mirrored, mirroredForecast, mirroredPoint } from "./mirror.js";
 import { colourOf } from "./moods.js";
 import { Motion } from "./motion.js";
 import { Stage } from "./stage.js";
+import { Streams } from "./streams.js";
 import { Contacts, Strip } from "./strip.js";
 
 const byId = (id) => document.getElementById(id);
@@ -163,6 +164,9 @@ export function addPanel(element, kind, hear) {
   byId("panels").append(element);
   listeners.set(kind, [...(listeners.get(kind) || []), hear]);
 }
+
+const streams = new Streams();
+addPanel(streams.element, "streams", (text) => streams.show(text.streams));
 
 function choose(button) {
   if (stage) stage.view(button.dataset.view);

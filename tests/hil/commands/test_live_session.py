@@ -20,17 +20,20 @@ from virtual_system import VirtualSystem
 
 from highfive.calibration.placement import Placement
 from highfive.hil.commands.simulate import SimulateOptions, simulate
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import TICK_NS, LivePerson, live_source
 from highfive.hil.trials.live_settings import LIVE
 from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
 ADDRESS = "vicon://lab"
 IN_THE_FIRST_S, IN_THE_SECOND_S = 7.0, 13.5
 PATIENCE_S = 300.0
+SET_NS = 10_000_000
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +125,44 @@ def test_at_every_phase_of_the_frames_a_trial_has_a_new_one_a_tick(greeting: Pat
                 begun[10:], axis=0
             )  # the first frame was there before: ticks catch up by a millisecond each
             assert np.abs(steps - TICK_NS).max() <= 20_000
+
+
+class ClockSet(VirtualSystem):
+    """A system whose clock is set forward by 10 ms."""
+
+    set_s = 0.0
+
+    def send(self, frame: MarkerFrame) -> None:
+        moved = SET_NS if frame.source_time_ns > 1e9 * self.set_s else 0
+        super().send(replace(frame, source_time_ns=frame.source_time_ns + moved))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("set_s", [7.0, 10.0], ids=["while a resting hand is waited for", "in a high five"])
+def test_a_systems_clock_that_is_set_in_a_session_is_one_event_that_says_how_far(
+    set_s: float, greeting: Path, tmp_path: Path, clock: VirtualClock
+) -> None:
+    begun, system = clock.now(), ClockSet(clock, read_c3d(greeting))
+    system.set_s = set_s
+    result = session(system, tmp_path / "session", 1)
+    recording = read_recording(tmp_path / "session" / "session.mcap")
+    (event,) = [m for m in recording.channels["/event"] if m.data["event"] == "resynchronised"]
+    assert event.data["stream"].startswith(ADDRESS)
+    assert event.data["moved_ms"] == pytest.approx(-1e-6 * SET_NS, abs=0.5)
+    began_s = 1e-9 * (recording.channels["/trial"][0].data["host_ns"] - begun)
+    within = began_s < set_s
+    assert within == (set_s > 8.0) and event.data["trial"] == (0 if within else None)
+    if within:  # a stamp so far ahead is seen to be wrong at once, and not after seconds
+        assert 0.0 <= began_s + 1e-9 * event.time_ns - set_s < 0.1
+    assert sum("synchronised anew" in note for row in result["rows"] for note in row["notes"]) == within
+    (row,) = result["streams"]
+    assert row["stream"] == event.data["stream"] and row["resets"] == 1 and row["valid"]
+    assert row["rate_hz"] == pytest.approx(120.0, rel=0.01) and 0.0 <= row["bound_ms"] < 2.0
+    states = [m.data for m in recording.channels["/streams"]]
+    assert states[-1] == {name: value for name, value in row.items() if name != "shown"}
+    # The system's clock began with its first frame; its offset is that time, until it is set forward.
+    wanted_s = 1e-9 * begun - (1e-9 * SET_NS if states[-1]["resets"] else 0.0)
+    assert states[-1]["offset_s"] == pytest.approx(wanted_s, abs=2e-3)
 
 
 @pytest.mark.slow

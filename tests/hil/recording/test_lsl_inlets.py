@@ -2,6 +2,7 @@
 
 import math
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from highfive.hil.recording.lsl_inlets import LslInlets
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.stream_samples import StreamSamples, check_stream_names
+from highfive.hil.session.session_streams import SessionStreams
 from highfive.hil.trials.summary import SessionSettings
 from highfive.mocap_bridge.sources.lsl import configure
 from highfive.model.errors import HighFiveError
@@ -68,11 +70,16 @@ def taker() -> Taker:
 
 
 @pytest.fixture
-def follow(taker: Taker) -> Iterator[Callable[..., LslInlets]]:
+def streams(taker: Taker) -> SessionStreams:
+    return SessionStreams(lambda event: taker.record_event(event.happened.value, event.time_ns, detail=event.text))
+
+
+@pytest.fixture
+def follow(taker: Taker, streams: SessionStreams) -> Iterator[Callable[..., LslInlets]]:
     opened: list[LslInlets] = []
 
     def begin(*names: str) -> LslInlets:
-        opened.append(LslInlets(names, taker, local_only=True))
+        opened.append(LslInlets(names, taker, streams, local_only=True))
         return opened[-1]
 
     yield begin
@@ -111,6 +118,30 @@ def test_numbers_and_texts_come_in_order_with_their_stamps(taker: Taker, follow:
     # One machine has one clock: what the library measures of it is how long its packets take, here at most 5 ms.
     ours = np.array([time_ns for chunk in chunks for time_ns in chunk.times_ns])
     assert np.all(np.abs(1e-9 * ours - stamps) < 5e-3)
+
+
+def test_each_is_one_of_the_sessions_streams_with_a_bound_of_its_clock(
+    taker: Taker, streams: SessionStreams, follow: Callable[..., LslInlets]
+) -> None:
+    gaze, events = outlet("TestGaze", 2), outlet("TestCues", 1, text=True)
+    follow("TestGaze", "TestCues")
+    taker.wait(lambda: taker.told("lsl_found") == 2)
+    at_ns = time.monotonic_ns() + 20_000_000
+    events.push_sample(["go"])
+    for i in range(50):
+        gaze.push_sample([float(i), 0.5], pylsl.local_clock() - 0.2 + 0.004 * i)
+    taker.wait(lambda: len(taker.rows("TestGaze")) == 50 and taker.rows("TestCues"))
+    found = {state.stream: state for state in streams.states(at_ns)}
+    assert found.keys() == {"lsl/TestGaze", "lsl/TestCues"}
+    for state in found.values():
+        # One machine has one clock: the bound is half a round trip, and holds.
+        assert state.bound_ms is not None and 0.0 < state.bound_ms < 5.0
+        assert abs(state.offset_s) <= 1e-3 * state.bound_ms + 1e-3 and state.resets == 0
+    assert found["lsl/TestCues"].age_ms == pytest.approx(20.0, abs=10.0)
+    assert [event for event, _ in taker.events] == ["lsl_found", "lsl_found"]
+    del gaze
+    taker.wait(lambda: taker.told("lsl_lost"))
+    taker.wait(lambda: [state.stream for state in streams.states(at_ns)] == ["lsl/TestCues"])
 
 
 def test_one_that_ends_comes_back_as_another(taker: Taker, follow: Callable[..., LslInlets]) -> None:

@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from recorded_trials import record_trial
 from trial_results import some_results
 
+from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.recording import schemas
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.viewer_messages import Transforms, joints_of
@@ -23,6 +24,8 @@ from highfive.model.geometry import rotations
 
 FOXGLOVE = "@foxglove/studio-base@1.48.0"
 """The last open release of Foxglove's own viewer (MPL-2.0)."""
+_PLATE_NORMAL, _PLATE_FINGERS = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+"""In the plate's own frame, as the scene draws it."""
 _PARSE = """
 const fs = require("fs"), dir = process.argv[1] + "/package/assets/";
 const found = fs.readdirSync(dir).map(name => fs.readFileSync(dir + name, "utf8"))
@@ -87,17 +90,18 @@ def test_the_transforms_place_every_body_where_it_was(recorded: Path) -> None:
 
 
 def test_the_arm_is_drawn_where_its_joints_are() -> None:
-    joints = np.array([0.3, -0.6, 0.4, 0.1, 0.5, -0.2])
-    moved, still = (
-        {one.child_frame_id: one for one in Transforms().arm(7, at).transforms} for at in (joints, np.zeros(6))
-    )
-    assert moved.keys() == still.keys() and all(name.startswith("arm/") for name in moved)
-    ends = [
-        np.array([getattr(them[name].translation, axis) for axis in "xyz"])
-        for them in (moved, still)
-        for name in list(moved)[-1:]
-    ]
-    assert np.linalg.norm(ends[0] - ends[1]) > 0.1
+    """Against the arm's own kinematics, from its description, where the drawing's are MuJoCo's."""
+    arm, drawn, rng = default_arm(), Transforms(), np.random.default_rng(5)
+    for joints in [np.zeros(6), *rng.uniform(-1.2, 1.2, (20, 6))]:
+        bodies = {one.child_frame_id: one for one in drawn.arm(7, joints).transforms}
+        assert all(one.parent_frame_id == "world" and one.timestamp.ToNanoseconds() == 7 for one in bodies.values())
+        places = {name: [getattr(one.translation, axis) for axis in "xyz"] for name, one in bodies.items()}
+        for name, where in zip(("plate", "wrist", "upper_forearm", "tool"), arm.points(joints)[0], strict=True):
+            np.testing.assert_allclose(places[f"arm/{name}"], where, atol=1e-6)
+        plate, by = arm.plate_at(joints), bodies["arm/plate"].rotation
+        turn = np.array([by.w, by.x, by.y, by.z])
+        for axis, wanted in ((_PLATE_NORMAL, plate.normal), (_PLATE_FINGERS, plate.fingers)):
+            np.testing.assert_allclose(rotations.rotate(turn, np.array(axis)), wanted, atol=1e-5)
 
 
 def test_markers_are_points_and_words_are_a_log(recorded: Path) -> None:

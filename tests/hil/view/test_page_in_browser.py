@@ -3,10 +3,12 @@
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
+from highfive.hil.session.stream import StreamState
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.browser import Browser, browser_here
@@ -142,6 +144,37 @@ def test_figures_controls_and_the_picture_are_those_of_the_session(page: LivePag
         ]  # fmt: skip
         page.tell("state", **{**STATE, "stopped": True})
         until(browser, "document.getElementById('estop').textContent.includes('let go at the host')")
+        assert not browser.console
+
+
+def test_how_the_streams_stand_is_a_panel_that_opens(page: LivePage, trial: RecordedTrial) -> None:
+    rows = [
+        StreamState("vicon://lab:801", 119.98, 1234.5, 3.25, 0.0417, 4.2, True, 1),
+        StreamState("lsl/EEG", None, 0.0, 0.0, None, 1200.0, False, 0),
+    ]
+    with Browser((1100, 800)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised")
+        assert browser.evaluate("document.querySelector('.streams').hidden")
+        page.tell("streams", streams=[asdict(row) for row in rows])
+        until(browser, "!document.querySelector('.streams').hidden")
+        browser.evaluate("document.querySelector('.streams summary').click()")
+        of_one = "r => [r.className, ...[...r.children].map(c => c.textContent)]"
+        items = f"[...document.querySelectorAll('.streams li')].map({of_one})"
+        assert browser.evaluate(items) == [
+            ["", "vicon://lab:801", "120.0 Hz · ± 0.04 ms · age 4 ms · drift 3.3 ppm · 1 reset"],
+            ["gone", "lsl/EEG", "– · ± – · age 1200 ms · drift 0.0 ppm · 0 resets"],
+        ]
+        # Whatever stands beside it stays in reach.
+        names = "['.streams', '#figures', '#controls', '#views']"
+        boxes = f"{names}.map(n => document.querySelector(n).getBoundingClientRect().toJSON())"
+        streams, *others = browser.evaluate(boxes)
+        for other in others:
+            apart = other["width"] == 0 or (
+                streams["right"] <= other["left"] or other["right"] <= streams["left"]
+                or streams["bottom"] <= other["top"] or other["bottom"] <= streams["top"]
+            )  # fmt: skip
+            assert apart, (streams, other)
         assert not browser.console
 
 

@@ -1,4 +1,4 @@
-"""A live source whose clock is set while it is followed, in virtual time."""
+"""The streams of a session: a live source whose clock is set while it is followed, in virtual time; pages; an arm."""
 
 from contextlib import closing
 
@@ -8,7 +8,8 @@ import pytest
 from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
-from highfive.hil.session.source_watch import SourceWatch
+from highfive.hil.session.session_streams import PAGES, SessionStreams
+from highfive.hil.session.shown import Shown
 from highfive.hil.session.sync_events import Happened, SyncEvent
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import LiveSource
@@ -31,21 +32,42 @@ def test_a_clock_that_is_set_is_told_once_and_time_goes_forward_but_for_that(mov
         ]  # fmt: skip
         link = FrameLink(clock, 100.0, SentFrames(frames))
         with closing(LiveSource("lab", lambda: link, None, 100.0, VirtualScheduler(clock))) as source:
-            watch, frame, before, back, off = SourceWatch(source, told.append), None, 0, 0, []
+            streams, frame, before, back, off = SessionStreams(told.append), None, 0, 0, []
+            streams.follow(source)
             while clock.now() < begins + round(11.9 * S):
                 frame = source.wait(frame, 0.1) or frame
                 assert frame is not None
                 captured, count = source.captured(frame), len(told)
-                watch.look(clock.now())
                 if captured < before:
-                    assert len(told) > count  # no earlier than it is told
+                    assert count > back  # no earlier than it is told
                     back += 1
                 before = captured
                 if clock.now() > begins + 9 * S or 3 * S < clock.now() - begins < 6 * S:
                     off.append(abs(captured - begins - frame.number * 10 * MS) / MS)
+                (state,) = streams.states(captured)
+                # The stream's time of a frame is the source's own.
+                assert state.age_ms < 0.01, (frame.number, state)
     assert max(off) < 0.5
+    assert state.stream == "lab" and state.resets == len(told) and state.valid
+    assert state.rate_hz == pytest.approx(100.0, rel=0.1) and state.bound_ms is not None and state.bound_ms < 2.0
+    assert streams.events == told
     assert [event.happened for event in told] == ([Happened.RESYNCHRONISED] if moved_ms else [])
     assert back <= len(told)
     if moved_ms:
         assert abs(told[0].moved_ns + moved_ms * MS) < 3 * MS
         assert told[0].text.startswith("lab was synchronised anew")
+
+
+def test_an_arm_and_pages_are_asked_for_one_time_and_pages_say_what_they_have_shown() -> None:
+    streams = SessionStreams()
+    for k in range(101):
+        streams.arm(k * 10 * MS, np.full(6, 0.01 * k))
+    for page in range(1, PAGES + 3):
+        streams.shown(page, Shown(7, 900 * MS, 930 * MS), 3 * MS)
+        streams.shown(page, Shown(9, 916 * MS, 946 * MS, 1), 2 * MS)
+    found = {state.stream: state for state in streams.states(1 * S)}
+    assert found.pop("arm").age_ms == 0.0
+    assert list(found) == [f"page {page}" for page in range(3, PAGES + 3)]  # the newest of too many
+    assert all((page.bound_ms, page.age_ms, page.rate_hz) == (2.0, 54.0, None) for page in found.values())
+    assert streams.pages()["page 4"] == {"pictures": 2, "dropped": 1, "late_ms": {"p50": 30.0, "p95": 30.0}}
+    assert streams.paged.bound_ns(0) == 2 * MS  # what comes through the page is as far off

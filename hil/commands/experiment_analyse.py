@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from highfive.hil.experiments.analysis.counts import PersonCounts, read_counts
+from highfive.hil.experiments.analysis.answers import Answer, confusions_of, counts_of, fits_of, read_answers
+from highfive.hil.experiments.analysis.confusion import Confusion, chance_bits, emotion_rates, mutual_information
+from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts, read_counts
 from highfive.hil.experiments.analysis.hierarchical import Effects, logit_differences, over_people
+from highfive.hil.experiments.analysis.psychometric import Psychometric, pooled_log_jnd, pooled_pse, pse_shift
 from highfive.hil.experiments.analysis.source_table import EMOTIONS, WARNING, SourceTable, source_table
+from highfive.hil.runtime.folders import results_folder
 from highfive.model.errors import HighFiveError
 
 OVERALL = "overall"
@@ -21,23 +26,57 @@ class AnalyseOptions:
     """What to analyse.
 
     Attributes:
-        counts: file with the columns ``participant,condition,correct,n``.
-        emotions: answers to choose from.
+        counts: file with the columns ``participant,condition,correct,n``; or
+        trials: one with ``participant,condition,emotion,answer`` and, of morphs, ``weight``.
+        emotions: answers to choose from; None for as many as occur in the trials, or the source study's three.
+        out: folder for page, figures and tidy table.
+        overwrite: write there though something is there.
     """
 
     counts: Path | None
-    emotions: int = EMOTIONS
+    trials: Path | None = None
+    emotions: int | None = None
+    out: Path | None = None
+    overwrite: bool = False
 
 
 def analyse(options: AnalyseOptions) -> dict[str, Any]:
-    """The figures of a study.
+    """The figures of a study, and its page if that is wanted.
 
     Raises:
-        HighFiveError: there is nothing to analyse, or it cannot be read or compared.
+        HighFiveError: there is nothing to analyse, or it cannot be read, compared or written.
     """
-    if options.counts is None:
+    if options.counts is not None and options.trials is not None:
+        raise HighFiveError("--counts and --trials are two ways to give the same answers; give one of them")
+    if options.trials is not None:
+        answers = read_answers(options.trials)
+        people = counts_of(answers, str(options.trials))
+    elif options.counts is not None:
+        answers, people = [], read_counts(options.counts)
+    else:
         raise HighFiveError("nothing to analyse; give --counts FILE.csv with participant,condition,correct,n")
-    return recognition(read_counts(options.counts), options.emotions)
+    if options.out is None:
+        return _study(options, people, answers)
+    with results_folder(options.out, options.overwrite):
+        result = _study(options, people, answers)
+        from highfive.hil.report.experiment_report import write_experiment  # noqa: PLC0415 (draws, which takes a second)
+
+        result["page"] = str(write_experiment(options.out, result, people, answers))
+    return result
+
+
+def _study(options: AnalyseOptions, people: Sequence[PersonCounts], answers: Sequence[Answer]) -> dict[str, Any]:
+    source = options.counts or options.trials
+    result: dict[str, Any] = {"source": str(source)}
+    matrices, fits = confusions_of(answers), fits_of(answers)
+    if people:
+        labels = {label for matrix in matrices.values() for label in matrix.emotions}
+        result |= recognition(people, options.emotions or len(labels) or EMOTIONS)
+    if matrices:
+        result["confusion"] = {condition: _confusion(matrix) for condition, matrix in matrices.items()}
+    if fits:
+        result["psychometric"] = _psychometric(fits)
+    return result
 
 
 def recognition(people: Sequence[PersonCounts], emotions: int) -> dict[str, Any]:
@@ -62,11 +101,26 @@ def recognition(people: Sequence[PersonCounts], emotions: int) -> dict[str, Any]
 
 def print_analysis(result: dict[str, Any]) -> None:
     """The same for people."""
+    if "table" in result:
+        _print_recognition(result)
+    for condition, found in result.get("confusion", {}).items():
+        rates = ", ".join(f"{name} {rate['mean']:.2f}" for name, rate in found["emotions"].items())
+        print(f"{condition}: {rates}; {found['mutual_information']:.2f} bits (blind: {found['chance_bits']:.2f})")
+    for condition, found in result.get("psychometric", {}).get("conditions", {}).items():
+        for person, one in found["people"].items():
+            low, high = one["pse"]["interval"]
+            print(f"{condition} {person}: PSE {one['pse']['value']:.3f} ({low:.3f} to {high:.3f}), "
+                  f"JND {one['jnd']['value']:.3f}")  # fmt: skip
+    if "page" in result:
+        print(f"Open {result['page']}")
+
+
+def _print_recognition(result: dict[str, Any]) -> None:
     print("Table 1 of the source study, by its own rules (mean ± SE of the rate; P that it is higher in interaction):")
     print(f"  {'':12}{'interactive':>15}{'replay':>15}{'P':>7}")
     for name, row in result["table"].items():
         if name != OVERALL:
-            rates = "".join(f"{row[c]['mean']:>7.3f} ± {row[c]['se']:.3f}" for c in ("interactive", "replay"))
+            rates = "".join(f"{row[c]['mean']:>7.3f} ± {row[c]['se']:.3f}" for c in CONDITIONS)
             print(f"  {name:12}{rates}{row['p_interactive_higher']:>7.3f}")
     print(f"  {'overall P':12}{'':30}{result['table'][OVERALL]:>7.3f}")
     print(f"  {result['overall_warning']}")
@@ -90,5 +144,38 @@ def _table(table: SourceTable) -> dict[str, Any]:
     return rows | {OVERALL: table.overall}
 
 
+def _confusion(matrix: Confusion) -> dict[str, Any]:
+    rates = {rate.emotion: _plain(asdict(rate)) for rate in emotion_rates(matrix)}
+    return {
+        "labels": list(matrix.emotions),
+        "counts": matrix.counts.tolist(),
+        "emotions": rates,
+        "mutual_information": mutual_information(matrix),
+        "chance_bits": chance_bits(matrix),
+    }
+
+
+def _psychometric(fits: Mapping[str, Mapping[str, Psychometric]]) -> dict[str, Any]:
+    conditions: dict[str, Any] = {}
+    for condition, found in fits.items():
+        here: dict[str, Any] = {"people": {person: _plain(asdict(one)) for person, one in found.items()}}
+        if len(found) > 1:
+            together = list(found.values())
+            here |= {"pooled_pse": _effects(pooled_pse(together)), "pooled_log_jnd": _effects(pooled_log_jnd(together))}
+        conditions[condition] = here
+    both = [person for person in fits.get(CONDITIONS[0], {}) if person in fits.get(CONDITIONS[1], {})]
+    result: dict[str, Any] = {"conditions": conditions}
+    if len(both) > 1:
+        first, second = ([fits[condition][person] for person in both] for condition in CONDITIONS)
+        result["pse_shift"] = _effects(pse_shift(first, second))
+    return result
+
+
 def _effects(effects: Effects) -> dict[str, Any]:
-    return asdict(effects) | {"interval": list(effects.interval)}
+    return _plain(asdict(effects))
+
+
+def _plain(value: dict[str, Any]) -> dict[str, Any]:
+    """As JSON has it: tuples as lists."""
+    plain: dict[str, Any] = json.loads(json.dumps(value))
+    return plain

@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -21,7 +22,7 @@ STYLE: Any = {
     "axes.edgecolor": INK, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK, "ytick.color": INK,
     "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.8, "legend.frameon": False,
     "figure.facecolor": "none", "axes.facecolor": "none", "svg.fonttype": "none", "svg.hashsalt": "high-five",
-    "path.simplify": True, "path.simplify_threshold": 0.3, "lines.linewidth": 1.2,
+    "pdf.fonttype": 42, "path.simplify": True, "path.simplify_threshold": 0.3, "lines.linewidth": 1.2,
 }  # fmt: skip
 HINGES = (
     ("right_shoulder", 0, "shoulder\nflexion", -1.0),
@@ -95,4 +96,20 @@ def to_png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     with mpl.rc_context(STYLE):
         FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": "high-five"})
+    return buffer.getvalue()
+
+
+def to_svg_file(figure: Figure) -> bytes:
+    """The figure as an SVG file of its own, without a date: the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def to_pdf(figure: Figure) -> bytes:
+    """The figure as a PDF to be printed, letters as letters, without a date."""
+    buffer = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        FigureCanvasPdf(figure).print_pdf(buffer, metadata={"CreationDate": None})
     return buffer.getvalue()

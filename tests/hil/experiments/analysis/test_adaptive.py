@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from highfive.hil.experiments.analysis.adaptive import AdaptiveSettings, answered, begin_run, next_weight, so_far
-from highfive.hil.experiments.analysis.psychometric import Psychometric, PsychometricSettings, fit, p_second
+from highfive.hil.experiments.analysis.psychometric import (
+    Psychometric,
+    PsychometricSettings,
+    fit,
+    grid_of,
+    p_second,
+)
 
 COARSE = PsychometricSettings(pse_levels=15, width_levels=9, lapse_levels=3)
 HARD = AdaptiveSettings(levels=11, easy=0.0)
@@ -77,3 +83,30 @@ def test_40_trials_tell_the_pse_to_45_thousandths() -> None:
     assert np.sqrt(np.mean(errors**2)) <= 0.045
     inside = [one.pse.interval[0] < truth < one.pse.interval[1] for one, truth in zip(found, truths, strict=True)]
     assert 0.90 <= np.mean(inside) <= 0.99
+
+
+def test_questplus_chooses_the_same() -> None:
+    """Of an observer without lapses, as theirs cannot be tied to both sides. Under the GPL: no dependency of ours."""
+    questplus = pytest.importorskip("questplus", reason="questplus (GPL-3) is an oracle that is installed apart")
+    observer = PsychometricSettings(pse_levels=15, width_levels=9, lapse=1e-9, lapse_levels=2)
+    grid, none = grid_of(observer), np.array([0.0])
+    priors = [np.exp(-0.5 * np.linspace(-most, most, levels) ** 2) for most, levels in ((2.0, 15), (2.5, 9))]
+    widths = np.exp(grid.log_width)
+    theirs = questplus.QuestPlus(
+        stim_domain={"intensity": np.linspace(0.0, 1.0, 11)},
+        param_domain={"mean": grid.pse, "sd": widths, "lower_asymptote": none, "lapse_rate": none},
+        outcome_domain={"response": ["second", "first"]},
+        func="norm_cdf",
+        stim_scale="linear",
+        stim_selection_method="min_entropy",
+        param_estimation_method="mean",
+        prior={"mean": priors[0] / priors[0].sum(), "sd": priors[1] / priors[1].sum()},
+    )
+    run, rng = begin_run(0, observer, HARD), np.random.default_rng(0)
+    for _ in range(15):
+        shown = next_weight(run)
+        assert theirs.next_stim["intensity"] == pytest.approx(shown)
+        second = bool(rng.random() < p_second(shown, 0.4, 0.1, 0.0))
+        run = answered(run, shown, second)
+        theirs.update(stim={"intensity": shown}, outcome={"response": "second" if second else "first"})
+    assert theirs.param_estimate["mean"] == pytest.approx(so_far(run).pse.value, abs=1e-6)

@@ -1,0 +1,154 @@
+"""The report of an experiment: one self-contained page, its figures for print, its numbers, and one row a trial.
+
+The same answers give the same files, bit for bit: nothing in them says when or where they were made.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from highfive.hil.experiments.analysis.answers import Answer, tidy_csv
+from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts
+from highfive.hil.report import experiment_figures
+from highfive.hil.report.drawing import Drawing, draw, to_pdf, to_png, to_svg_file
+from highfive.hil.report.page import figures, render, section, table, write_file
+from highfive.hil.report.report import DATA, FIGURES, PAGE
+from highfive.hil.runtime.console import counted
+
+TRIALS = "trials.csv"
+
+
+def write_experiment(
+    folder: Path, result: dict[str, Any], people: Sequence[PersonCounts], answers: Sequence[Answer]
+) -> Path:
+    """Writes ``report.html``, ``report.json``, ``figures/`` (PNG, SVG, PDF) and ``trials.csv``; returns the page.
+
+    Args:
+        folder: made if it is not there; an older report in it is replaced.
+        result: from :func:`highfive.hil.commands.experiment_analyse.analyse`; ``report.json`` is the same.
+        people: counts, of answers to whole emotions.
+        answers: trial by trial; none where there were counts alone.
+
+    Raises:
+        HighFiveError: a file cannot be written.
+    """
+    drawings = draw(
+        [
+            partial(experiment_figures.rates, result),
+            partial(experiment_figures.effects, result, people),
+            partial(experiment_figures.confusions, answers),
+            partial(experiment_figures.psychometric, answers),
+        ]
+    )
+    files: dict[Path, bytes] = {}
+    for drawing in drawings:
+        for ending, made in (("png", to_png), ("svg", to_svg_file), ("pdf", to_pdf)):
+            files[folder / FIGURES / f"{drawing.name}.{ending}"] = made(drawing.figure)
+    if answers:
+        files[folder / TRIALS] = tidy_csv(answers)
+    files[folder / DATA] = json.dumps(result, indent=2, allow_nan=False, ensure_ascii=False).encode()
+    files[folder / PAGE] = _page(result, drawings, answers).encode()
+    for path, content in files.items():
+        write_file(path, content)
+    return folder / PAGE
+
+
+def _page(result: dict[str, Any], drawings: Sequence[Drawing], answers: Sequence[Answer]) -> str:
+    drawn = {drawing.name: drawing for drawing in drawings}
+    names = [counted(result["people"], "participant")] if "people" in result else []
+    names += [counted(len(answers), "trial")] if answers else ["counts alone"]
+    badges = "".join(f'<span class="badge">{escape(name)}</span>' for name in names)
+    sections = [
+        section("Recognition, by the source study's rules", figures(drawn, "rates") + _source_table(result)),
+        section("Whether interaction helps", figures(drawn, "effects") + _hierarchical(result)),
+        section("Confusions", figures(drawn, "confusions") + _emotions(result)),
+        section("Psychometric functions", figures(drawn, "psychometric") + _psychometric(result)),
+        section("Files", _files(bool(answers))),
+    ]
+    return render("High Five: experiment", escape(result["source"]), badges, sections)
+
+
+def _source_table(result: dict[str, Any]) -> str:
+    if "table" not in result:
+        return ""
+    rows = [
+        [
+            name,
+            *(f"{row[c]['mean']:.3f} ± {row[c]['se']:.3f}" for c in CONDITIONS),
+            f"{row['p_interactive_higher']:.3f}",
+        ]
+        for name, row in result["table"].items()
+        if isinstance(row, dict)
+    ]
+    rows.append(["overall P", "", "", f"{result['table']['overall']:.3f}"])
+    shown = table(["participant", *CONDITIONS, "P(interactive higher)"], rows, {0})
+    return f'{shown}<p class="warning">{escape(result["overall_warning"])}</p>'
+
+
+def _hierarchical(result: dict[str, Any]) -> str:
+    if "hierarchical" not in result:
+        return ""
+    return _effects_table({"interactive − replay, logit": result["hierarchical"]}, signed=True)
+
+
+def _effects_table(found: dict[str, dict[str, Any]], *, signed: bool) -> str:
+    rows = []
+    for name, one in found.items():
+        low, high = one["interval"]
+        row = [name, f"{one['mean']:.3f}", f"{one['sd']:.3f}", f"{low:.3f} … {high:.3f}", f"{one['between']:.3f}"]
+        rows.append([*row, f"{one['p_positive']:.3f}"] if signed else row)
+    heads = ["", "mean", "sd", "95 % interval", "between people", *(["P(above 0)"] if signed else [])]
+    return table(heads, rows, {0})
+
+
+def _emotions(result: dict[str, Any]) -> str:
+    rows, lines = [], []
+    for condition, found in result.get("confusion", {}).items():
+        for name, one in found["emotions"].items():
+            low, high = one["interval"]
+            unbiased = "–" if one["unbiased"] is None else f"{one['unbiased']:.3f}"
+            counts = [f"{one['correct']} of {one['shown']}", str(one["answered"]), f"{one['mean']:.3f}"]
+            rows.append([condition, name, *counts, f"{low:.3f} … {high:.3f}", unbiased, f"{one['answer_bias']:+.3f}"])
+        bits = f"{found['mutual_information']:.3f} bits; blind answers would seem to say {found['chance_bits']:.3f}"
+        lines.append(f"<p>Mutual information of shown and answered, {escape(condition)}: {bits}.</p>")
+    if not rows:
+        return ""
+    heads = ["condition", "emotion", "correct", "answered", "rate", "95 % interval", "unbiased hit rate", "answer bias"]
+    return table(heads, rows, {0, 1}) + "".join(lines)
+
+
+def _psychometric(result: dict[str, Any]) -> str:
+    found = result.get("psychometric")
+    if found is None:
+        return ""
+    rows, together = [], {}
+    for condition, here in found["conditions"].items():
+        for person, one in here["people"].items():
+            cells = [
+                f"{one[n]['value']:.3f} ({one[n]['interval'][0]:.3f} … {one[n]['interval'][1]:.3f})" for n in _SHOWN
+            ]
+            rows.append([condition, person, str(one["trials"]), *cells])
+        for key, name in (("pooled_pse", "PSE"), ("pooled_log_jnd", "ln JND")):
+            if key in here:
+                together[f"{condition}, {name}"] = here[key]
+    shown = table(["condition", "participant", "trials", "PSE", "JND", "lapses"], rows, {0, 1})
+    shown += _effects_table(together, signed=False) if together else ""
+    if "pse_shift" in found:
+        shown += _effects_table({"shift of the PSE, interactive − replay": found["pse_shift"]}, signed=True)
+    return shown
+
+
+_SHOWN = ("pse", "jnd", "lapse")
+
+
+def _files(trials: bool) -> str:
+    tidy = f" <code>{TRIALS}</code>: one row a trial." if trials else ""
+    return (
+        f"<p><code>{DATA}</code>: all numbers. <code>{FIGURES}/</code>: the figures as PNG, SVG and PDF.{tidy} What "
+        "each figure means: docs/analysis.md.</p>"
+    )

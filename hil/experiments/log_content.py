@@ -93,7 +93,8 @@ def read_log(content: bytes, where: str) -> LogContent:
                 finished.append(row_of(entry, at))
             case "mark":
                 why = typed(entry, f"{at}: ", "why", str)
-                marked |= dict.fromkeys(typed(entry, f"{at}: ", "asks", list), why)
+                asks = typed(entry, f"{at}: ", "asks", list)
+                marked |= {typed({"ask": ask}, f"{at}: ", "ask", int): why for ask in asks}
             case other:
                 raise HighFiveError(f"{at}: kind is {other!r}, expected run, begin, trial or mark")
     return LogContent(plan, tuple(dict.fromkeys(software)), begun, tuple(finished), marked)

@@ -12,7 +12,7 @@ from typing import Any
 
 from highfive.hil.experiments.plan import Plan, PlannedTrial
 from highfive.model.errors import HighFiveError
-from highfive.model.toml_file import check_keys, is_list, read_toml, typed
+from highfive.model.toml_file import check_keys, read_toml, typed
 
 _HEAD = [field.name for field in fields(Plan) if field.name != "trials"]
 _TRIAL = [field.name for field in fields(PlannedTrial)]
@@ -65,15 +65,14 @@ def read_plan(path: Path) -> Plan:
 
 
 def plan_of(data: Mapping[str, Any]) -> Plan:
-    """A plan of a table of its values, such as ``asdict`` gives.
+    """A plan of a table of its values, as TOML and JSON have them.
 
     Raises:
         HighFiveError: something is missing, or of another kind.
     """
     check_keys(data, "the plan", {*_HEAD, "trials"})
     head = {name: _value(data, "", name, Plan) for name in _HEAD}
-    if not is_list(entries := list(data["trials"])):
-        raise HighFiveError("trials is no list")
+    entries = typed(data, "", "trials", list)
     trials: list[PlannedTrial] = []
     for place, entry in enumerate(entries):
         check_keys(entry, f"trial {place + 1}", set(_TRIAL))

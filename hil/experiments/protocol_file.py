@@ -245,9 +245,11 @@ def _replay(data: Mapping[str, Any]) -> Replay:
 
 def _settings(kind: type[Value], data: Mapping[str, Any], name: str) -> Value:
     given = table(data, name) if name in data else {}
-    check_keys(given, f"[{name}]", set(), set(kind().values()))
+    usual = kind().values()
+    check_keys(given, f"[{name}]", set(), set(usual))
+    values = {key: number(given, f"[{name}] ", key, type(usual[key]), -1e9, 1e9) for key in given}
     try:
-        return kind(**given)
+        return kind(**values)
     except HighFiveError as error:
         raise HighFiveError(f"[{name}] {error}") from None
 

@@ -82,7 +82,12 @@ def stored_plan(study: Path, code: str) -> Plan:
             f"{code} has no plan in {study}; planned are {', '.join(known) or 'none'}; "
             "highfive experiment plan --participants N plans more"
         )
-    return read_plan(path)
+    plan = read_plan(path)
+    if plan.participant != code:
+        raise HighFiveError(
+            f"plan {path} is that of {plan.participant}, expected {code}'s; each has a plan of their own"
+        )
+    return plan
 
 
 def check_plans(study: Path, plans: list[Plan], redraw: bool = False) -> list[Plan]:
@@ -147,7 +152,7 @@ def write_study(study: Path, source: Path, protocol: Protocol, plans: list[Plan]
 
 def _with(text: str, values: Mapping[str, str | int]) -> str:
     """The experiment's file with other values in [experiment]; comments stay."""
-    head, found, rest = re.split(r"^(\s*\[experiment\].*\n)", text, maxsplit=1, flags=re.MULTILINE)
+    head, found, rest = (*re.split(r"^(\s*\[\s*experiment\s*\].*\n)", text, maxsplit=1, flags=re.MULTILINE), "", "")[:3]
     inside, *after = re.split(r"^(?=\s*\[)", rest, maxsplit=1, flags=re.MULTILINE)
     for name, value in values.items():
         line = f"{name} = {json.dumps(value)}\n"

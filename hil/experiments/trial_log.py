@@ -156,6 +156,8 @@ class TrialLog:
     def _check(self, trial: PlannedTrial, outcome: Outcome) -> None:
         if outcome.answer not in ("", *self.plan.keys):
             raise HighFiveError(f"trial {trial.name}: answer {outcome.answer!r}, expected {', '.join(self.plan.keys)}")
+        if outcome.certainty is not None and not 0.0 <= outcome.certainty <= 1.0:
+            raise HighFiveError(f"trial {trial.name}: certainty is {outcome.certainty}, expected 0 to 1")
         if outcome.weights and dict(outcome.weights) != dict(trial.weights) and trial.style != ADAPTIVE:
             raise HighFiveError(f"trial {trial.name}: weights {outcome.weights}, the plan has {trial.weights}")
 

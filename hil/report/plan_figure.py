@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import groupby
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
@@ -51,25 +52,22 @@ def _plans(protocol: Protocol, plans: Sequence[Plan]) -> Drawing:
 
 
 def _participant(axes: Axes, row: int, plan: Plan, protocol: Protocol) -> None:
-    place, block = 0.0, plan.trials[0].block
-    start = place
-    for trial in plan.trials:
-        if trial.block != block:
-            _name(axes, row, block, start, place)
-            place += _GAP
-            block, start = trial.block, place
-        watched = trial.mode in (Mode.OWN_REPLAY, Mode.OTHER_REPLAY)
+    bars: dict[tuple[str, bool], list[tuple[float, float]]] = {}
+    place = 0.0
+    for block, trials in groupby(plan.trials, lambda trial: trial.block):
+        start = place
+        for trial in trials:
+            watched = trial.mode in (Mode.OWN_REPLAY, Mode.OTHER_REPLAY)
+            bars.setdefault((trial.style, watched), []).append((place + 0.07, 0.86))
+            place += 1.0
+        text = block if len(block) <= 1.2 * (place - start) else block[0]
+        label = axes.text(0.5 * (start + place), row - 0.36, text, ha="center", va="bottom", fontsize=5.5, color=FAINT)
+        label.set_in_layout(False)
+        place += _GAP
+    for (style, watched), spans in bars.items():
         height = _LOW if watched else _FULL
-        bottom = row + 0.5 * _FULL - height
-        colour = _colour(protocol, trial.style)
-        axes.bar(place + 0.5, height, 0.86, bottom, color=colour, linewidth=0)
-        place += 1.0
-    _name(axes, row, block, start, place)
-
-
-def _name(axes: Axes, row: int, block: str, start: float, end: float) -> None:
-    text = block if len(block) <= 1.2 * (end - start) else block[0]
-    axes.text(0.5 * (start + end), row - 0.36, text, ha="center", va="bottom", fontsize=5.5, color=FAINT)
+        span = (row + 0.5 * _FULL - height, height)
+        axes.broken_barh(spans, span, facecolors=_colour(protocol, style), linewidth=0)
 
 
 def _colour(protocol: Protocol, name: str) -> str:

@@ -1,5 +1,6 @@
 """A study's folder: plans that stay as they were drawn, and people who are forgotten."""
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from highfive.hil.experiments.forget import forget
 from highfive.hil.experiments.plan import draw_plan, draw_plans
 from highfive.hil.experiments.plan_file import difference, plan_of, plan_toml, read_plan
 from highfive.hil.experiments.protocol_file import TEMPLATES, read_protocol, templates
-from highfive.hil.experiments.study import check_plans, participants, study_protocol, write_study
+from highfive.hil.experiments.study import check_plans, participants, stored_plan, study_protocol, write_study
 from highfive.hil.experiments.trial_log import open_log
 from highfive.model.errors import HighFiveError
 
@@ -21,7 +22,7 @@ def test_a_plan_is_read_as_it_was_written(name: str, tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_bytes(plan_toml(plan))
     assert read_plan(path) == plan
-    assert plan_of(asdict(plan)) == plan
+    assert plan_of(json.loads(json.dumps(asdict(plan)))) == plan
 
 
 @pytest.mark.parametrize("place", range(0, 6000, 150))
@@ -52,6 +53,26 @@ def test_a_study_holds_what_was_planned(tmp_path: Path) -> None:
         asked = protocol(name, participants=4, seed=77)
         write_study(tmp_path / name, path, asked, draw_plans(asked)[:1])
         assert study_protocol(tmp_path / name) == asked
+
+
+def test_a_protocol_keeps_its_comments_and_odd_spelling(tmp_path: Path) -> None:
+    changes = {"[experiment]": "[ experiment ]  # mine", "seed = 0\n": "", "participants = 12": "participants=12 # few"}
+    path = written(tmp_path, "tipping", changes)
+    asked = protocol("tipping", participants=3, seed=9)
+    write_study(tmp_path / "s", path, asked, [])
+    text = (tmp_path / "s" / "protocol.toml").read_text()
+    assert study_protocol(tmp_path / "s") == asked and "[ experiment ]  # mine" in text and "clip is no clue" in text
+    path.write_text("experiment = " + path.read_text().partition("[ experiment ]")[0] + "{}")
+    with pytest.raises(HighFiveError):
+        read_protocol(path)
+
+
+def test_a_plan_in_another_ones_folder_is_refused(tmp_path: Path) -> None:
+    folder = study(tmp_path)
+    people = folder / "participants"
+    (people / "P02" / "plan.toml").write_bytes((people / "P01" / "plan.toml").read_bytes())
+    with pytest.raises(HighFiveError, match="is that of P01, expected P02's"):
+        stored_plan(folder, "P02")
 
 
 def test_more_people_are_added_and_the_others_keep_their_plans(tmp_path: Path) -> None:

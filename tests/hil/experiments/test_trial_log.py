@@ -278,6 +278,7 @@ def test_what_cannot_be_is_no_row(tipping: Path) -> None:
             log.begin()
         for wrong, message in (
             (Outcome(answer="glad"), "answer 'glad', expected neutral, fearful, angry"),
+            (Outcome(certainty=1.5), "certainty is 1.5, expected 0 to 1"),
             (Outcome(weights={"sad": 1.0}), "the plan has"),
             (Outcome(rt_s=float("nan")), "cannot be written"),
             (Outcome(frame="7"), "frame is '7'"),  # pyright: ignore[reportArgumentType]

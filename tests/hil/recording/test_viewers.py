@@ -1,6 +1,8 @@
 """What viewers make of a recording: readers that are not ours."""
 
 import json
+import os
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -149,6 +151,34 @@ def test_foxglove_itself_can_plot_every_json_topic(tmp_path: Path) -> None:
     said = json.loads(answer.stdout)
     assert "Unsupported type" in said.pop("rows")  # it would tell
     assert all(isinstance(types, list) and topic in types for topic, types in said.items()), said
+
+
+RERUN = os.environ.get("RERUN") or shutil.which("rerun")
+"""Rerun's own program (PyPI rerun-sdk, 170 MB to load, 500 MB installed: too much for CI)."""
+
+
+@pytest.mark.slow(10)
+@pytest.mark.skipif(RERUN is None, reason="rerun (PyPI rerun-sdk) is neither on PATH nor in RERUN")
+def test_rerun_itself_draws_every_transform_marker_and_line(recorded: Path, tmp_path: Path) -> None:
+    def run(*words: object) -> str:
+        environment = {**os.environ, "HOME": str(tmp_path), "NO_COLOR": "1"}
+        for command in (["analytics", "disable"], words):  # the setting is the home folder's, which is a new one
+            done = subprocess.run(
+                [str(RERUN), *map(str, command)], capture_output=True, text=True, check=True, env=environment
+            )
+        return done.stdout
+
+    drawn = tmp_path / "session.rrd"
+    run("mcap", "convert", recorded, "-o", drawn)
+    pattern = r"with (\d+) rows .* - (/\S+) - data columns: \[(.*)\]"
+    rows: dict[tuple[str, str], int] = {}
+    for count, topic, columns in re.findall(pattern, run("rrd", "print", drawn)):
+        for kind in {column.partition(":")[0] for column in columns.split()}:
+            rows[topic, kind] = rows.get((topic, kind), 0) + int(count)
+    ticks = len(some_results()[0].times)
+    transforms = sum(len(message.transforms) for message in decoded(recorded)["/tf"])
+    assert rows["/tf", "Transform3D"] == transforms
+    assert rows["/markers", "Points3D"] == ticks and rows["/log", "TextLog"] == 1
 
 
 def test_the_times_of_all_topics_are_of_one_clock(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def analyse(
 
 @app.command()
 def plan(
-    file: Annotated[Path | None, typer.Argument(metavar="[FILE.toml]", help="The experiment.")] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="FILE.toml", help="The experiment.")] = None,
     template: Annotated[
         str | None, typer.Option(metavar="NAME", help="Write this one to --out instead: tipping, high_five or morph.")
     ] = None,
@@ -53,7 +53,7 @@ def plan(
         typer.Option(metavar="DIR", help="Folder of the study, also one to be added to (default: out/study-1, …)."),
     ] = None,
     participants: Annotated[int | None, typer.Option(min=1, max=9999, help="Another number than in the file.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Another one than in the file.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=2**62, help="Another one than in the file.")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Draw the plans anew of those who did not take part yet.")
     ] = False,

@@ -71,6 +71,9 @@ def _study(options: AnalyseOptions, people: Sequence[PersonCounts], answers: Seq
     matrices, fits = confusions_of(answers), fits_of(answers)
     if people:
         labels = {label for matrix in matrices.values() for label in matrix.emotions}
+        if options.emotions is not None and options.emotions < len(labels):
+            there = f"{len(labels)} ({', '.join(sorted(labels))})"
+            raise HighFiveError(f"--emotions {options.emotions}: {source} has {there}; give that many or more")
         result |= recognition(people, options.emotions or len(labels) or EMOTIONS)
     if matrices:
         result["confusion"] = {condition: _confusion(matrix) for condition, matrix in matrices.items()}

@@ -33,7 +33,7 @@ def rates(result: dict[str, Any]) -> Drawing | None:
     axes.axhline(chance, color=FAINT, lw=0.8, ls=(0, (4, 3)))
     at = axes.get_yaxis_transform()
     axes.text(0.99, chance + 0.015, "chance", ha="right", va="bottom", fontsize=9, color=FAINT, transform=at)
-    axes.set_xticks(range(len(people)), list(people), rotation=0 if len(people) < 13 else 90)
+    axes.set_xticks(range(len(people)), [_text(name) for name in people], rotation=0 if len(people) < 13 else 90)
     axes.set_ylim(0.0, 1.0)
     axes.set_ylabel("classification rate")
     figure.legend(loc="outside upper center", ncols=2, fontsize=9)
@@ -57,7 +57,7 @@ def effects(result: dict[str, Any], people: Sequence[PersonCounts]) -> Drawing |
     axes.errorbar(d, places, xerr=half, fmt="o", color=INK, ms=4, lw=1.0)
     axes.plot(found["interval"], [0, 0], color=_LOOKS["interactive"][0], lw=5.0, alpha=0.5, solid_capstyle="butt")
     axes.plot(found["mean"], 0, "D", color=_LOOKS["interactive"][0], ms=7)
-    axes.set_yticks([*places.tolist(), 0], [*(person.participant for person in people), "all"])
+    axes.set_yticks([*places.tolist(), 0], [*(_text(person.participant) for person in people), "all"])
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("interactive − replay, logit")
     caption = (
@@ -84,8 +84,9 @@ def confusions(answers: Sequence[Answer]) -> Drawing | None:
             # On the picture's own colours: black or white, whatever the page's ink.
             ink = "white" if share[row, column] > 0.55 else "black"
             axes.annotate(text, (column, row), ha="center", va="center", fontsize=8, color=ink)
-        axes.set_xticks(range(len(matrix.emotions)), matrix.emotions)
-        axes.set_yticks(range(len(matrix.emotions)), matrix.emotions)
+        names = [_text(emotion) for emotion in matrix.emotions]
+        axes.set_xticks(range(len(names)), names)
+        axes.set_yticks(range(len(names)), names)
         axes.tick_params(length=0)
         axes.set_xlabel("answered")
         axes.set_ylabel("shown")
@@ -107,7 +108,7 @@ def psychometric(answers: Sequence[Answer]) -> Drawing | None:
     for axes in grid.flat[len(people) :]:
         axes.set_axis_off()
     for axes, person in zip(grid.flat, people, strict=False):
-        axes.set_title(person, fontsize=10, fontweight="normal")
+        axes.set_title(_text(person), fontsize=10, fontweight="normal")
         axes.axhline(0.5, color=FAINT, lw=0.6)
         for condition, found in fits.items():
             if person not in found:
@@ -120,7 +121,7 @@ def psychometric(answers: Sequence[Answer]) -> Drawing | None:
             axes.plot(at, curve, color=colour, label=condition)
             axes.plot(one.pse.interval, [0.5, 0.5], color=colour, lw=4.0, alpha=0.5, solid_capstyle="butt")
         axes.set_ylim(-0.05, 1.05)
-    second = next(one.emotion for one in answers if one.weight is not None)
+    second = _text(next(one.emotion for one in answers if one.weight is not None))
     figure.supxlabel(f"share of {second}", fontsize=10)
     figure.supylabel(f"{second} answered", fontsize=10)
     _legend(figure, len(fits))
@@ -149,3 +150,8 @@ def _legend(figure: Figure, conditions: int) -> None:
         handles, labels = axes.get_legend_handles_labels()
         found |= dict(zip(labels, handles, strict=True))
     figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=conditions, fontsize=9)
+
+
+def _text(name: str) -> str:
+    """A name as it is: a dollar sign in it begins no formula."""
+    return name.replace("$", r"\$")

@@ -11,6 +11,8 @@ from highfive.model.errors import HighFiveError
 
 CONDITIONS = ("interactive", "replay")
 """The avatar answers the person; the person sees one of her earlier trials again."""
+MOST = 1_000_000
+"""Trials of a person and condition: more are a mistake."""
 COLUMNS = ("participant", "condition", "correct", "n")
 
 
@@ -107,8 +109,8 @@ def pooled(people: Sequence[PersonCounts]) -> PersonCounts:
 
 def _count(row: CsvRow) -> Count:
     correct, n = row.whole("correct"), row.whole("n")
-    if n < 1:
-        raise row.error(f"n is {n}; expected at least one trial")
+    if not 1 <= n <= MOST:
+        raise row.error(f"n is {n}; expected 1 to {MOST} trials")
     if not 0 <= correct <= n:
         raise row.error(f"{correct} correct of {n}; expected 0 to {n}")
     return Count(correct, n)

@@ -109,4 +109,4 @@ def overall(probabilities: Sequence[float]) -> float:
         return 0.5  # beyond what double precision tells apart, either way
     with np.errstate(divide="ignore"):
         logit = float(np.sum(np.log(p) - np.log1p(-p)))
-    return 1.0 / (1.0 + math.exp(-logit)) if logit >= 0 else 1.0 - 1.0 / (1.0 + math.exp(min(logit, 700.0)))
+    return 1.0 / (1.0 + math.exp(-logit)) if logit >= 0.0 else math.exp(logit) / (1.0 + math.exp(logit))

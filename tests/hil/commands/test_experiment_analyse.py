@@ -119,6 +119,14 @@ def test_another_process_makes_the_same_files_bit_for_bit(tmp_path: Path) -> Non
     assert not re.search(rb"<dc:date>|/CreationDate", text)
 
 
+def test_names_are_shown_as_they_are(analyse, tmp_path: Path) -> None:
+    (tmp_path / "trials.csv").write_text(simulated_study().replace("A1", "$\\no<b>$").replace("angry", "$\\x$"))
+    code, _, err = analyse("--trials", "trials.csv", "--out", "study")
+    assert (code, err) == (0, "")
+    page = (tmp_path / "study" / "report.html").read_text()
+    assert "$\\no&lt;b&gt;$" in page and "<b>" not in page
+
+
 def test_counts_alone_give_a_page_without_trials(analyse, tmp_path: Path) -> None:
     code, out, _ = analyse("--counts", "counts.csv", "--out", "study")
     assert code == 0 and "Open study/report.html" in out
@@ -128,10 +136,12 @@ def test_counts_alone_give_a_page_without_trials(analyse, tmp_path: Path) -> Non
 
 def test_bad_input_is_one_line(analyse, tmp_path: Path) -> None:
     (tmp_path / "named.csv").write_text(COUNTS.replace("S1", "overall"))
+    (tmp_path / "few.csv").write_text(simulated_study())
     (tmp_path / "empty.csv").write_text("participant,condition,correct,n\n")
     for words, said in {
         (): "nothing to analyse",
         ("--counts", "counts.csv", "--trials", "counts.csv"): "give one of them",
+        ("--trials", "few.csv", "--emotions", "2"): "few.csv has 3 (angry, fearful, neutral); give that many or more",
         ("--trials", "counts.csv"): "expected participant,condition,emotion,answer",
         ("--counts", "nowhere.csv"): "cannot read nowhere.csv",
         ("--counts", "empty.csv"): "holds no answers",

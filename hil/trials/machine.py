@@ -46,11 +46,9 @@ def machine_differences(then: object, now: Mapping[str, Any]) -> list[str]:
 
 
 def _said(compiled: object) -> str:
-    return f"compiled in the session's process ({len(compiled)} functions)" if _some(compiled) else "from its cache"
-
-
-def _some(compiled: object) -> bool:
-    return isinstance(compiled, list) and bool(compiled)
+    if isinstance(compiled, list) and compiled:
+        return f"compiled in the session's process ({len(compiled)} functions)"
+    return "from its cache"
 
 
 def _processor() -> str:

@@ -118,7 +118,10 @@ class Replay:
             "same": self.same,
             "first_difference": first,
             "largest_mm": round(1e3 * self.largest, 3),
-            "differs": [*self.differs, *machine_differences(self.machine, machine())],
+            "differs": [
+                *self.differs,
+                *(machine_differences(self.machine, machine()) if self.same < self.ticks else ()),
+            ],
         }
 
 

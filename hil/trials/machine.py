@@ -41,7 +41,7 @@ def machine_differences(then: object, now: Mapping[str, Any]) -> list[str]:
         if then.get(name) != now[name]
     ]
     if then.get("compiled") != now["compiled"]:
-        found.append(f"machine code {_said(then.get('compiled'))} then, {_said(now['compiled'])} now: last bits differ")
+        found.append(f"machine code {_said(then.get('compiled'))} then, {_said(now['compiled'])} now")
     return found
 
 

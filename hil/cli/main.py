@@ -34,7 +34,6 @@ app.add_typer(cli_files.app)
 app.add_typer(cli_bench.app, name="bench")
 app.add_typer(cli_experiment.app, name="experiment")
 app.add_typer(cli_rig.app, name="rig")
-app.add_typer(cli_experiment.app, name="experiment")
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""

@@ -113,12 +113,13 @@ class Replay:
     def summary(self) -> dict[str, Any]:
         """For a session's summary."""
         first = None if self.first is None else {"trial": self.first[0], "time_s": round(self.first[1], 4)}
+        others = machine_differences(self.machine, machine()) if self.same < self.ticks else []
         return {
             "ticks": self.ticks,
             "same": self.same,
             "first_difference": first,
             "largest_mm": round(1e3 * self.largest, 3),
-            "differs": [*self.differs, *machine_differences(self.machine, machine())],
+            "differs": [*self.differs, *others],
         }
 
 

@@ -68,7 +68,7 @@ def rewrite(source: Path, path: Path, change: Callable[[str, int, bytes], bytes 
 
 
 def damaged_within(source: Path, path: Path, rng: np.random.Generator) -> None:
-    """One message in thirty is, of all topics or of one."""
+    """Half of the messages are, or one in thirty, of all topics or of one."""
     topics = ["/session", "/trial", "/frame", "/person", "/avatar", "/tick", "/contact", "/markers", None]
     topic, share = topics[int(rng.integers(len(topics)))], 0.5 if rng.random() < 0.5 else 0.03
 
@@ -84,7 +84,7 @@ def damaged_outside(source: Path, path: Path, rng: np.random.Generator) -> None:
     path.write_bytes(bytes(mutated(source.read_bytes(), rng)))
 
 
-def every_reading(path: Path, scene: Scene, folder: Path) -> None:
+def every_reading(path: Path, scene: Scene) -> None:
     """Each way in which a recording is read; HighFiveErrors are one line."""
     for number, reading in enumerate(
         (
@@ -117,11 +117,11 @@ def test_what_is_damaged_is_fewer_high_fives_or_one_line(
 ) -> None:
     path = tmp_path / "damaged.mcap"
     damage(recorded, path, np.random.default_rng(seed))
-    every_reading(path, scene, tmp_path)
+    every_reading(path, scene)
 
 
 def test_a_sound_one_is_read_in_every_way(recorded: Path, scene: Scene) -> None:
     session = read_session(recorded)
-    assert [span.ticks for span in session.spans] == [TICKS + 1] * 2 or min(span.ticks for span in session.spans) > 2
+    assert len(session) == 2 and all(TICKS <= span.ticks <= TICKS + 1 for span in session.spans)
     assert len(export_trials(session)) == len(recorded_trials(recorded, scene)) == 2
     assert len(open_replay(session, "default", True, None).trials) == 2

@@ -67,4 +67,5 @@ def test_breaking_off_before_the_first_tick_is_not_of_the_one_before():
         yield StoredMessage("/tick", 0, {"trial": 3}, (0, 1))
         yield StoredMessage("/event", 0, {"event": "trial_broken_off", "trial": number}, (0, 2))
 
-    assert [span_of(list(messages(number))).broken_off for number in (3, 4)] == [True, False]
+    found = [span_of(list(messages(number))) for number in (3, 4)]
+    assert [span is not None and span.broken_off for span in found] == [True, False]

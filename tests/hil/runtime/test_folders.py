@@ -37,17 +37,22 @@ FOLDERS = {
     "evaluate --out": ["evaluate", "absent", "absent.safetensors"],
     "track --out": ["track", "absent.c3d"],
     "rig play --out": ["rig", "play", "absent"],
+    "experiment analyse --out": ["experiment", "analyse", "--counts", "absent.csv"],
 }
 FILES = {
     "train --out": ["train", "absent"],
     "calibrate subject --out": ["calibrate", "subject", "absent.c3d"],
     "calibrate headset --out": ["calibrate", "headset", "--source", "vicon://127.0.0.1:9"],
+    "calibrate extrinsics --out": [
+        *("calibrate", "extrinsics", "absent", "--source", "vicon://127.0.0.1:9", "--plate", "absent.toml")
+    ],
     "stream --record": ["stream", "vicon://127.0.0.1:9"],
     "bench contact --picture": ["bench", "contact", "--baseline", "absent.json"],
     "rig reach --picture": ["rig", "reach"],
 }
 ENDINGS = {
     "train --out": ".safetensors", "calibrate subject --out": ".toml", "calibrate headset --out": ".toml",
+    "calibrate extrinsics --out": ".toml",
     "stream --record": ".c3d",
 }  # fmt: skip
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
@@ -60,12 +65,18 @@ READ = {
     *("bench protocols --file", "bench contact --baseline"),
     *("rig emulate --rig", "rig check --rig", "rig configure --rig", "rig release --rig", "rig play --rig"),
     *("rig play session", "rig play --limits", "rig play --estop", "export session", "import files"),
-    "simulate --headset",
+    *("simulate --headset", "simulate --latencies", "calibrate event recording"),
+    *("calibrate extrinsics --plate", "calibrate extrinsics --limits", "calibrate extrinsics --rig-file"),
+    *("calibrate extrinsics --estop", "experiment analyse --counts", "experiment analyse --trials"),
+    *("experiment plan file", "experiment forget --study"),
 }
 # A folder or a file, as the format has it, or given by what is read: tested where the command is.
 ELSEWHERE = {
     "export --out": "commands/test_export.py",
     "import --to": "commands/test_import.py",
+    "calibrate event --out": "commands/test_calibrate_event.py",
+    "experiment plan --out": "commands/test_experiment.py",
+    "experiment plan --study": "commands/test_experiment.py",
 }
 LINKS = {"rig emulate --port-link"}
 # Read where they are there, made where they are not: tests/calibration/test_placement_file.py.

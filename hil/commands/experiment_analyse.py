@@ -48,21 +48,25 @@ def analyse(options: AnalyseOptions) -> dict[str, Any]:
     """
     if options.counts is not None and options.trials is not None:
         raise HighFiveError("--counts and --trials are two ways to give the same answers; give one of them")
-    if options.trials is not None:
-        answers = read_answers(options.trials)
-        people = counts_of(answers, str(options.trials))
-    elif options.counts is not None:
-        answers, people = [], read_counts(options.counts)
-    else:
+    if options.counts is None and options.trials is None:
         raise HighFiveError("nothing to analyse; give --counts FILE.csv with participant,condition,correct,n")
     if options.out is None:
-        return _study(options, people, answers)
+        return _study(options, *_read(options))
     with results_folder(options.out, options.overwrite):
+        people, answers = _read(options)
         result = _study(options, people, answers)
         from highfive.hil.report.experiment_report import write_experiment  # noqa: PLC0415 (draws, which takes a second)
 
         result["page"] = str(write_experiment(options.out, result, people, answers))
     return result
+
+
+def _read(options: AnalyseOptions) -> tuple[Sequence[PersonCounts], Sequence[Answer]]:
+    if options.trials is not None:
+        answers = read_answers(options.trials)
+        return counts_of(answers, str(options.trials)), answers
+    assert options.counts is not None
+    return read_counts(options.counts), ()
 
 
 def _study(options: AnalyseOptions, people: Sequence[PersonCounts], answers: Sequence[Answer]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 from enum import IntEnum
 
 class Linkage(IntEnum):
-    internal = ...
-    linkonce_odr = ...
+    internal = 8
+    linkonce_odr = 3
 
 def get_host_cpu_name() -> str: ...

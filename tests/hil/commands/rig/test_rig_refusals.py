@@ -135,7 +135,7 @@ def test_a_real_port_is_refused_where_nobody_knows_who_is_beside_the_arm(
             ((*live, "--slow"), "--registration"),
             ((*live, "--nobody-near"), "contradicts the live person"),
             ((*live, "--registration", old), "another arm"),
-            ((*live, "--registration", tmp_path / "none.toml"), "cannot read the registration"),
+            ((*live, "--registration", tmp_path / "none.toml"), "cannot read the calibration"),
             ((*simulated, "--registration", old), "--source"),
         ):
             assert says in refused(monkeypatch, capsys, *words), words

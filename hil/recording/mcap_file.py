@@ -14,6 +14,8 @@ from zstandard import ZstdError
 
 from highfive.model.errors import HighFiveError
 
+_MAGIC = b"\x89MCAP0\r\n"  # at both ends
+
 Place = tuple[int, int]
 """Of a message: where in the file its chunk begins, and its place among the chunk's records. Later ones are greater."""
 
@@ -58,7 +60,8 @@ class McapFile:
                     except _UNREADABLE:
                         return
                     if record is None or isinstance(record, DataEnd):
-                        self.ended = self.ended or record is not None
+                        file.seek(-len(_MAGIC), 2)
+                        self.ended = self.ended or (record is not None and file.read() == _MAGIC)
                         return
                     for number, held in enumerate(self._records(record, offset)):
                         if isinstance(held, Channel):

@@ -310,5 +310,9 @@ def run_schedule(job: FaultJob) -> tuple[Laws, Sequence[str]]:
     """The laws as they were kept, and what was said."""
     with TemporaryDirectory() as folder:
         run = FaultRun(job, Path(folder))
-        run.run()
+        try:
+            run.run()
+        except Exception as error:
+            error.add_note(f"of {job.schedule}")  # its seed, without which nobody could play it again
+            raise
     return run.laws, run.said

@@ -17,6 +17,9 @@ PERSON_FIRST = frozenset({Rule.CONTACT_SPEED, Rule.FACE_ZONE, Rule.POSITION})
 ROUNDING = 1.02
 """The ticks' own times jitter by some µs."""
 
+NEVER = 1e9
+"""In place of NaN, which JSON has not: a time that never came."""
+
 COUNT = 2.0 * np.pi / COUNTS
 """rad, of a servo."""
 
@@ -34,7 +37,8 @@ class Laws:
     broken: list[tuple[str, float]] = field(default_factory=list)
 
     def judge(self, law: str, value: float, most: float) -> None:
-        """``value`` may be ``most`` at most; NaN is no value that is right."""
+        """``value`` may be ``most`` at most; NaN, what never came to pass, is :data:`NEVER`."""
+        value = NEVER if np.isnan(value) else value
         self.worst[law] = max(self.worst.get(law, -np.inf), float(value))
         if not value <= most:
             self.broken.append((law, float(value)))

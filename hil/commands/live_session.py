@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 
@@ -47,6 +48,9 @@ def live_person(
         settings=LIVE if page is None else WORN, hand="right" if page is None else hand_of(options),
     )  # fmt: skip
     if options.place is not None and registered is None:
-        save_placement(options.place, person.placement, system, datetime.now(UTC))
-        say_aside(f"kept in {options.place}")
+        if person.guessed:
+            say_aside(f"not kept in {options.place}: the place was guessed, and nobody confirmed it", logging.WARNING)
+        else:
+            save_placement(options.place, person.placement, system, datetime.now(UTC))
+            say_aside(f"kept in {options.place}")
     return person

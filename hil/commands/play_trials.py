@@ -210,6 +210,7 @@ def _view(
 
     view = SessionView(
         page, session, playout, scene, arm=None if watch is None else watch.joints,
+        halted=lambda: watch is not None and bool(watch.loop.trouble),
         shown=lambda told: recorder.record_shown(told.page, told.shown, told.bound_ns),
     )  # fmt: skip
     recorder.on_streams = view.streams

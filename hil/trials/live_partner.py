@@ -98,8 +98,10 @@ class LivePerson:
         say_aside(f"{address}: {len(first.names)} markers, set {self._set.name}")
         if registered is not None:
             say_aside(registered.notes[0])
-            self.placement = registered
+            self.placement, self.guessed = registered, False
             return
+        self.guessed = False
+        """Nobody has confirmed what of the placement was guessed."""
         self.placement = self._placed(first)
         while self.placement.guesses and not self._accepted(confirm):
             self.placement = self._placed(source.first())
@@ -121,6 +123,7 @@ class LivePerson:
         guessed = "; ".join(self.placement.guesses)
         answer = confirm(f"guessed: {guessed}. Is that so? (no: you are watched again)")
         if answer is None:
+            self.guessed = True
             say_aside(
                 f"guessed: {guessed}. If that is wrong the hand is met beside where it is: raise it as for a high five "
                 "while you are watched, or keep a placement that is right (--place FILE)",

@@ -86,6 +86,10 @@ def run_server(options: ServerOptions, mailbox: Mailbox, estop: Latch | None, tr
     asyncio.run(_Server(options, mailbox, estop, tracked).run())
 
 
+OPEN_S = 120.0
+"""So long a request may take: skin and scene are made once, in several seconds, on a busy machine in many."""
+
+
 @dataclass(eq=False)
 class _Page:
     """One that looks on."""
@@ -153,6 +157,7 @@ class _Server:
             server = await serve(
                 self._look_on, self._options.host, self._options.port, process_request=self._request,
                 ssl=context, compression=None, max_size=LONGEST, ping_interval=20, ping_timeout=60, close_timeout=1,
+                open_timeout=OPEN_S,
             )  # fmt: skip
         except OSError as error:
             self._mailbox.put(encode_text("failed", reason=error.strerror or str(error)))
@@ -278,6 +283,9 @@ class _Server:
                 self._track(page, message, self._tracked)
             return
         if self._options.about.get("webcam") and _asks_for_camera(message):
+            if _lets_go_of_camera(message):  # it could not be opened
+                self._camera = None if self._camera is page else self._camera
+                return
             self._camera = self._camera or page  # one at a time: two people's hands are never mixed
             page.tell(encode_text("camera", granted=self._camera is page))
             return
@@ -318,6 +326,11 @@ def _asks_for_camera(message: str) -> bool:
     with suppress(ValueError, RecursionError, AttributeError):
         return json.loads(message).get("kind") == "camera"
     return False
+
+
+def _lets_go_of_camera(message: str) -> bool:
+    """The page cannot use its camera: another's may count."""
+    return bool(json.loads(message).get("over"))
 
 
 def _asked(message: str) -> float | None:

@@ -47,15 +47,17 @@ class SessionView:
     def __init__(
         self, page: LivePage, session: Session, playout: PlayOut, scene: Scene, *,
         arm: Callable[[], tuple[Array, Array] | None] | None = None, clock: Clock = MACHINE,
-        shown: Callable[[PageShown], None] = lambda picture: None,
+        shown: Callable[[PageShown], None] = lambda picture: None, halted: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
-        """Of a session that plays in ``playout``; ``shown`` is given each picture that a page says it has shown.
+        """Of a session that plays in ``playout``; ``shown`` is given each picture that a page says it has shown, and
+        ``halted`` says whether the arm is stopped.
 
         With an ``arm``, of which it gives the joints (J,), rad, as measured and as wanted, a high five is never broken
         off for a wish.
         """
         self._page, self._session, self._playout, self._scene = page, session, playout, scene
         self._cast, self._arm, self._clock, self._shown = Cast.of(scene.model), arm, clock, shown
+        self._halted = halted
         self._arm_cast = None if arm is None else ArmCast()
         self.weights: dict[str, float] | None = None
         self.cell: str | None = None
@@ -190,7 +192,7 @@ class SessionView:
             raise Interruption(self._wish)
 
     def _standing(self) -> dict[str, Any]:
-        return {"paused": self._paused, "corrected": self.corrects, "stopped": self._stopped}
+        return {"paused": self._paused, "corrected": self.corrects, "stopped": self._stopped or self._halted()}
 
     def _state(self, tick: Tick, distance: float) -> dict[str, Any]:
         response = tick.response

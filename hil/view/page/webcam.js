@@ -122,6 +122,7 @@ export class Webcam {
       });
     } catch (error) {
       this.say(REFUSED[error.name] || `The camera cannot be used: ${error.message}`);
+      this.connection.send({ kind: "camera", over: true });  // another page's may count
       return;
     }
     for (const track of this.video.srcObject.getTracks()) track.onended = () => this.say("The camera was taken away: plug it in, and reload.");

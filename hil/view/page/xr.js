@@ -112,7 +112,7 @@ export class Headset {
     }
     this.tell(frame, space, viewer.transform, seen);
     this.counts.hands += shown > 0;
-    if (!shown) for (const hand of this.hands) hand.visible = false;
+    for (const side of [0, 1]) if (!seen[side]) this.hands[side].visible = false;
   }
 
   /** Sends what is seen, for when it holds. */

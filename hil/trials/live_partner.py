@@ -247,7 +247,14 @@ class LiveTrial:
         self._time_ns = self._idle_since_ns = 0
 
     def begins(self) -> bool:
-        """Whether there is a source to play with; if not, ``trouble`` says why."""
+        """Whether there is a source to play with; if not, ``trouble`` says why.
+
+        Where this computer or the source stood still, what is there is old: then the next frame is waited for.
+        """
+        newest, now = self._source.newest(self._clock.now()), self._clock.now()
+        age_ns = 0 if newest is None else now - newest.arrival_time_ns
+        if age_ns > self._patience_ns:
+            self._source.wait(newest, max(0.0, self._settings.gone - 1e-9 * age_ns) + 0.01)
         return not self._is_gone(self._clock.now())
 
     def _is_gone(self, now: int) -> bool:
@@ -289,10 +296,7 @@ class LiveTrial:
         """The next tick's frame, once it is there; None where it is time for a tick without one."""
         s = self._settings
         if seen is None:
-            newest, now = self._source.newest(self._clock.now()), self._clock.now()
-            if newest is None or now - newest.arrival_time_ns <= self._patience_ns:
-                return newest
-            return self._source.wait(newest, s.gone)  # where this computer stood still, what it holds is old
+            return self._source.newest(self._clock.now())
         shortest_ns = TICK_NS - s.early_ns
         self._clock.wait_until(begun + shortest_ns)
         expected = seen.arrival_time_ns + round(self._source.period_ns)

@@ -85,6 +85,7 @@ def test_a_trial_does_not_begin_with_a_frame_of_long_ago(greeting: Recording, cl
         clock.wait_until(clock.now() + 2_500_000_000)
         before = clock.now()
         trial = LiveTrial(source, HERE, clock)
+        assert trial.begins()
         ticks = list(islice(trial, 5))
     assert not trial.trouble and len(ticks) == 5
     assert 1e-9 * (clock.now() - before) == pytest.approx(1.5, abs=0.6)

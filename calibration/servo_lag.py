@@ -6,7 +6,7 @@ is found is the *servo's* lag, free of the rate at which it was commanded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -145,8 +145,3 @@ def servo_lag(
     slope = np.array([1.0, -2.0 * zeta / omega, 2.0 * zeta / omega, 0.0, 0.0])  # of the lag by the parameters
     error = 1.96 * standard_errors(best.jac * s.noise, residual, slope[None])[0]
     return ServoLag(delay, omega, zeta, error, float(best.x[3]), rms)
-
-
-def later(lag: ServoLag, seconds: float) -> ServoLag:
-    """The same, ``seconds`` later."""
-    return replace(lag, delay=lag.delay + seconds)

@@ -11,8 +11,7 @@ from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.lifecycle import START_S, checked, tell_torque, weakened
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_arm, check_options, refuse_unless_ready
-from highfive.hil.arm.rig_planner import full_errors
-from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm.rig_planner import sags
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
@@ -24,7 +23,6 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.interrupts import answered_by_a_stop
 from highfive.hil.safety.limits import Limits
 from highfive.hil.session.session import RATE_HZ
-from highfive.model.geometry.rotations import Array
 
 
 @contextmanager
@@ -78,13 +76,8 @@ def _driven(
     in_the_way: Callable[[], str],
 ) -> Iterator[PostureDrive]:  # fmt: skip
     check = lambda: checked(arm, body, rig, limits, options, clock)  # noqa: E731
-    drive = PostureDrive(arm, body, limits, sag_of(rig), check, estop, clock, in_the_way)
+    drive = PostureDrive(arm, body, limits, sags(rig, body.folder), check, estop, clock, in_the_way)
     try:
         yield drive
     finally:
         drive.rest()
-
-
-def sag_of(rig: Rig) -> Array:
-    """(J,) rad/(N·m), by which servos stand off their goals."""
-    return full_errors(rig) / find_arm().each[0]

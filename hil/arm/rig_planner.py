@@ -44,16 +44,20 @@ def retarget_settings(
     A joint moves at no-load speed, or gives its stall torque, where the error takes the full voltage. ``on_the_way``:
     s that a command takes to the servos. The plan keeps the limits near the person by itself.
     """
-    full = full_errors(rig)
-    stall, no_load = (folder or find_arm()).each
+    folder = folder or find_arm()
     return RetargetSettings(
-        lag=float(np.median(full / no_load)) + on_the_way,
-        sag=tuple((full / stall).tolist()),
+        lag=float(np.median(full_errors(rig) / folder.each[1])) + on_the_way,
+        sag=tuple(sags(rig, folder).tolist()),
         contact_speed=limits.contact.speed,
         face_speed=limits.face.speed,
         face_radius=EVERYWHERE if limits.motion.point_speed <= limits.face.speed else limits.face.radius,
         face_braking=limits.face.braking,
     )
+
+
+def sags(rig: Rig, folder: ArmFolder) -> Array:
+    """(J,) rad/(N·m), by which an arm's joints stand off their goals under load."""
+    return full_errors(rig) / folder.each[0]
 
 
 def full_errors(rig: Rig) -> Array:

@@ -81,8 +81,8 @@ class PersonAsKnown:
     def while_tracking(self, times: Array) -> NDArray[np.bool_]:
         """(N,) bool: the newest tick at ``times`` (N,), s, led the arm."""
         tracking = np.array([tick.report.state is State.TRACKING for tick in self.trial.ticks])
-        newest = np.searchsorted(self.times, times, side="right") - 1
-        return (newest >= 0) & tracking[np.maximum(newest, 0)] & (self.ages(times) <= MISSED / RATE_HZ)
+        newest = np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)
+        return tracking[newest] & (self.ages(times) <= MISSED / RATE_HZ)
 
     def ages(self, times: Array) -> Array:
         """(N,) s, of the newest tick at ``times`` (N,), s; infinite before the first."""

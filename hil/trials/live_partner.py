@@ -96,12 +96,12 @@ class LivePerson:
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
         say_aside(f"{address}: {len(first.names)} markers, set {self._set.name}")
-        if registered is not None:
-            say_aside(registered.notes[0])
-            self.placement, self.guessed = registered, False
-            return
         self.guessed = False
         """Nobody has confirmed what of the placement was guessed."""
+        if registered is not None:
+            say_aside(registered.notes[0])
+            self.placement = registered
+            return
         self.placement = self._placed(first)
         while self.placement.guesses and not self._accepted(confirm):
             self.placement = self._placed(source.first())

@@ -282,8 +282,8 @@ class _Server:
             elif message and self._tracked is not None:
                 self._track(page, message, self._tracked)
             return
-        if self._options.about.get("webcam") and _asks_for_camera(message):
-            if _lets_go_of_camera(message):  # it could not be opened
+        if self._options.about.get("webcam") and (wants := _wants_camera(message)) is not None:
+            if not wants:  # it could not be opened
                 self._camera = None if self._camera is page else self._camera
                 return
             self._camera = self._camera or page  # one at a time: two people's hands are never mixed
@@ -321,16 +321,12 @@ class _Server:
             page.tell(encode_text("headset", message=TAKEN))
 
 
-def _asks_for_camera(message: str) -> bool:
-    """The page wants to be the one whose camera counts."""
+def _wants_camera(message: str) -> bool | None:
+    """Whether the page wants to be the one whose camera counts, or no longer; None of any other message."""
     with suppress(ValueError, RecursionError, AttributeError):
-        return json.loads(message).get("kind") == "camera"
-    return False
-
-
-def _lets_go_of_camera(message: str) -> bool:
-    """The page cannot use its camera: another's may count."""
-    return bool(json.loads(message).get("over"))
+        asked = json.loads(message)
+        return not asked.get("over") if asked.get("kind") == "camera" else None
+    return None
 
 
 def _asked(message: str) -> float | None:

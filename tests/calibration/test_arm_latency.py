@@ -7,11 +7,18 @@ from dataclasses import replace
 import pytest
 
 from highfive.calibration.arm_latency import ArmLatency
-from highfive.calibration.servo_lag import ServoLag, later
+from highfive.calibration.servo_lag import ServoLag
 from highfive.calibration.stream_delay import StreamDelay
 from highfive.model.errors import HighFiveError
 
 LAG = ServoLag(0.004, 45.0, 0.6, 1e-4, 1.0, 1e-3)
+
+
+def later(lag: ServoLag, seconds: float) -> ServoLag:
+    """The same, ``seconds`` later."""
+    return replace(lag, delay=lag.delay + seconds)
+
+
 MEASURED = ArmLatency({"waist": LAG}, StreamDelay(0.012, 1e-4, 1.0, 5e-4), 0.002, later(LAG, 0.0145), "waist")
 
 

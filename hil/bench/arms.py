@@ -29,8 +29,8 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.trained import HGPDM
 
-CELLS = ("A2", "B1", "B2", "C3")
-"""At which each arm meets a hand, an emotion after the other."""
+CELLS = ("A2", "B1", "B2", "C3", "C1", "C2")
+"""At one of which each arm meets a hand, an emotion after the other; C1 and C2 are beside the head."""
 
 _LOOKED_ON_NS = 500_000_000
 
@@ -144,8 +144,8 @@ def bench_arms(options: ArmsOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
     if options.arms < 1:
         raise HighFiveError(f"{options.arms} arms; ask for at least one")
     references = reference_trajectories(model, tuple(EMOTIONS), CELLS, options.seed, bar)
-    four = [tuple(it for it in references if it.cell == cell) for cell in CELLS]
-    jobs = [ArmJob(options.first + number, four[number % len(four)]) for number in range(options.arms)]
+    of_cell = [tuple(it for it in references if it.cell == cell) for cell in CELLS]
+    jobs = [ArmJob(options.first + number, of_cell[number % len(of_cell)]) for number in range(options.arms)]
     return arms_figures(jobs, list(parallel_map(play_with, jobs, lambda total: bar("arms", total))))
 
 

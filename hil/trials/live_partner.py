@@ -245,6 +245,7 @@ class LiveTrial:
         self.ahead_ms: list[float] = []
         self.trouble, self._reached = "", False
         self._time_ns = self._idle_since_ns = 0
+        self._resets = sum(part.stamps.resets for part in source.parts)  # of the clocks of its systems
 
     def begins(self) -> bool:
         """Whether there is a source to play with; if not, ``trouble`` says why.
@@ -310,7 +311,9 @@ class LiveTrial:
     def _elapsed(self, before: MarkerFrame, frame: MarkerFrame, between_ns: int) -> int:
         """From frame to frame, ns, by the system's own clock, which does not jitter, as long as that is plausible."""
         own = frame.source_time_ns - before.source_time_ns
-        if own > 0 and abs(own - (frame.arrival_time_ns - before.arrival_time_ns)) < self._settings.clock_set_ns:
+        resets, self._resets = self._resets, sum(part.stamps.resets for part in self._source.parts)
+        most = self._settings.clock_set_ns if resets == self._resets else self._settings.told_set_ns
+        if own > 0 and abs(own - (frame.arrival_time_ns - before.arrival_time_ns)) < most:
             return own
         return max(between_ns, self._settings.least_step_ns)
 

@@ -40,6 +40,8 @@ class LiveSettings(Settings):
     """Ticks are for times at least so far apart."""
     clock_set_ns: int = setting(250_000_000, "ns", above=0)
     """A system's clock whose frames are so much further apart than their arrivals, or nearer, was set."""
+    told_set_ns: int = setting(2_000_000, "ns", above=0)
+    """So much says it where the estimate of that clock begins anew at this frame."""
 
 
 LIVE = LiveSettings()

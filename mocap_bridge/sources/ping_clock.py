@@ -14,8 +14,9 @@ from dataclasses import replace
 
 from highfive.mocap_bridge.sources.stamp_clock import UNKNOWN_NS, StampClock, StampClockSettings
 
-PEER = replace(StampClockSettings(), drift=2e-4)
-"""A peer tells the time of a crystal, and no count of frames: it is not off by more."""
+PEER = replace(StampClockSettings(), drift=2e-4, back_ns=1_000_000_000)
+"""A peer tells the time of a crystal, and no count of frames: it is not off by more. A question that is late is
+answered after the next one."""
 
 
 class PingClock:

@@ -29,6 +29,9 @@ class StampClockSettings(Settings):
     """How many of the last seconds the hull is drawn under."""
     step_ns: int = setting(2_000_000, "ns", above=0)
     """A frame so far below the line, or nothing but frames so far above it, say that a clock was set."""
+    back_ns: int = setting(50_000_000, "ns", above=0)
+    """A frame may be late, its stamp is not: one that lies so far before the newest says that the system's clock was
+    set back. Senders of several threads mix stamps by less."""
     late_ns: int = setting(1_500_000_000, "ns", above=0)
     """For so long, from frame to frame by whichever clock says less, all must have been above it: after an outage those
     that were held back come within a moment, and the last of them in time."""
@@ -62,12 +65,9 @@ class StampClock:
     def _begin(self, stamp_ns: int, lowest: tuple[int, int]) -> None:
         """Anew, from a frame's stamp and the lowest point that holds: stamp and offset."""
         self._minima: deque[tuple[int, int]] = deque(maxlen=self.settings.span)
-        self._second = stamp_ns // SECOND_NS
+        self._second, self._newest = stamp_ns // SECOND_NS, stamp_ns
         self._lowest = lowest
-        self._late, self._late_ns = (
-            0,
-            0,
-        )  # frames above the line in a row, and for how long; last and lowest
+        self._late = self._late_ns = 0  # frames above the line in a row, and for how long; last and lowest
         self._late_last, self._late_lowest = (0, 0), lowest
         self._line = (lowest[0], float(lowest[1]), self._drift or 0.0)  # stamp, offset there, drift
         self._frames, self._excess = 0, 0.0  # that came, and by how much they lay above the line, ns, all in all
@@ -80,7 +80,9 @@ class StampClock:
             self._counted = True
             self._begin(stamp_ns, (stamp_ns, offset))
         above, second = offset - self._offset(stamp_ns), stamp_ns // SECOND_NS
-        if (-above > self.settings.step_ns and self._minima) or second < self._second - 1:
+        back = self._newest - stamp_ns > self.settings.back_ns
+        self._newest = max(self._newest, stamp_ns)
+        if (-above > self.settings.step_ns and self._minima) or back:
             self._reset(stamp_ns, (stamp_ns, offset))
         elif self._is_set(stamp_ns, arrival_ns, above):
             self._reset(stamp_ns, self._late_lowest)

@@ -131,6 +131,8 @@ def test_eight_arms_keep_the_laws_and_are_all_counted() -> None:
     assert 0.0 < error["median"] <= error["p90"] <= error["max"] < 1e3
     assert 0.0 < by_arm["median"] <= by_arm["max"] <= error["max"]
     assert found["worst"] and np.isfinite(list(found["worst"].values())).all()
+    assert found["body_face_speed"] > 0.0  # two of the cells are beside the head
+    assert found["worst"]["reference: speed near the head, m/s"] <= 0.22
     assert 0.2 < found["body_closing_speed"] < 1.45  # docs/performance.md: of fifty arms, among which these are
     assert 0.0 <= found["body_face_speed"] < 3.0  # 0 where no arm comes near a head
 

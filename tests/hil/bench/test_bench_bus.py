@@ -44,7 +44,7 @@ def test_no_cycle_is_faster_than_the_line() -> None:
     assert 0.0 < result["cycle_hz"] <= result["limit_hz"] * 1.01
     assert result["cycle_ms"]["p50"] >= 1e3 / result["limit_hz"] * 0.99
     assert 0.0 < result["dead_servo_hz"] < result["limit_hz"]
-    assert 0.0 <= result["estop_ms"] < 50.0  # it is driven for 100 ms more
+    assert 0.0 <= result["estop_ms"] < 100.0  # for so long it is driven on: motion ended before that did
     assert result["watchdog_ms"] >= 60.0
     wakes = result["sleeper_late_ms"]
     assert 0.0 <= wakes["p50"] <= wakes["p99"] <= wakes["max"]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -16,6 +17,7 @@ from highfive.hil.trials.live_partner import TICK_NS, LiveTrial, live_source
 from highfive.hil.trials.live_settings import LIVE
 from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.files.recording import Recording, resample
+from highfive.mocap_bridge.frames import MarkerFrame
 
 ADDRESS = "vicon://lab"
 HERE = Placement(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), ("the room is registered",))
@@ -90,6 +92,30 @@ def test_a_trial_does_not_begin_with_a_frame_of_long_ago(greeting: Recording, cl
     assert not trial.trouble and len(ticks) == 5
     assert 1e-9 * (clock.now() - before) == pytest.approx(1.5, abs=0.6)
     assert max(begins.ahead_ns for begins in ticks) < 20_000_000
+
+
+@pytest.mark.parametrize("step_ms", [-700, -400, -150, 10, 150, 400])
+def test_a_clock_of_the_system_that_is_set_costs_nobody_the_person(
+    step_ms: int, greeting: Recording, clock: VirtualClock
+) -> None:
+    """Two seconds into the trial: the frames go on, and so does her time."""
+
+    class Set(VirtualSystem):
+        def send(self, frame: MarkerFrame) -> None:
+            moved = 1_000_000 * step_ms if self.clock.now() > set_at else 0
+            super().send(replace(frame, source_time_ns=frame.source_time_ns + moved))
+
+    set_at = clock.now() + 4_000_000_000
+    with closing(live_source(ADDRESS, None, Set(clock, greeting).wiring)) as source:
+        source.first()
+        clock.wait_until(set_at - 2_000_000_000)
+        trial = LiveTrial(source, HERE, clock)
+        ticks = [(clock.now(), begins) for begins in islice(trial, 360)]
+        assert source.stamps.resets == 1
+    local, stamps = np.diff([(at, begins.time_ns) for at, begins in ticks], axis=0)[1:].T
+    np.testing.assert_allclose(stamps, local, atol=5_000_000)
+    assert trial.stale == 0 and not trial.trouble
+    assert max(begins.ahead_ns for _, begins in ticks) < 20_000_000
 
 
 def test_a_host_that_stood_still_goes_on_with_now(greeting: Recording, clock: VirtualClock) -> None:

@@ -118,12 +118,12 @@ def test_an_outlet_that_stamps_at_push_and_is_late_at_times(tmp_path: Path, lost
     )
     try:
         assert outlet.wait_for_consumers(5.0)
-        start = time.monotonic() + 0.1
+        pushed = start = pylsl.local_clock() - count / 120.0
         for k in range(count):
             held_up = 0.025 if k % 30 == 11 else 0.0
-            time.sleep(max(0.0, start + k / 120.0 + held_up - time.monotonic()))
+            pushed = max(pushed + 1e-5, start + k / 120.0 + held_up)
             if not lost_every or k % lost_every != lost_every // 2:
-                outlet.push_sample([float(k), 1.0, 2.0])
+                outlet.push_sample([float(k), 1.0, 2.0], pushed)
         until(lambda: received and received[-1].positions[0, 0] == count - 1)
     finally:
         source.close()

@@ -52,6 +52,20 @@ def test_a_clock_that_is_set_is_found_within_two_seconds(step_ms: int) -> None:
     assert 0.0 < max(wrong) <= 2.0
 
 
+@pytest.mark.parametrize("step_ms", [-150, -700])
+def test_a_clock_that_is_set_back_is_followed_from_the_first_frame_whose_stamp_lies_before_the_last(
+    step_ms: int,
+) -> None:
+    clock, wrong = StampClock(), []
+    for stamp, arrival, least in heard(60.0, 120.0, 50.0, 7, step_ms * MS, 40.3):
+        clock.update(stamp, arrival)
+        if least > OFFSET + 40.3 * S:
+            wrong.append(clock.local(stamp) - least)
+    assert clock.resets == 1
+    assert max(wrong) < 25 * MS  # by what the first of them was late
+    assert np.mean(np.abs(wrong[120:])) < 0.2 * MS
+
+
 def test_an_outage_that_ends_in_a_burst_is_no_clock_that_was_set() -> None:
     clock, until = StampClock(), OFFSET + 45 * S
     for stamp, arrival, least in heard(60.0, 120.0, 50.0, 3):

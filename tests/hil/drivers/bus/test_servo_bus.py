@@ -206,7 +206,7 @@ def test_waiting_for_an_answer_sleeps(silent: str, rig: Rig) -> None:
         assert bus.sync_read(*POSITION, [1]) == {}
     waited, busy = time.monotonic() - begun, time.thread_time() - busy
     assert waited >= 1.0  # 4 of 250 ms
-    assert busy < 0.2  # s of processor, however long a busy machine takes
+    assert busy < waited / 4.0
     bus.close()
 
 

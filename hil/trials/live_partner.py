@@ -26,6 +26,7 @@ from highfive.mocap_bridge.sources.address import open_source
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.source import Connection
 from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
+from highfive.mocap_bridge.wire.plausible import LONGEST_LATENCY_NS
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -96,6 +97,7 @@ class LivePerson:
         self._set = marker_set or find_marker_set(first.names)
         self._set.arrange(first.names, first.positions, first.valid, self._set.arm.markers)  # all there?
         say_aside(f"{address}: {len(first.names)} markers, set {self._set.name}")
+        self._tell_latency(first.latency_ns)
         self.guessed = False
         """Nobody has confirmed what of the placement was guessed."""
         if registered is not None:
@@ -105,6 +107,18 @@ class LivePerson:
         self.placement = self._placed(first)
         while self.placement.guesses and not self._accepted(confirm):
             self.placement = self._placed(source.first())
+
+    def _tell_latency(self, latency_ns: int) -> None:
+        """What the system says of itself, and whether it is believed."""
+        unlikely_ns = self._source.health(self._clock.now()).unlikely_latency_ns
+        if unlikely_ns:
+            say_aside(
+                f"{self._address} says that its frames are {1e-6 * unlikely_ns:.0f} ms old as it sends them; expected "
+                f"0 to {1e-6 * LONGEST_LATENCY_NS:.0f} ms, so that is not made up for: measure it, and give --latency",
+                logging.WARNING,
+            )
+        elif latency_ns >= 1_000_000:
+            say_aside(f"its frames are {1e-6 * latency_ns:.0f} ms old as it sends them, as it says: made up for")
 
     def _placed(self, first: MarkerFrame) -> Placement:
         """Where the person stands, once watched."""

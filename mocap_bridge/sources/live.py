@@ -20,7 +20,7 @@ from highfive.mocap_bridge.sources.source import Connection, SourceHealth
 from highfive.mocap_bridge.sources.stamp_clock import StampClock
 from highfive.mocap_bridge.sources.steady_time import ClockEstimate, SteadyTime
 from highfive.mocap_bridge.wire.errors import LinkError
-from highfive.mocap_bridge.wire.plausible import FARTHEST_M, of_another_unit, spans
+from highfive.mocap_bridge.wire.plausible import FARTHEST_M, LONGEST_LATENCY_NS, of_another_unit, spans
 from highfive.model.errors import HighFiveError
 from highfive.model.plugins import fault
 
@@ -98,7 +98,7 @@ class LiveSource:
         self._changed = scheduler.condition()
         self._newest: MarkerFrame | None = None
         self._number: int | None = None  # of the newest frame that came, whether it could be used or not
-        self._received = self._lost = self._refused = self._impossible = 0
+        self._received = self._lost = self._refused = self._impossible = self._unlikely_latency_ns = 0
         self._stamps = StampClock()
         self._steady = SteadyTime(self._stamps)
         self._stamped: int | None = None
@@ -205,6 +205,7 @@ class LiveSource:
             arrived_ns,
             self._impossible,
             self._hopeless and newest is None,
+            self._unlikely_latency_ns,
         )
 
     def close(self) -> None:
@@ -266,6 +267,8 @@ class LiveSource:
             self._number, newest = frame.number, frame
         if newest is None:
             return
+        if not 0 <= newest.latency_ns <= LONGEST_LATENCY_NS:
+            self._unlikely_latency_ns, newest = newest.latency_ns, replace(newest, latency_ns=0)
         self._came = self._received, now
         self._stamps.update(newest.source_time_ns, now)
         self._steady.local(newest.source_time_ns)

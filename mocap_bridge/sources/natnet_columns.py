@@ -10,9 +10,6 @@ from highfive.mocap_bridge.wire.natnet_frame import FILLED, MEASURED, OCCLUDED, 
 from highfive.mocap_bridge.wire.natnet_model import Model
 from highfive.mocap_bridge.wire.plausible import plausible, plausible_only
 
-LONGEST_LATENCY_NS = 1e9
-"""A system that takes longer than this, ns, counts on another clock than it says."""
-
 
 @np.errstate(invalid="ignore")  # a NaN may be of the signalling kind
 def marker_frame(frame: Frame, columns: Columns, y_up: bool, clock_hz: int = 0) -> MarkerFrame:
@@ -39,7 +36,7 @@ def _latency_ns(frame: Frame, clock_hz: int) -> int:
     if not frame.exposed or clock_hz <= 0:
         return 0
     latency = 1e9 * (frame.sent - frame.exposed) / clock_hz
-    return round(latency) if 0.0 <= latency <= LONGEST_LATENCY_NS else 0
+    return max(0, round(latency))
 
 
 def _as_it_is(points: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -10,6 +10,9 @@ from highfive.model.geometry.rotations import Array
 FARTHEST_M = 1000.0
 """No marker is further from the origin along an axis, m."""
 
+LONGEST_LATENCY_NS = 250_000_000
+"""Cameras to sending: a system that says more, ns, adds up what does not belong there, or counts on another clock."""
+
 
 def plausible(points: Array, valid: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
     """Points (…, M, 3), m, and which of them are seen (…, M), less those that cannot be meant; these are zero.

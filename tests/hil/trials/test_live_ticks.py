@@ -13,7 +13,7 @@ from highfive.calibration.placement import Placement
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.safety.envelope import LATE_TICK
 from highfive.hil.session.session import TickInput
-from highfive.hil.trials.live_partner import TICK_NS, LiveTrial, live_source
+from highfive.hil.trials.live_partner import TICK_NS, LivePerson, LiveTrial, live_source
 from highfive.hil.trials.live_settings import LIVE
 from highfive.hil.trials.partners import simulated_partners
 from highfive.mocap_bridge.files.recording import Recording, resample
@@ -69,6 +69,26 @@ def test_each_tick_is_ahead_of_its_frame_by_what_the_system_and_the_screen_take(
     begun, _ = ticked(clock, greeting, 60, latency_ns=30_000_000)
     assert [begins.ahead_ns for _, begins in begun] == pytest.approx([30_000_000] * 60, abs=50_000)
     assert [begins.at_ns - at for at, begins in begun] == pytest.approx([30_000_000] * 60, abs=50_000)
+
+
+@pytest.mark.parametrize(("says_ms", "ahead_ms"), [(0, 0), (30, 30), (3_200, 0), (-20, 0)])
+def test_a_latency_that_a_system_cannot_mean_is_not_made_up_for_and_said(
+    says_ms: int, ahead_ms: int, greeting: Recording, clock: VirtualClock, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Says(VirtualSystem):
+        def send(self, frame: MarkerFrame) -> None:
+            super().send(replace(frame, latency_ns=1_000_000 * says_ms))
+
+    caplog.set_level("INFO")
+    with closing(live_source(ADDRESS, None, Says(clock, greeting).wiring)) as source:
+        source.first()
+        clock.wait_until(clock.now() + 1_500_000_000)
+        ahead = [begins.ahead_ns for begins in islice(LiveTrial(source, HERE, clock), 61)][1:]
+        LivePerson(source, ADDRESS, registered=HERE, clock=clock)
+    assert ahead == pytest.approx([1_000_000 * ahead_ms] * 60, abs=100_000)
+    said = caplog.text
+    assert ("as it says: made up for" in said) == (says_ms == 30)
+    assert (f"are {says_ms} ms old as it sends them; expected 0 to 250 ms" in said) == (says_ms in (3_200, -20))
 
 
 def test_after_a_stall_there_is_one_tick_for_now_and_no_burst(greeting: Recording, clock: VirtualClock) -> None:

@@ -51,10 +51,15 @@ def bench_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
 
 def print_latency(result: dict[str, Any]) -> None:
     """The figures, for people."""
-    print("input latency    palm to true palm, compensated        not compensated")
+    print("input latency    palm to true palm, compensated    speed off    not compensated      speed off")
     for latency, row in result.items():
         cells = [
-            f"{shown_pair(one['contact_error_mm'], 'mm', 2)} ({one['touched']} of {one['trials']})"
+            f"{shown_pair(one['contact_error_mm'], 'mm', 2)} ({one['touched']} of {one['trials']})   {_speed(one)}"
             for one in (row["with"], row["without"])
         ]
-        print(f"{latency:>10} ms    {cells[0]:<34}{cells[1]}")
+        print(f"{latency:>10} ms    {cells[0]:<46}{cells[1]}")
+    print("speed off: the palm's as tracked and predicted, of its own, root mean square over single ticks")
+
+
+def _speed(row: dict[str, Any]) -> str:
+    return "     -" if row["palm_speed_rms"] is None else f"{100.0 * row['palm_speed_rms']:4.1f} %"

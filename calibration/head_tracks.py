@@ -1,7 +1,8 @@
 """One head as a headset and a motion capture system saw it, as the tracks that a registration is fitted to.
 
 The markers of the head, as the marker set has them, make a body: the rigid transform that brings the set's places to
-where they were seen (Kabsch 1976). Only a frame that shows all of them counts: with others the body's frame would shift.
+where they were seen (Kabsch 1976). Only a frame that shows all of them counts: with others the body's frame would
+shift.
 """
 
 from __future__ import annotations

@@ -37,7 +37,9 @@ _SEARCH_S, _PAUSE_S = 1.2, 1.8
 """A search takes so long, and the next one comes so much later. The library asks this machine's ports one by one only
 after half a second; and it asks from ports of the range in which streams announce themselves: three searches without a
 pause leave none for a stream that begins."""
-_STEP_S, _OPEN_S, _KEPT_S, _MOST = 0.05, 3.0, 60, 4096
+_STEP_S, _OPEN_S, _KEPT_S, _MOST = 0.01, 3.0, 60, 4096
+"""A stream that is asked for the present is valid within 25 ms of its newest sample: looked at each 50 ms, it was so in
+every other moment only. Of 32 channels at 1 kHz a look each 10 ms takes 0.6 % of a core."""
 LSL = "lsl/"
 """Before the name of such a stream among those of the session."""
 

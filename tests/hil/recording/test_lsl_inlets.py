@@ -23,6 +23,7 @@ from highfive.hil.recording.stream_samples import StreamSamples, check_stream_na
 from highfive.hil.session.session_streams import SessionStreams
 from highfive.hil.trials.summary import SessionSettings
 from highfive.mocap_bridge.sources.lsl import configure
+from highfive.mocap_bridge.sources.timeline import AHEAD_NS
 from highfive.model.errors import HighFiveError
 
 PATIENCE_S = 60.0
@@ -85,6 +86,10 @@ def follow(taker: Taker, streams: SessionStreams) -> Iterator[Callable[..., LslI
     yield begin
     for inlets in opened:
         inlets.close()
+
+
+def test_a_stream_is_looked_at_so_often_that_the_present_is_near_its_newest_sample() -> None:
+    assert 1e9 * lsl_inlets._STEP_S < 0.5 * AHEAD_NS  # else a stream that is sound is no more valid now and then
 
 
 def outlet(name: str, channels: int, *, text: bool = False, labels: tuple[str, ...] = (), source: str = "") -> Any:

@@ -31,7 +31,7 @@ def samples(name: str, values: list[list[Any]], times: np.ndarray) -> StreamSamp
     text = isinstance(values[0][0], str)
     labels = ("marker",) if text else ("Fz", "trigger")
     times_ns = [BEGAN_NS + round(1e9 * t) for t in times]
-    return StreamSamples(name, labels, text, values, [t - 7.0 for t in times], times_ns, True)
+    return StreamSamples(name, labels, text, values, [t - 7.0 for t in times], times_ns, times_ns[-1], True)
 
 
 def height(since: np.ndarray) -> float:

@@ -1,8 +1,8 @@
 """One head as a headset and a motion capture system saw it, as the tracks that a registration is fitted to.
 
 The markers of the head, as the marker set has them, make a body: the rigid transform that brings the set's places to
-where they were seen (Horn 1987; by singular values, Kabsch 1976). Only a frame that shows all of them counts: with
-others the body's frame would shift.
+where they were seen (Kabsch 1976). Only a frame that shows all of them counts: with others the body's frame would
+shift.
 """
 
 from __future__ import annotations
@@ -59,10 +59,8 @@ def body_track(marker_set: MarkerSet, times: Sequence[float], points: Sequence[A
     places = marker_set.local_positions[head_markers(marker_set)]
     centre, seen = places.mean(axis=0), np.array(points).reshape(-1, len(places), 3)
     middle = seen.mean(axis=1)
-    u, _, vt = np.linalg.svd(np.einsum("thi,hj->tij", seen - middle[:, None], places - centre))
-    sign = np.ones((len(seen), 3))
-    sign[:, 2] = np.sign(np.linalg.det(u @ vt))
-    turns = rotations.from_matrix((u * sign[:, None]) @ vt)
+    turned = rotations.nearest_rotation(np.einsum("thi,hj->tij", seen - middle[:, None], places - centre))
+    turns = rotations.from_matrix(turned)
     return Track(np.array(times, dtype=float), turns, middle - rotations.rotate(turns, centre))
 
 

@@ -162,7 +162,7 @@ def _solved(eyes: Track, body: Track, delay: float) -> Array:
     right = np.einsum("nia,bj->nijab", b, unit).reshape(-1, 9)
     system = np.concatenate([left, -right], axis=1)
     both = np.linalg.eigh(system.T @ system)[1][:, 0].reshape(2, 3, 3)
-    x, y = (_nearest_rotation(matrix * np.sign(np.linalg.det(both[0]))) for matrix in both)
+    x, y = rotations.from_matrix(rotations.nearest_rotation(both * np.sign(np.linalg.det(both[0]))))
     # R(x) e + t = R(b) s + p: linear in t and s.
     rows = np.concatenate([np.tile(unit, (len(places), 1, 1)), -b], axis=2).reshape(-1, 6)
     apart = (places - rotations.rotate(x, eyes.positions)).reshape(-1)
@@ -170,12 +170,6 @@ def _solved(eyes: Track, body: Track, delay: float) -> Array:
     return np.concatenate(
         [rotations.to_rotation_vector(x), solution[:3], rotations.to_rotation_vector(y), solution[3:], [delay]]
     )
-
-
-def _nearest_rotation(matrix: Array) -> Array:
-    """Quaternion (4,) of the rotation that is nearest a matrix (3, 3)."""
-    u, _, v = np.linalg.svd(matrix)
-    return rotations.from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
 
 
 def _residuals(unknowns: Array, eyes: Track, body: Track) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from highfive.calibration.arm_kinematics import ArmShape, as_drawn, frames_of, marker_places
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 
 MOVED_M = 0.002
@@ -66,6 +67,5 @@ def _unexplained(
     errors = as_drawn(shape)
     places = marker_places(shape, errors, frames_of(shape, errors, postures * turned))
     expected = np.where(shown[..., None], places[len(middle) :] - places[: len(middle)], 0.0) / sizes
-    u, _, vt = np.linalg.svd(np.einsum("jmr,jmc->rc", moves, expected))
-    rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    rotation = rotations.nearest_rotation(np.einsum("jmr,jmc->rc", moves, expected))
     return float(np.sum((moves - expected @ rotation.T) ** 2) / len(middle))

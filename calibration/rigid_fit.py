@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 
 _ROUNDS = 3
@@ -37,7 +38,7 @@ class RigidFit:
 def rigid_fit(points: Array, targets: Array, sigma: float | None = None) -> RigidFit:
     """The motion that brings points (N, 3) nearest to targets (N, 3), m, in least squares.
 
-    R = U diag(1, 1, det UVᵀ) Vᵀ of Σ w b aᵀ = U S Vᵀ (Kabsch 1976; scale: Umeyama 1991).
+    The rotation nearest to Σ w b aᵀ (Kabsch 1976; scale: Umeyama 1991), and the reflection nearest to it.
 
     Args:
         points, targets: three or more, not in a line.
@@ -57,12 +58,10 @@ def _fit(points: Array, targets: Array, weights: Array) -> RigidFit:
     share = weights / weights.sum()
     here, there = share @ points, share @ targets
     a, b = points - here, targets - there
-    u, sizes, vt = np.linalg.svd((share[:, None] * b).T @ a)
-    sign = 1.0 if np.linalg.det(u @ vt) > 0.0 else -1.0
-    rotation = u @ np.diag([1.0, 1.0, sign]) @ vt
-    trace, spread = float(sizes[0] + sizes[1] + sign * sizes[2]), float(share @ np.sum(a * a, axis=1))
-    other = float(share @ np.sum(b * b, axis=1))
-    mirrored = sizes[0] + sizes[1] - sign * sizes[2]
+    both = (share[:, None] * b).T @ a
+    rotation, reflection = rotations.nearest_rotation(both), -rotations.nearest_rotation(-both)
+    trace, mirrored = float(np.sum(rotation * both)), float(np.sum(reflection * both))
+    spread, other = float(share @ np.sum(a * a, axis=1)), float(share @ np.sum(b * b, axis=1))
     return RigidFit(
         rotation,
         there - rotation @ here,

@@ -29,6 +29,7 @@ class ArmFigures:
     """Of one high five of T ticks and C cycles.
 
     Attributes:
+        number: of the trial, as the recording has it.
         met: how plate and palm met.
         broken_off: the arm was stopped before.
         stopped: why it was stopped; '' where it was not.
@@ -42,6 +43,7 @@ class ArmFigures:
         acted: how many ticks each rule of the envelope acted in.
     """
 
+    number: int
     met: ContactOutcome
     broken_off: bool
     stopped: str
@@ -56,9 +58,10 @@ class ArmFigures:
     acted: Counter[str]
 
 
-def arm_figures(trial: ArmTrial, lag: float) -> ArmFigures:
-    """Of a high five, with joints that come a ``lag``, s, after they were planned."""
+def arm_figures(number: int, trial: ArmTrial, lag: float) -> ArmFigures:
+    """Of the high five of a number, with joints that come a ``lag``, s, after they were planned."""
     return ArmFigures(
+        number,
         trial.met,
         trial.broken_off,
         next((tick.report.reason for tick in trial.ticks if tick.report.state in HALTED), ""),
@@ -92,7 +95,7 @@ class ArmResults:
 
     def add(self, number: int, trial: ArmTrial, lag: float) -> None:
         """The next high five; its joints come a ``lag``, s, after they were planned."""
-        self.figures.append(arm_figures(trial, lag))
+        self.figures.append(arm_figures(number, trial, lag))
         if len(self.whole) < WHOLE:
             self.whole[number] = trial
 
@@ -142,6 +145,7 @@ def arm_summary(trials: Sequence[ArmFigures]) -> dict[str, Any]:
 def _row(trial: ArmFigures) -> dict[str, Any]:
     met = trial.met
     return {
+        "trial": trial.number,
         "emotion": met.emotion,
         "cell": met.cell,
         "possible": met.possible,

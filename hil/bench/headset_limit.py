@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from highfive.hil.bench.headset_model import Device, Wearer
 from highfive.hil.bench.live_people import BEFORE_S
 from highfive.hil.sim.people.role import RATE_HZ
+from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 
 SIGMA_M = 0.002
@@ -59,8 +60,7 @@ def palm_limit(wearer: Wearer, device: Device, palm: Float[np.ndarray, "T 3"], c
 def _carried(true: Array, measured: Array, point: Array) -> Array:
     """Where a point (3,) of a true hand (J, 3) lies on the measured one."""
     middle, centre = true.mean(axis=0), measured.mean(axis=0)
-    u, _, vt = np.linalg.svd((measured - centre).T @ (true - middle))
-    return centre + u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt @ (point - middle)
+    return centre + rotations.nearest_rotation((measured - centre).T @ (true - middle)) @ (point - middle)
 
 
 def predicted(times: Array, places: Array, at: float) -> Array:

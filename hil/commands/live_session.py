@@ -42,10 +42,11 @@ def live_person(
         wait_until_worn(source, page, wiring.clock)
         registered = HERE
     measured = known_of(options).get(PERSON)
-    latency_ns = round(1e6 * options.latency_ms) + (0 if measured is None else measured.latency_ns)
+    late_ns = 0 if measured is None else measured.latency_ns
     person = LivePerson(
-        source, str(options.source), marker_set, registered, wiring.clock, latency_ns, confirm, saying_to(page),
-        settings=LIVE if page is None else WORN, hand="right" if page is None else hand_of(options),
+        source, str(options.source), marker_set, registered, wiring.clock, round(1e6 * options.latency_ms), late_ns,
+        confirm, saying_to(page), settings=LIVE if page is None else WORN,
+        hand="right" if page is None else hand_of(options),
     )  # fmt: skip
     if options.place is not None and registered is None:
         if person.guessed:

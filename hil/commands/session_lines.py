@@ -57,7 +57,7 @@ def _print_streams(streams: list[dict[str, Any]]) -> None:
         )
         print(
             f"  {row['stream']:<{name_width}}  {rate:>9}  {row['offset_s']:>13.6f} s  {row['drift_ppm']:>6.1f} ppm  "
-            f"{bound:>9}  {row['age_ms']:>6.1f} ms  {row['resets']}"
+            f"{bound:>9}  {row['age_ms']:>6.1f} ms  {row['resets']:>6}{'' if row['valid'] else '  not valid'}"
         )
         if row["shown"]:
             late = row["shown"]["late_ms"]

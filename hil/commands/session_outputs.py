@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from highfive.calibration.latency_file import load_latencies
 from highfive.hil.commands.headset_session import wears_headset
-from highfive.hil.commands.live_options import sees_webcam
+from highfive.hil.commands.live_options import LONGEST_LATENCY_MS, sees_webcam
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.publish.background import BackgroundPublisher
 from highfive.hil.publish.outputs import SessionOutputs
@@ -20,6 +20,7 @@ from highfive.hil.recording.stream_samples import check_stream_names
 from highfive.hil.runtime.clock import Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import RATE_HZ
+from highfive.hil.session.session_streams import PERSON
 from highfive.hil.session.stream import StreamSettings
 from highfive.mocap_bridge.sources.address import is_live, parse_address
 from highfive.model.errors import HighFiveError
@@ -43,7 +44,7 @@ def check_output_options(options: SimulateOptions, *, again: bool = False) -> No
         HighFiveError: something does not.
     """
     check_stream_names(options.record_lsl)
-    known_of(options)  # a file that cannot be read is said before anything begins
+    _check_person(options, known_of(options).get(PERSON))
     if options.publish_network and not options.publish:
         raise HighFiveError("--publish-network says who may hear what --publish sends; add --publish")
     if again and (options.publish or options.record_lsl):
@@ -123,6 +124,24 @@ def known_of(options: SimulateOptions) -> dict[str, StreamSettings]:
         name: StreamSettings(latency_ns=round(1e6 * one.latency_ms), latency_bound_ns=round(1e6 * one.bound_ms))
         for name, one in kept.items()
     }
+
+
+def _check_person(options: SimulateOptions, known: StreamSettings | None) -> None:
+    """A live person's latency, said and measured, can be predicted over.
+
+    Raises:
+        HighFiveError: it cannot, or the person's system tells it itself.
+    """
+    if known is None or options.source is None or not is_live(options.source):
+        return
+    if sees_webcam(options):
+        raise HighFiveError(f"a webcam says itself when it saw: take {PERSON} out of {options.latencies}")
+    whole_ms = options.latency_ms + 1e-6 * known.latency_ns
+    if whole_ms > LONGEST_LATENCY_MS:
+        raise HighFiveError(
+            f"{options.latencies} has {PERSON} {1e-6 * known.latency_ns:g} ms late, {whole_ms:g} with --latency; "
+            f"expected {LONGEST_LATENCY_MS:g} at most, over more nobody can predict a hand"
+        )
 
 
 def nominal_rates(rate_hz: float) -> tuple[float, float]:

@@ -28,6 +28,7 @@ from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import utc_ns
 from highfive.hil.session.shown import Shown
 from highfive.hil.session.stream import StreamState
+from highfive.hil.session.stream_watch import WatchSettings
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.machine import machine
 from highfive.hil.trials.partners import Partner
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
 CHUNK_NS = 500_000_000
 PAUSE_NS = 1_000_000_000
 """Between two high fives whose clocks both start at 0: those of simulated people, played as fast as it goes."""
+_ASTRAY = WatchSettings()
+"""What the synchroniser does not use: stamps so far from when they came."""
 DRAWN_EVERY = 4
 """Ticks between two skeletons, and two sets of transforms: viewers need no more than 30 a second."""
 
@@ -234,7 +237,11 @@ class SessionRecorder:
             self._add("/streams", self._at(at_ns), asdict(state))
 
     def record_stream(self, samples: StreamSamples) -> None:
-        """Samples of another program's stream; such as are older than the session are of its first moment."""
+        """Samples of another program's stream; such as are older than the session are of its first moment.
+
+        Where stamps are of no clock that is known, what they say is kept, and the message is of when it came: a viewer
+        shows all topics on one line, and chunks are cut by it.
+        """
         if self._zero_ns is None:
             self._early.add(samples)
             return
@@ -246,9 +253,11 @@ class SessionRecorder:
         for values, stamp, time_ns in zip(samples.values, samples.stamps, samples.times_ns, strict=True):
             row = list(values) if samples.text else [messages.number(value) for value in values]
             message = {"values": row, "stamp": stamp, "time_ns": time_ns, **labels}
-            self._write(key, max(0, time_ns - self._zero_ns), _as_json(message))
+            sound = -_ASTRAY.old_ns <= time_ns - samples.came_ns <= _ASTRAY.ahead_ns
+            of_ns = time_ns if sound else samples.came_ns
+            self._write(key, max(0, of_ns - self._zero_ns), _as_json(message))
             labels = {}
-            self._cut_chunk(time_ns - self._zero_ns)
+        self._cut_chunk(samples.came_ns - self._zero_ns)
 
     def record_log(self, level: str, text: str) -> None:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
@@ -302,10 +311,7 @@ class SessionRecorder:
 
     def _ended(self, now: int) -> None:
         self._end = max(now, self._end)
-        if self._chunk_start is not None and now < self._chunk_start:
-            self._flush()
-        else:
-            self._cut_chunk(now)
+        self._cut_chunk(now)
 
     def _cut_chunk(self, now: int) -> None:
         if self._chunk_start is None:

@@ -19,6 +19,7 @@ class StreamSamples:
         values: T rows of C.
         stamps: T, s, as the sender stamped them, on its own clock.
         times_ns: T, the same on the session's clock, ns.
+        came_ns: when they came, by the session's clock, ns.
         begins: these are the first ones since the stream was found.
     """
 
@@ -28,6 +29,7 @@ class StreamSamples:
     values: Sequence[Sequence[float | str]]
     stamps: Sequence[float]
     times_ns: Sequence[int]
+    came_ns: int
     begins: bool
 
 

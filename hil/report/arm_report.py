@@ -183,17 +183,17 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
 
 
 def _trials(rows: Sequence[dict[str, Any]]) -> str:
-    heads = ["style", "cell", "met", "error, mm", "later, ms", "relative speed, m/s", "path's scale", "delay, ms",
+    heads = ["", "style", "cell", "met", "error, mm", "later, ms", "relative speed, m/s", "path's scale", "delay, ms",
              "miss when due, mm", "limits that acted"]  # fmt: skip
     shown = [
         [
-            row["emotion"], row["cell"], _how(row),
+            str(row["trial"] + 1), row["emotion"], row["cell"], _how(row),
             f"{row['error_mm']:.1f}", _known(row["time_error_ms"]), _known(row["relative_speed"]),
             f"{row['scale']:.2f}", f"{row['delay_ms']:.0f}", f"{row['miss_mm']:.1f}", ", ".join(row["limits"]),
         ]
         for row in rows
     ]  # fmt: skip
-    return table(heads, shown, words={0, 1, 2, 9})
+    return table(heads, shown, words={1, 2, 3, 10})
 
 
 def _how(row: dict[str, Any]) -> str:

@@ -7,11 +7,12 @@ own estimate, which is the same.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from highfive.hil.session.kinds import MARKERS, SHOWN, VECTORS, Kind
-from highfive.hil.session.shown import Shown, shown_figures
+from highfive.hil.session.shown import Shown, picture_rate, shown_figures
 from highfive.hil.session.stream import Stream, StreamSettings, StreamState, ToldClock
 from highfive.hil.session.sync_events import SyncEvent, Told
 from highfive.hil.session.synchroniser import Synchroniser
@@ -24,6 +25,8 @@ PAGES = 8
 """That are followed at once; of more, the one that was there first is forgotten."""
 _PICTURES = 3600
 """Of a page that its figures are of: the last minute's at 60 Hz."""
+_SAYS_NS = 1_000_000_000
+"""A page that has shown nothing for so long is hidden, closed or at a standstill: it says so four times a second."""
 ARM, PERSON = "arm", "person"
 
 
@@ -84,8 +87,18 @@ class SessionStreams:
         pictures.append(shown)
 
     def states(self, time_ns: int) -> list[StreamState]:
-        """How each stands, asked for one time, ns of this computer's clock."""
-        return self._server.states(time_ns)
+        """How each stands, asked for one time, ns of this computer's clock.
+
+        Of a page the rate is that of its pictures, and it is valid while it says what it shows.
+        """
+        pages = {stream.name: pictures for stream, _, pictures in self._pages.values()}
+
+        def of_page(state: StreamState, pictures: Sequence[Shown]) -> StreamState:
+            says = state.valid and state.age_ms <= 1e-6 * _SAYS_NS
+            return replace(state, rate_hz=picture_rate(pictures), valid=says)
+
+        found = self._server.states(time_ns)
+        return [of_page(state, pages[state.stream]) if state.stream in pages else state for state in found]
 
     def pages(self) -> dict[str, dict[str, Any]]:
         """What each page has shown in its last minute: :func:`highfive.hil.session.shown.shown_figures`, by stream."""

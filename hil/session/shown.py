@@ -27,6 +27,14 @@ class Shown:
     dropped: int = 0
 
 
+def picture_rate(reports: Sequence[Shown]) -> float | None:
+    """Hz, of the pictures of the last second before the newest; None of fewer than two."""
+    times = np.array([one.display_ns for one in reports], dtype=float)
+    times = times[times > times[-1] - 1e9] if len(times) else times
+    passed = float(times[-1] - times[0]) if len(times) else 0.0
+    return round((len(times) - 1) / (1e-9 * passed), 3) if passed > 0.0 else None
+
+
 def shown_figures(reports: Sequence[Shown]) -> dict[str, Any]:
     """Pictures, those dropped (said, or missing in the numbers), and by how much poses were late when seen, ms."""
     steps = [b.frame - a.frame - 1 for a, b in pairwise(reports)]

@@ -75,7 +75,8 @@ class StreamState:
 
     Attributes:
         stream: its name.
-        rate_hz: of its samples; None where that is not known, or what comes holds until the next one.
+        rate_hz: of its samples, or of a page's pictures; None where that is not known, or what comes holds until the
+            next one.
         offset_s: this computer's clock minus the stream's.
         drift_ppm: by how much this computer's clock is faster.
         bound_ms: how far the stream's time may be off; None where nothing is known of it.

@@ -8,7 +8,9 @@ from highfive.hil.session.sync_events import Happened, SyncEvent, Told
 from highfive.model.settings import Settings, setting
 
 UNITS = {"s": 10**9, "ms": 10**6, "µs": 10**3}
-"""What others count in, ns."""
+"""What others count in where ns are expected, ns."""
+FINER = {"ms": 10**3, "µs": 10**6, "ns": 10**9}
+"""What others count in where s are expected, as LSL does, a second."""
 
 
 @dataclass(frozen=True)
@@ -119,10 +121,12 @@ class StreamWatch:
         if -self._settings.old_ns <= ahead_ns <= self._settings.ahead_ns:
             self._said.discard(Happened.ASTRAY)
             return False
-        near = (unit for unit, ns in UNITS.items() if abs(time_ns * ns - arrival_ns) <= self._settings.old_ns)
+        meant = [(unit, time_ns * ns) for unit, ns in UNITS.items()]
+        meant += [(f"{unit}, not in s", time_ns // count) for unit, count in FINER.items()]
+        near = next((unit for unit, time in meant if abs(time - arrival_ns) <= self._settings.old_ns), "")
         how = f"{1e-9 * abs(ahead_ns):.4g} s {'in the future' if ahead_ns > 0 else 'ago'}"
-        meant = f"are they in {unit}?" if (unit := next(near, "")) else "are they of this computer's monotonic clock?"
-        self._say(Happened.ASTRAY, arrival_ns, f"has stamps of {how}; its samples are not used: {meant}")
+        guess = f"are they in {near}?" if near else "are they of this computer's monotonic clock?"
+        self._say(Happened.ASTRAY, arrival_ns, f"has stamps of {how}; its samples are not used: {guess}")
         return True
 
     def asked(self, time_ns: int, newest_ns: int) -> None:

@@ -62,6 +62,7 @@ class LivePerson:
         registered: Placement | None = None,
         clock: Clock = MACHINE,
         latency_ns: int = 0,
+        late_ns: int = 0,
         confirm: Callable[[str], bool | None] = lambda question: None,
         say: Callable[[str], None] = say_aside,
         tracking: FilterSettings | None = None,
@@ -80,6 +81,7 @@ class LivePerson:
             registered: where the world lies; None has the person watched.
             clock: this process's.
             latency_ns: what cameras, network and screen take beyond what the source says of itself.
+            late_ns: by how much later than she is seen the source has her, as an event showed that another stream saw.
             confirm: asks whether a guess is right; None where nobody is there to be asked.
             say: tells the person what to do.
             tracking: of the session's tracker, where the source is no motion capture system.
@@ -90,7 +92,8 @@ class LivePerson:
         Raises:
             HighFiveError: nothing comes, no marker set fits, or the person is not seen well enough to be placed.
         """
-        self._source, self._address, self._clock, self._latency_ns = source, address, clock, latency_ns
+        self._source, self._address, self._clock = source, address, clock
+        self._latency_ns, self._late_ns = latency_ns, late_ns
         self.say, self.tracking, self._place = say, tracking, place
         self._settings, self.hand = settings, hand
         first = source.first()
@@ -162,9 +165,9 @@ class LivePerson:
 
     @property
     def latency_ns(self) -> int:
-        """From when the cameras see her until her system sends it, as it says, ns; 0 where it does not."""
+        """From when the cameras see her until her system sends it, ns, as it says, and as was measured beyond that."""
         newest = self._source.newest(self._clock.now())
-        return 0 if newest is None else newest.latency_ns
+        return self._late_ns + (0 if newest is None else newest.latency_ns)
 
     def partner(self, emotion: str) -> Partner:
         """The person, to be answered in an emotion."""
@@ -191,7 +194,7 @@ class LivePerson:
                 if seconds <= 0.0 or (len(both) and float(np.median(steps)) > self._settings.resting_speed * seconds):
                     since = self._clock.now()
             before = frame
-        return LiveTrial(self._source, self.placement, self._clock, self._latency_ns, self._settings)
+        return LiveTrial(self._source, self.placement, self._clock, self._latency_ns, self._settings, self._late_ns)
 
     def _height(self, names: tuple[str, ...], points: Array, valid: NDArray[np.bool_]) -> str:
         """How high the right hand comes, in words, in points (T, M, 3), m, where they are ``valid``; '' for never."""
@@ -243,6 +246,7 @@ class LiveTrial:
         clock: Clock = MACHINE,
         latency_ns: int = 0,
         settings: LiveSettings = LIVE,
+        late_ns: int = 0,
     ):
         """Begins with the first frame that is requested.
 
@@ -252,9 +256,11 @@ class LiveTrial:
             clock: this process's.
             latency_ns: what cameras, network and screen take beyond what the source says of itself.
             settings: how long is waited.
+            late_ns: by how much earlier each frame is of than the source says.
         """
         self._settings = settings
-        self._source, self._placement, self._clock, self._latency_ns = source, placement, clock, latency_ns
+        self._source, self._placement, self._clock = source, placement, clock
+        self._latency_ns, self._late_ns = latency_ns, late_ns
         self.late = self.predicted = self.stale = self.count = 0
         self.ahead_ms: list[float] = []
         self.trouble, self._reached = "", False
@@ -289,7 +295,7 @@ class LiveTrial:
             if self._is_gone(now):
                 return
             if new is not None:
-                seen_ns = min(self._source.captured(new), now)
+                seen_ns = min(self._source.captured(new), now) - self._late_ns
                 stamp = 0 if frame is None else stamp + self._elapsed(frame, new, seen_ns - captured)
                 frame, captured = new, seen_ns
             elif frame is None:

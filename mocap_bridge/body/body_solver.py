@@ -226,10 +226,7 @@ def _place_root(part: Part, measured: Array, seen: NDArray[np.bool_]) -> tuple[A
     centre = np.einsum("tn,tni->ti", weight, measured)
     rest_centre = weight @ rest
     spread = np.einsum("tn,tni,tnj->tij", weight, measured - centre[:, None], rest[None] - rest_centre[:, None])
-    u, _, vt = np.linalg.svd(spread)
-    sign = np.linalg.det(u @ vt)
-    u[:, :, 2] *= sign[:, None]
-    rotation = u @ vt
+    rotation = rotations.nearest_rotation(spread)
     order = "".join("xyz"[axis] for axis in part.axes[0])
     hinges = rotations.to_euler(order, rotations.from_matrix(rotation))
     return hinges, centre - np.einsum("tij,tj->ti", rotation, rest_centre)

@@ -109,6 +109,17 @@ def from_matrix(matrix: ArrayLike) -> Array:
     return normalize(np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :])
 
 
+def nearest_rotation(matrix: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) nearest to matrices (..., 3, 3) of any unit, in least squares.
+
+    R = U diag(1, 1, det UVᵀ) Vᵀ of U S Vᵀ (Kabsch 1976). Of Σ b aᵀ it turns points a nearest to points b, both about
+    their middles.
+    """
+    u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=float))
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    return u @ vt
+
+
 def from_axis_angle(axis: str, angle: ArrayLike) -> Array:
     """Quaternions (..., 4) of a rotation by ``angle`` (rad) about the coordinate axis ``'x'``, ``'y'`` or ``'z'``."""
     angle = np.asarray(angle, dtype=float)

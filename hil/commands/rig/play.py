@@ -162,7 +162,7 @@ def _played(
                     raise
                 trial, stopped = None, str(error)
             if trial is not None:
-                results.add(len(results.figures), trial, lag)
+                results.add(number, trial, lag)
                 try:
                     recorder.record_played(trial)
                 except HighFiveError as error:  # a full disk; there is still a report to try

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -28,6 +29,7 @@ from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
+from highfive.hil.report.arm_report import arm_section
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.people import Sighting
 from highfive.hil.safety.rules import Rule
@@ -276,7 +278,7 @@ def test_a_source_whose_clock_stands_still_does_not_make_a_measurement_younger(p
 
 def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
-    summary = arm_summary([arm_figures(trial, loop.retarget.settings.lag) for trial in trials])
+    summary = arm_summary([arm_figures(n, trial, loop.retarget.settings.lag) for n, trial in enumerate(trials, 3)])
     assert summary["trials"] == 2
     assert summary["missed"] == 0
     assert summary["missed_cycles"] == 0
@@ -286,7 +288,11 @@ def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     assert summary["face_speed"]["wire"] <= LIMITS.face.speed
     assert summary["cycles"] == sum(len(trial.cycles) for trial in trials)
     assert set(summary["rules"]) <= {rule.value for rule in Rule}
-    assert [row["cell"] for row in summary["rows"]] == ["B2", "B1"]
+    assert [(row["trial"], row["cell"]) for row in summary["rows"]] == [(3, "B2"), (4, "B1")]
+    # People count from 1, as in the table of all high fives.
+    rows = [row for row in arm_section(summary, {}).split("<tr>") if "B2</td>" in row or "B1</td>" in row]
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows]
+    assert [(row[0], row[2]) for row in cells] == [("4", "B2"), ("5", "B1")]
 
 
 def test_a_long_session_keeps_figures_of_every_high_five_and_ticks_of_the_first(
@@ -319,7 +325,7 @@ def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet
         ticks.append(loop.tick(goal))
         twin.wait_until(twin.now() + TICK_NS)
     trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.relaxation)
-    summary = arm_summary([arm_figures(trial, loop.retarget.settings.lag)])
+    summary = arm_summary([arm_figures(0, trial, loop.retarget.settings.lag)])
     assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
     assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0
     assert (summary["error_mm"]["median"] is None) == broken_off

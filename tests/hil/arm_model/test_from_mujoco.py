@@ -47,10 +47,22 @@ def test_kinematics_are_mujocos(arm: ServoArm, twin: ArmTwin) -> None:
         data.qpos[twin.qpos] = joints
         mujoco.mj_forward(twin.model, data)
         plate, theirs = arm.plate_at(joints), twin.plate(data)
-        assert plate.position == pytest.approx(theirs.position, abs=1e-9)
-        assert plate.normal == pytest.approx(theirs.normal, abs=1e-9)
-        assert plate.fingers == pytest.approx(theirs.fingers, abs=1e-9)
-        assert plate.jacobian == pytest.approx(twin.jacobian(data), abs=1e-9)
+        assert plate.position == pytest.approx(theirs.position, abs=1e-12)
+        assert plate.normal == pytest.approx(theirs.normal, abs=1e-12)
+        assert plate.fingers == pytest.approx(theirs.fingers, abs=1e-12)
+        assert plate.jacobian == pytest.approx(twin.jacobian(data), abs=1e-12)
+
+
+def test_jacobians_are_differences(arm: ServoArm) -> None:
+    step = 1e-6
+    for joints in draws(arm, 10):
+        plate = arm.plate_at(joints)
+        for j in range(arm.joints):
+            there, back = joints.copy(), joints.copy()
+            there[j], back[j] = joints[j] + step, joints[j] - step
+            one, other = arm.plate_at(there), arm.plate_at(back)
+            assert plate.jacobian[:, j] == pytest.approx((one.position - other.position) / (2 * step), abs=1e-8)
+            assert plate.normal_jacobian[:, j] == pytest.approx((one.normal - other.normal) / (2 * step), abs=1e-8)
 
 
 def test_dynamics_are_mujocos(arm: ServoArm, twin: ArmTwin) -> None:
@@ -64,6 +76,8 @@ def test_dynamics_are_mujocos(arm: ServoArm, twin: ArmTwin) -> None:
         mujoco.mj_fullM(twin.model, data, whole)
         mass, bias = dynamics.dynamics(arm.packed, joints, speeds)
         assert mass == pytest.approx(whole, abs=1e-9)
+        assert bias == pytest.approx(data.qfrc_bias, abs=1e-9)
+        assert arm.gravity(joints) == pytest.approx(twin.gravity(joints), abs=1e-9)
         data.qacc[twin.dofs] = push
         mujoco.mj_rne(twin.model, data, 1, torques)
         geared = mass - np.diag(arm.packed.armature)  # MuJoCo's recursion leaves the gears out

@@ -132,3 +132,9 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_half_done(run, session, kind
     assert code == 2 and out == "" and "cannot write" in line
     assert there(session) == set()
     assert [path.name for path in session.iterdir()] == ["session.mcap"]
+
+
+@pytest.mark.parametrize(("kind", "name"), [("bvh", "x.glb"), ("glb", "x.BVH"), ("bids", "x.csv")])
+def test_an_ending_of_another_format_is_refused_and_nothing_is_made(fails, tmp_path: Path, kind: str, name: str):
+    assert f"and --to is {kind}; write --to" in fails(tmp_path / "session.mcap", "--to", kind, "--out", tmp_path / name)
+    assert not list(tmp_path.iterdir())

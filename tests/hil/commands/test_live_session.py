@@ -6,7 +6,7 @@ In virtual time what comes over the wire is handed over at its time; two session
 import json
 import logging
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path
@@ -18,10 +18,14 @@ from command_line import failing
 from live_commands import ended, lab_recording, serving, start, stop
 from virtual_system import VirtualSystem
 
+from highfive.calibration.latency_file import KeptLatency, save_latencies
 from highfive.calibration.placement import Placement
+from highfive.hil.commands.live_session import live_person
+from highfive.hil.commands.session_outputs import known_of
 from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.session.session_streams import SessionStreams
 from highfive.hil.trials.live_partner import TICK_NS, LivePerson, live_source
 from highfive.hil.trials.live_settings import LIVE
 from highfive.hil.trials.partners import simulated_partners
@@ -292,3 +296,32 @@ def test_a_placement_is_kept_for_the_next_session(greeting: Path, tmp_path: Path
             simulate(wrong, tmp_path / "wrong", lambda *_: lambda *_: None)
     with pytest.raises(HighFiveError, match="--latency 500 ms; expected 0 to 200"):
         simulate(replace(options, latency_ms=500.0), tmp_path / "wrong", lambda *_: lambda *_: None)
+
+
+@pytest.mark.parametrize("late_ms", [0.0, 12.0, 60.0])
+def test_a_person_who_is_measured_to_be_late_is_seen_by_that_much_earlier(
+    late_ms: float, greeting: Path, tmp_path: Path
+) -> None:
+    """By each tick, which predicts her over it, and by her stream; without that, a frame is of when it came."""
+    kept = tmp_path / "latencies.toml"
+    save_latencies(kept, {"person": KeptLatency(late_ms, 1.5, 8, "arm", "a.mcap", "2026-11-25")}, replace=True)
+    options, late_ns = SimulateOptions(source=ADDRESS, latencies=kept, latency_ms=7.0), round(1e6 * late_ms)
+    with VirtualClock(2) as clock, ExitStack() as stack:
+        system = VirtualSystem(clock, read_c3d(greeting))
+        person = live_person(options, stack, system.wiring, None)
+        streams = SessionStreams(known=known_of(options))
+        streams.follow(person.source)
+        ticks, frame = list(islice(person.trial(), 240)), None
+        sent, begun = dict(system.sent), None
+        for begins in ticks[10:]:
+            assert begins.frame is not None
+            frame = begins.frame
+            captured_ns = begins.at_ns - begins.ahead_ns
+            assert abs(captured_ns - (sent[frame.number] - late_ns)) < 50_000
+            # Shown 7 ms after the tick, whatever was measured of the system; and by so much beyond the frame.
+            assert 0 <= begins.at_ns - 7_000_000 - sent[frame.number] < TICK_NS
+            begun = begins.at_ns - 7_000_000
+        assert frame is not None and begun is not None
+        (state,) = streams.states(sent[frame.number] - late_ns)
+        assert state.age_ms < 0.1 and 1.5 <= (state.bound_ms or 0.0) < 4.0
+        assert person.latency_ns == late_ns

@@ -4,6 +4,7 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pylsl
 import pytest
 from command_line import failing
 
+from highfive.calibration.latency_file import KeptLatency, save_latencies
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.commands.session_outputs import check_output_options, nominal_rates, published
 from highfive.hil.commands.simulate import simulate
@@ -56,6 +58,20 @@ def test_virtual_time_has_no_listeners() -> None:
     for options in ({"publish": published("lsl")}, {"record_lsl": ("EEG",)}):
         with pytest.raises(HighFiveError, match="the pace of the clock"):
             check_output_options(SimulateOptions(arm=ArmOptions(port="virtual"), **options))  # type: ignore[arg-type]
+
+
+def test_a_person_who_is_measured_to_be_too_late_is_refused(tmp_path: Path) -> None:
+    kept = tmp_path / "kept.toml"
+    save_latencies(kept, {"person": KeptLatency(190.0, 2.0, 9, "arm", "a.mcap", "2026-11-25")}, replace=True)
+    known = SimulateOptions(source="vicon://lab", latencies=kept, latency_ms=10.0)
+    check_output_options(known)
+    check_output_options(replace(known, source=None, latency_ms=0.0))  # of other streams in the file there is use
+    for wrong, said in (
+        ({"latency_ms": 10.5}, "190 ms late, 200.5 with --latency"),
+        ({"source": "webcam"}, "take person"),
+    ):
+        with pytest.raises(HighFiveError, match=said):
+            check_output_options(replace(known, **wrong))
 
 
 def test_a_session_that_is_played_again_has_no_listeners_either() -> None:

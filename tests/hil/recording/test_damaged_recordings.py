@@ -1,5 +1,10 @@
-"""Recordings that were damaged, within messages and outside: fewer high fives or one line, never a traceback."""
+"""Recordings that were damaged, within messages and outside: fewer high fives or one line, never a traceback.
 
+Cases are drawn by seeds from 0 on; ``DAMAGED=2000 pytest tests/hil/recording/test_damaged_recordings.py`` takes so many
+of each kind, some 0.1 s a case.
+"""
+
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,7 +29,7 @@ from highfive.model.errors import HighFiveError
 
 TICKS = 12
 """Of each high five: what is read of one is read of three hundred."""
-FEW, MANY = 24, 300
+FEW, MANY = 24, int(os.environ.get("DAMAGED", "100"))
 
 
 @pytest.fixture(scope="module")

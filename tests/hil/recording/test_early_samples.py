@@ -21,7 +21,7 @@ def chunk(name: str, first: int, count: int, *, begins: bool = False) -> StreamS
     numbers = range(first, first + count)
     rows = [[float(i), 0.5] for i in numbers]
     return StreamSamples(
-        name, ("Fz", "Cz"), False, rows, [float(i) for i in numbers], [100 + i for i in numbers], begins
+        name, ("Fz", "Cz"), False, rows, [float(i) for i in numbers], [100 + i for i in numbers], 200, begins
     )
 
 
@@ -53,7 +53,7 @@ def test_a_recording_says_what_it_lacks_and_names_the_channels_all_the_same(
         for i in range(seconds):
             rows, stamps = [[0.5] * 256] * 128, [i + k / 128 for k in range(128)]
             labels = tuple(f"E{k}" for k in range(256))
-            recorder.record_stream(StreamSamples("EEG", labels, False, rows, stamps, [1] * 128, i == 0))
+            recorder.record_stream(StreamSamples("EEG", labels, False, rows, stamps, [1] * 128, 2, i == 0))
         recorder.begin_trial(head_of(result))
         for tick in islice(ticks_of(result), 3):
             recorder.record_tick(tick)

@@ -4,13 +4,14 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pylsl
 import pytest
+from mcap.reader import make_reader
 from recorded_trials import head_of, ticks_of
 from trial_results import some_results
 
@@ -23,6 +24,7 @@ from highfive.hil.recording.stream_samples import StreamSamples, check_stream_na
 from highfive.hil.session.session_streams import SessionStreams
 from highfive.hil.trials.summary import SessionSettings
 from highfive.mocap_bridge.sources.lsl import configure
+from highfive.mocap_bridge.sources.timeline import AHEAD_NS
 from highfive.model.errors import HighFiveError
 
 PATIENCE_S = 60.0
@@ -85,6 +87,10 @@ def follow(taker: Taker, streams: SessionStreams) -> Iterator[Callable[..., LslI
     yield begin
     for inlets in opened:
         inlets.close()
+
+
+def test_a_stream_is_looked_at_so_often_that_the_present_is_near_its_newest_sample() -> None:
+    assert 1e9 * lsl_inlets._STEP_S < 0.5 * AHEAD_NS  # else a stream that is sound is no more valid now and then
 
 
 def outlet(name: str, channels: int, *, text: bool = False, labels: tuple[str, ...] = (), source: str = "") -> Any:
@@ -208,7 +214,7 @@ def test_names_that_cannot_be(names: tuple[str, ...]) -> None:
 def chunk(values: list[list[Any]], times_ns: list[int], *, begins: bool = False, text: bool = False) -> StreamSamples:
     stamps = [1e-9 * time_ns - 100.0 for time_ns in times_ns]
     labels = ("answer",) if text else ("Fz", "Cz")
-    return StreamSamples("T", labels, text, values, stamps, times_ns, begins)
+    return StreamSamples("T", labels, text, values, stamps, times_ns, times_ns[-1], begins)
 
 
 @pytest.mark.parametrize("paced", [True, False])
@@ -238,3 +244,31 @@ def test_the_recording_gives_them_back(tmp_path: Path, paced: bool) -> None:
     stamps = [m.data["stamp"] for m in recording.channels["/lsl/T"]]
     np.testing.assert_allclose(stamps, 1e-9 * (zero + np.array([-50, 70, 80, 90])) - 100.0, atol=1e-9)
     assert recording.channels["/event"][0].time_ns == 0 and recording.channels["/event"][0].data["detail"] == "T"
+
+
+def test_streams_with_stamps_of_no_known_clock_neither_stretch_the_recording_nor_cut_it_up(tmp_path: Path) -> None:
+    """An hour ahead, in ms, years ago, and five seconds late: four streams at 100 Hz beside ticks at 120 Hz."""
+    path, (one, *_), begun_ns, seconds = tmp_path / "session.mcap", ticks_of(some_results()[1]), 40_000 * 10**9, 10
+    off = {"Ahead": 3600 * 10**9, "Millis": 999 * begun_ns, "Ago": -(10**17), "Late": -5 * 10**9}
+    with SessionRecorder(path, SessionSettings(seed=1, model="m", trials=1)) as recorder:
+        recorder.begin_trial(head_of(some_results()[1]))
+        events = [(round(k * 1e9 / 120), "") for k in range(120 * seconds)]
+        events += [(k * 10_000_000 + 3, name) for k in range(100 * seconds) for name in off]
+        for passed_ns, name in sorted(events):
+            now = begun_ns + passed_ns
+            if name:
+                times = [now + off[name]]
+                recorder.record_stream(StreamSamples(name, ("x",), False, [[0.0]], [1.0], times, now, passed_ns < 9))
+            else:
+                recorder.record_tick(replace(one, time_ns=passed_ns, at_ns=now))
+    with path.open("rb") as file:
+        found = make_reader(file).get_summary()
+    assert found is not None and found.statistics is not None
+    assert found.statistics.message_end_time <= seconds * 10**9
+    assert len(found.chunk_indexes) <= 2 * seconds + 2
+    channels = read_recording(path).channels
+    for name, moved in off.items():
+        messages = channels[f"/lsl/{name}"]
+        assert len(messages) == 100 * seconds and messages[-1].data["time_ns"] == begun_ns + moved + 9_990_000_003
+        late = 0 if name != "Late" else 5 * 10**9
+        assert messages[-1].time_ns == 9_990_000_003 - late

@@ -68,6 +68,26 @@ def test_an_arm_and_pages_are_asked_for_one_time_and_pages_say_what_they_have_sh
     found = {state.stream: state for state in streams.states(1 * S)}
     assert found.pop("arm").age_ms == 0.0
     assert list(found) == [f"page {page}" for page in range(3, PAGES + 3)]  # the newest of too many
-    assert all((page.bound_ms, page.age_ms, page.rate_hz) == (2.0, 54.0, None) for page in found.values())
+    assert all((page.bound_ms, page.age_ms, page.rate_hz) == (2.0, 54.0, 62.5) for page in found.values())
     assert streams.pages()["page 4"] == {"pictures": 2, "dropped": 1, "late_ms": {"p50": 30.0, "p95": 30.0}}
     assert streams.paged.bound_ns(0) == 2 * MS  # what comes through the page is as far off
+
+
+def test_a_page_has_the_rate_of_its_pictures_and_is_valid_while_it_says_what_it_shows() -> None:
+    streams = SessionStreams()
+
+    def looked(time_ns: int) -> tuple[float | None, bool]:
+        (page,) = streams.states(time_ns)
+        return page.rate_hz, page.valid
+
+    for k in range(300):
+        at = 4 * S + (round(k * S / 90) if k < 100 else round(100 * S / 90) + (k - 100) * 20 * MS)
+        streams.shown(1, Shown(k, at - 20 * MS, at), MS)
+        if k == 0:
+            assert looked(at) == (None, True)
+        if k == 99:
+            assert looked(at + 250 * MS) == (pytest.approx(90.0, abs=0.01), True)
+    assert looked(at + 250 * MS) == (pytest.approx(50.0, abs=0.01), True)
+    assert looked(at + 5 * S) == (pytest.approx(50.0, abs=0.01), False)
+    streams.shown(1, Shown(300, at + 5 * S, at + 5 * S), MS)
+    assert looked(at + 5 * S) == (None, True)  # it was hidden in between

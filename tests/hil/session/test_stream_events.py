@@ -119,6 +119,15 @@ def test_stamps_of_this_clock_in_ms_are_told_at_once() -> None:
     assert len(server.at(BEGAN)) == 0
 
 
+@pytest.mark.parametrize(("unit", "count"), [("ms", 10**3), ("µs", 10**6), ("ns", 10**9)])
+def test_stamps_in_another_unit_than_s_are_guessed(unit: str, count: int) -> None:
+    """Who takes them for s, as LSL's are, has them so many times as far ahead."""
+    server, events = heard([(BEGAN + k * PERIOD) * count for k in range(300)])
+    assert kinds(events) == [Happened.ASTRAY]
+    assert f"its samples are not used: are they in {unit}, not in s?" in events[0].text
+    assert not server.at(BEGAN + 300 * PERIOD)
+
+
 def test_stamps_in_the_future_are_told_once_and_not_used() -> None:
     server, events = heard([BEGAN + k * PERIOD + 3600 * S for k in range(50)])
     assert kinds(events) == [Happened.ASTRAY]

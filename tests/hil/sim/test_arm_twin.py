@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import vx300s_measures as measures
 
-from highfive.hil.arm_model import dynamics, kinematics
+from highfive.hil.arm_model import kinematics
 from highfive.hil.arm_model.mount import Mount
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.values import Plant
@@ -73,44 +73,6 @@ def test_the_stretched_arm_reaches_what_the_maker_says() -> None:
     assert reach == pytest.approx(measures.REACH, abs=1e-3)
     others = [np.linalg.norm(arm.plate_at(joints).position - shoulder) for joints in draws(arm, 300)]
     assert max(others) <= reach + 1e-9
-
-
-def test_kinematics_are_mujocos(twin: ArmTwin, arm: ServoArm) -> None:
-    data = mujoco.MjData(twin.model)
-    for joints in draws(arm, 50):
-        data.qpos[twin.qpos] = joints
-        mujoco.mj_forward(twin.model, data)
-        plate, theirs = arm.plate_at(joints), twin.plate(data)
-        assert plate.position == pytest.approx(theirs.position, abs=1e-12)
-        assert plate.normal == pytest.approx(theirs.normal, abs=1e-12)
-        assert plate.fingers == pytest.approx(theirs.fingers, abs=1e-12)
-        assert plate.jacobian == pytest.approx(twin.jacobian(data), abs=1e-12)
-
-
-def test_jacobians_are_differences(arm: ServoArm) -> None:
-    step = 1e-6
-    for joints in draws(arm, 10):
-        plate = arm.plate_at(joints)
-        for j in range(JOINTS):
-            there, back = joints.copy(), joints.copy()
-            there[j], back[j] = joints[j] + step, joints[j] - step
-            one, other = arm.plate_at(there), arm.plate_at(back)
-            assert plate.jacobian[:, j] == pytest.approx((one.position - other.position) / (2 * step), abs=1e-8)
-            assert plate.normal_jacobian[:, j] == pytest.approx((one.normal - other.normal) / (2 * step), abs=1e-8)
-
-
-def test_dynamics_are_mujocos(twin: ArmTwin, arm: ServoArm) -> None:
-    data, matrix = mujoco.MjData(twin.model), np.zeros((JOINTS, JOINTS))
-    speeds = np.random.default_rng(1).normal(0.0, 2.0, (50, JOINTS))
-    for joints, speed in zip(draws(arm, 50), speeds, strict=True):
-        data.qpos[twin.qpos], data.qvel[twin.dofs] = joints, speed
-        mujoco.mj_forward(twin.model, data)
-        mujoco.mj_fullM(twin.model, data, matrix)
-        mass, bias = dynamics.dynamics(arm.packed, joints, speed)
-        # the plate's inertia is rounded in the file
-        assert mass == pytest.approx(matrix, abs=2e-5)
-        assert bias == pytest.approx(data.qfrc_bias, abs=5e-4)
-        assert arm.gravity(joints) == pytest.approx(twin.gravity(joints), abs=1e-6)
 
 
 def test_the_plant_holds_still_under_gravity_torques_and_falls_without(arm: ServoArm) -> None:

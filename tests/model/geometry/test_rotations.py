@@ -38,6 +38,17 @@ def test_matrices_come_back() -> None:
     same_rotation(rotations.from_matrix(rotations.to_matrix(q)), q)
 
 
+def test_the_rotation_nearest_to_a_sum_of_products_turns_points_as_scipy_does() -> None:
+    rng = np.random.default_rng(5)
+    points, targets = rng.normal(size=(2, 60, 5, 3))
+    targets[::2] = -points[::2] + 0.1 * targets[::2]  # a mirror image, of which only a rotation is nearest
+    found = rotations.nearest_rotation(np.einsum("tni,tnj->tij", targets, points))
+    expected = [Rotation.align_vectors(b, a)[0].as_matrix() for a, b in zip(points, targets, strict=True)]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    turns = rotations.to_matrix(random_quaternions(50))
+    np.testing.assert_allclose(rotations.nearest_rotation(0.3 * turns), turns, atol=1e-12)
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_hinges_agree_with_scipy_and_come_back(order: str) -> None:
     angles = np.random.default_rng(3).uniform([-3.1, -1.5, -3.1], [3.1, 1.5, 3.1], (300, 3))

@@ -146,6 +146,9 @@ def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(tm
     assert recording.complete
     assert len(recording.channels["/contact"]) == summary["trials"] >= 1
     assert {message.data["state"] for message in recording.channels["/safety"]} & {"stopping", "stopped"}
+    (row,) = summary["streams"]
+    assert row["stream"] == "arm" and row["rate_hz"] == pytest.approx(120.0, rel=0.01)
+    assert row["bound_ms"] == row["offset_s"] == row["resets"] == 0
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ def test_the_arm_holds_in_time_after_the_last_marker_was_measured(part: str) -> 
 
 
 ADDRESS = "vicon://host"
-REAL = ArmOptions("/dev/ttyUSB99", armed=True, person=ADDRESS, registration=Path("room.toml"))
+REAL = ArmOptions("/dev/ttyUSB99", armed=True, person=ADDRESS, calibration=Path("room.toml"))
 NO_HEAD = (
     r"marker set upper_limb has no marker on the head: STER, XIPH, T1, T10 .* thoracic_8.* use a set with head markers"
 )

@@ -57,7 +57,7 @@ def session_calibration(options: ArmOptions) -> Path | None:
     return calibration_file(options, rig_of(find_arm(options.arm), options.rig))
 
 
-def calibration_of(options: ArmOptions, rig: Rig, now: datetime) -> ArmCalibration | None:
+def trusted_calibration(options: ArmOptions, rig: Rig, now: datetime) -> ArmCalibration | None:
     """The arm's calibration; None where none is named: it is taken for what it was drawn as.
 
     Args:

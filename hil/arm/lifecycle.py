@@ -12,7 +12,7 @@ from pathlib import Path
 
 from highfive.hil.arm.arm_files import rig_file, rig_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
-from highfive.hil.arm.calibrated import calibration_file, calibration_of, known_arm, known_rig
+from highfive.hil.arm.calibrated import calibration_file, known_arm, known_rig, trusted_calibration
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
@@ -158,9 +158,9 @@ def session_planner(options: ArmOptions, rig: Rig, limits: Limits) -> Retarget:
     """Retargeting for the arm of a session, as its calibration has it.
 
     Raises:
-        HighFiveError: as :func:`highfive.hil.arm.calibrated.calibration_of`.
+        HighFiveError: as :func:`highfive.hil.arm.calibrated.trusted_calibration`.
     """
-    found = calibration_of(options, rig, datetime.now(UTC))
+    found = trusted_calibration(options, rig, datetime.now(UTC))
     return planner(rig, limits, known_arm(find_arm(options.arm), found))
 
 
@@ -168,12 +168,12 @@ def emulator_options(options: ArmOptions) -> EmulatorOptions:
     """The emulator of an arm's options, without their faults: an arm that was calibrated is emulated as it is.
 
     Raises:
-        HighFiveError: as :func:`highfive.hil.arm.calibrated.calibration_of`.
+        HighFiveError: as :func:`highfive.hil.arm.calibrated.trusted_calibration`.
     """
     folder = find_arm(options.arm)
     path = options.rig or rig_file(folder)
     rig = rig_of(folder, options.rig)
-    found = calibration_of(options, rig, datetime.now(UTC))
+    found = trusted_calibration(options, rig, datetime.now(UTC))
     if found is None:
         return EmulatorOptions(rig=str(path), plant=f"{PLANT}:{options.arm}")
     zeros = tuple(joint.astray for joint in known_rig(rig, found).joints)

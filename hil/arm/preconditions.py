@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from highfive.calibration.arm_file import load_arm
 from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
-from highfive.hil.arm.calibrated import calibration_file, calibration_of, known_limits, known_rig
+from highfive.hil.arm.calibrated import calibration_file, known_limits, known_rig, trusted_calibration
 from highfive.hil.arm.emergency_stop import check_pipe
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.loop import first_of
@@ -92,7 +92,7 @@ def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
     now = datetime.now(UTC)
     if troubles := room_unknown(not options.emulated, room(options, rig, now)):
         raise HighFiveError(f"{options.port}: {first_of(troubles)}")
-    if (found := calibration_of(options, rig, now)) is not None:
+    if (found := trusted_calibration(options, rig, now)) is not None:
         rig = known_rig(rig, found)
         limits = known_limits(limits, rig, folder)
     if options.estop is not None:

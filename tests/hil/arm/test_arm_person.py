@@ -105,6 +105,7 @@ def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.
 
     replaced: dict[str, Callable[..., object]] = {
         "hil.arm.preconditions.check_arm": lambda _: None,
+        "hil.commands.session_check.check_before_session": lambda *_: None,
         "hil.commands.live_session.live_source": lambda *_: nullcontext(),
         "hil.commands.live_session.LivePerson": lambda *_, **__: Person(),
         "hil.commands.live_session.closing": lambda source: source,

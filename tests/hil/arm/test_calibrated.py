@@ -13,7 +13,7 @@ from highfive.calibration.arm_file import ArmCalibration, arm_text, load_arm
 from highfive.calibration.arm_kinematics import frames_of
 from highfive.calibration.pose_check import calibrated
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.calibrated import calibration_of, known_arm, known_limits, known_rig
+from highfive.hil.arm.calibrated import known_arm, known_limits, known_rig, trusted_calibration
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.lifecycle import emulator_options, session_planner
@@ -216,7 +216,7 @@ def test_what_no_arm_may_rely_on_is_refused_in_one_line(
     file = tmp_path / "arm.toml"
     file.write_text(changed(arm_text(kept()), **changes))
     with pytest.raises(HighFiveError) as error:
-        calibration_of(replace(options, calibration=file), load_rig(), NOW + later)
+        trusted_calibration(replace(options, calibration=file), load_rig(), NOW + later)
     assert says in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -225,7 +225,7 @@ def test_what_was_tampered_with_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "arm.toml"
     file.write_text(arm_text(kept()).replace("zero_rad = 0.0", "zero_rad = 0.1", 1))
     with pytest.raises(HighFiveError, match="changed after it was written"):
-        calibration_of(replace(REAL, calibration=file), load_rig(), NOW)
+        trusted_calibration(replace(REAL, calibration=file), load_rig(), NOW)
 
 
 def test_a_real_arm_near_a_live_person_needs_one_and_takes_a_good_one(tmp_path: Path) -> None:
@@ -240,4 +240,4 @@ def test_a_real_arm_near_a_live_person_needs_one_and_takes_a_good_one(tmp_path: 
 
 def test_an_old_one_will_do_for_an_emulated_arm(tmp_path: Path) -> None:
     file = written(tmp_path / "arm.toml")
-    assert calibration_of(ArmOptions(calibration=file), load_rig(), NOW + timedelta(days=400)) is not None
+    assert trusted_calibration(ArmOptions(calibration=file), load_rig(), NOW + timedelta(days=400)) is not None

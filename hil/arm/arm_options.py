@@ -27,10 +27,12 @@ class ArmOptions:
         estop: path of a named pipe that pulls the emergency stop, besides key and signals.
         faults: what goes wrong on an emulated bus.
         person: address of the live person whom the arm meets; '' where nobody is tracked.
-        registration: file that says where the arm's base stands in that person's room.
+        calibration: file that says where the arm stands in that person's room, and by what it differs from its drawing;
+            None for what the rig's file names.
         nobody_near: the operator answers for it that the arm can reach nobody.
         slow: every known point of the arm is as slow as near a face.
         arm: name of the arm, or its folder.
+        as_drawn: its calibration is being measured: none is taken.
     """
 
     port: str = EMULATED
@@ -41,10 +43,11 @@ class ArmOptions:
     estop: Path | None = None
     faults: tuple[str, ...] = ()
     person: str = ""
-    registration: Path | None = None
+    calibration: Path | None = None
     nobody_near: bool = False
     slow: bool = False
     arm: str = DEFAULT_ARM
+    as_drawn: bool = False
 
     @property
     def emulated(self) -> bool:

@@ -192,7 +192,7 @@ def _plates(retarget: Retarget, cycles: Sequence[Cycle], times: Array) -> list[P
     """Where the plate was at times (T,), ns, by what the servos said."""
     heard = np.array([cycle.state.time_ns for cycle in cycles], float)
     joints = np.array([np.interp(times, heard, joint) for joint in np.array([c.state.positions for c in cycles]).T]).T
-    return [retarget.arm.plate_at(pose) for pose in joints]
+    return [retarget.arm.plate_at(retarget.arm.standing(pose)) for pose in joints]
 
 
 def _rows(rows: Sequence[Array | None]) -> Array:

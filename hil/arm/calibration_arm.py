@@ -31,7 +31,7 @@ def calibration_arm(options: ArmOptions, body: ServoArm, in_the_way: Callable[[]
 
     Args:
         options: which arm; always slow.
-        body: as drawn.
+        body: as it is known.
         in_the_way: why it must not move now; '' where it may.
 
     Raises:
@@ -76,7 +76,7 @@ def _driven(
     in_the_way: Callable[[], str],
 ) -> Iterator[PostureDrive]:  # fmt: skip
     check = lambda: checked(arm, body, rig, limits, options, clock)  # noqa: E731
-    drive = PostureDrive(arm, body, limits, sags(rig, body.folder), check, estop, clock, in_the_way)
+    drive = PostureDrive(arm, body, limits, sags(rig, body.folder) + body.compliance, check, estop, clock, in_the_way)
     try:
         yield drive
     finally:

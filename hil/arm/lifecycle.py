@@ -10,8 +10,9 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from highfive.hil.arm.arm_files import rig_file
+from highfive.hil.arm.arm_files import rig_file, rig_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
+from highfive.hil.arm.calibrated import calibration_file, known_arm, known_rig, trusted_calibration
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
@@ -75,7 +76,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
     if advance is not None:
         advance("starting", 0)
     with when_compiling(lambda: advance and advance("compiling, a minute or two the first time", 0)):
-        retarget = planner(rig, limits, find_arm(options.arm))
+        retarget = session_planner(options, rig, limits)
     terminal = 0 if sys.stdin.isatty() else None
     with ExitStack() as stack:
         if options.port == VIRTUAL:
@@ -139,7 +140,7 @@ def virtual_arm(
     limits, rig = check_options(options)
     estop = Latch(clock) if estop is None else estop
     refuse_unless_ready(PATH, rig, limits, virtual.wiring)
-    retarget = planner(rig, limits, find_arm(options.arm)) if retarget is None else retarget
+    retarget = session_planner(options, rig, limits) if retarget is None else retarget
     arm = virtual.start_arm(weakened(rig, limits), RATE_HZ, estop, ALLOWANCE_MS, has_host)
     try:
         arm.wait_ready(START_S)
@@ -153,10 +154,31 @@ def virtual_arm(
         arm.close()
 
 
+def session_planner(options: ArmOptions, rig: Rig, limits: Limits) -> Retarget:
+    """Retargeting for the arm of a session, as its calibration has it.
+
+    Raises:
+        HighFiveError: as :func:`highfive.hil.arm.calibrated.trusted_calibration`.
+    """
+    found = trusted_calibration(options, rig, datetime.now(UTC))
+    return planner(rig, limits, known_arm(find_arm(options.arm), found))
+
+
 def emulator_options(options: ArmOptions) -> EmulatorOptions:
-    """The emulator of an arm's options, without their faults."""
-    rig = options.rig or rig_file(find_arm(options.arm))
-    return EmulatorOptions(rig=str(rig), plant=f"{PLANT}:{options.arm}")
+    """The emulator of an arm's options, without their faults: an arm that was calibrated is emulated as it is.
+
+    Raises:
+        HighFiveError: as :func:`highfive.hil.arm.calibrated.trusted_calibration`.
+    """
+    folder = find_arm(options.arm)
+    path = options.rig or rig_file(folder)
+    rig = rig_of(folder, options.rig)
+    found = trusted_calibration(options, rig, datetime.now(UTC))
+    if found is None:
+        return EmulatorOptions(rig=str(path), plant=f"{PLANT}:{options.arm}")
+    zeros = tuple(joint.astray for joint in known_rig(rig, found).joints)
+    plant = f"{PLANT}:{options.arm}::{calibration_file(options, rig)}"
+    return EmulatorOptions(rig=str(path), plant=plant, astray=zeros)
 
 
 def weakened(rig: Rig, limits: Limits) -> Rig:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from datetime import UTC, datetime
-
-import numpy as np
 
 from highfive.calibration.arm_file import load_arm
 from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
+from highfive.hil.arm.calibrated import calibration_file, known_limits, known_rig, trusted_calibration
 from highfive.hil.arm.emergency_stop import check_pipe
+from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.loop import first_of
-from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
-from highfive.hil.arm_model.from_mujoco import compiled_body
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.drivers.bus.ports import too_slow
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
@@ -91,8 +89,12 @@ def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
     rig = rig_of(folder, options.rig)
     if not options.emulated and not options.armed:
         raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
-    if troubles := room_unknown(not options.emulated, room(options, rig, datetime.now(UTC))):
+    now = datetime.now(UTC)
+    if troubles := room_unknown(not options.emulated, room(options, rig, now)):
         raise HighFiveError(f"{options.port}: {first_of(troubles)}")
+    if (found := trusted_calibration(options, rig, now)) is not None:
+        rig = known_rig(rig, found)
+        limits = known_limits(limits, rig, folder)
     if options.estop is not None:
         check_pipe(options.estop)
     parse_faults(options.faults, rig.servos)
@@ -104,24 +106,14 @@ def room(options: ArmOptions, rig: Rig, now: datetime) -> Room:
     """Who is near the arm, and whether that is known.
 
     Raises:
-        HighFiveError: the registration cannot be read, or goes with no live person.
+        HighFiveError: the calibration cannot be read.
     """
-    if options.registration is None:
+    file = calibration_file(options, rig)
+    if file is None or not options.person:
         return Room(options.person, nobody_near=options.nobody_near, slow=options.slow)
-    if not options.person:
-        raise HighFiveError("--registration says where a live person stands beside the arm; add --source ADDRESS")
-    found = load_arm(options.registration).registration
+    found = load_arm(file).registration
     mismatches = found.mismatches(fingerprint(rig, find_arm(options.arm)), parse_address(options.person).scheme, now)
     return Room(options.person, True, mismatches, options.nobody_near, options.slow)
-
-
-def fingerprint(rig: Rig, folder: ArmFolder | None = None) -> str:
-    """Tells this arm, with its mount, from others: what a registration of it depends on."""
-    folder = folder or find_arm()
-    body = compiled_body(folder)
-    shape = [np.round(part, 6).tolist() for part in (body.axes, body.offsets, body.plate, body.normal)]
-    parts = (rig.joints, shape, folder.mount)
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 
 def refuse_unless_ready(port: str, rig: Rig, limits: Limits, wiring: Wiring = MACHINE_WIRING) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
-from highfive.hil.arm_model.servo_arm import mounted
+from highfive.hil.arm_model.servo_arm import ServoArm, default_arm
 from highfive.hil.drivers.bus.rig import COUNTS, Rig
 from highfive.hil.safety.limits import Limits
 from highfive.model.geometry.rotations import Array
@@ -25,14 +25,17 @@ FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
 
-def planner(rig: Rig, limits: Limits, folder: ArmFolder | None = None) -> Retarget:
-    """Retargeting for an arm (None: the default one): what may not be sent is not planned either.
+def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None) -> Retarget:
+    """Retargeting for an arm as it is known (None: the default one as drawn): what may not be sent is not planned
+    either.
 
     Compiles where nobody has yet.
     """
-    folder = folder or find_arm()
-    slow = replace(mounted(folder), fastest=tuple(limits.speed.tolist()))
-    return Retarget(slow, np.array(folder.ready), retarget_settings(rig, limits, folder=folder))
+    arm = arm or default_arm()
+    slow = replace(arm, fastest=tuple(limits.speed.tolist()))
+    settings = retarget_settings(rig, limits, folder=arm.folder)
+    soft = tuple((np.array(settings.sag) + arm.compliance).tolist())
+    return Retarget(slow, np.array(arm.folder.ready), replace(settings, sag=soft))
 
 
 def retarget_settings(

@@ -5,13 +5,19 @@ A servo gives a voltage in proportion to its error, and its motor has a torqueâ€
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 
+from highfive.calibration.arm_file import load_arm
 from highfive.hil.arm.arm_files import resting_pose
+from highfive.hil.arm.calibrated import known_arm
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, ArmFolder, find_arm
 from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 from highfive.hil.runtime.clock import Event
+from highfive.hil.sim.arm_as_calibrated import correct
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.model.geometry.rotations import Array
 
@@ -105,6 +111,12 @@ class SimulatedDriver:
 
 
 def mounted_arm(arm: str = DEFAULT_ARM) -> ArmPlant:
-    """An arm, by its name or folder, on its mount, where it rests."""
-    folder = find_arm(arm)
-    return ArmPlant(folder.mount, resting_pose(folder), folder=folder)
+    """An arm, by its name or folder, on its mount, where it rests; after ``::`` the file of its calibration."""
+    name, _, file = arm.partition("::")
+    folder = find_arm(name)
+    if not file:
+        return ArmPlant(folder.mount, resting_pose(folder), folder=folder)
+    known = known_arm(folder, load_arm(Path(file)))
+    assert known.corrections is not None
+    change = partial(correct, folder=folder, base=known.packed.base_axes, by=known.corrections)
+    return ArmPlant(known.mount, resting_pose(folder), change, folder=folder)

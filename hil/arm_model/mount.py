@@ -24,6 +24,13 @@ class Mount:
     tilt: float = 0.0
     roll: float = 0.0
 
+    @staticmethod
+    def of(position: Array, quaternion: Array) -> Mount:
+        """A mount at (3,), m, turned by a quaternion (4,)."""
+        yaw, tilt, roll = rotations.to_euler("zyx", quaternion)
+        x, y, z = position
+        return Mount((float(x), float(y), float(z)), float(yaw), float(tilt), float(roll))
+
     @property
     def quaternion(self) -> Array:
         """(4,) orientation of the base in the world."""

@@ -10,6 +10,7 @@ import numpy as np
 from highfive.hil.arm_model import distances, dynamics, inverse_kinematics, kinematics
 from highfive.hil.arm_model.arm import Arm
 from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
+from highfive.hil.arm_model.corrections import Corrections, corrected
 from highfive.hil.arm_model.from_mujoco import compiled_body
 from highfive.hil.arm_model.mount import Mount
 from highfive.model.geometry import rotations
@@ -50,17 +51,22 @@ class ServoArm:
         plate: m, from the last joint to the plate along its normal; None for what the arm's model says.
         fastest: (J,) rad/s: no joint is planned to be faster; None for what the servos can.
         folder: what arm it is.
+        corrections: by what this one differs from its drawing; None where it was not calibrated.
     """
 
     mount: Mount
     plate: float | None = None
     fastest: tuple[float, ...] | None = None
     folder: ArmFolder = field(default_factory=find_arm)
+    corrections: Corrections | None = None
 
     @cached_property
     def packed(self) -> Arm:
         """What the compiled functions work on."""
         folder, body = self.folder, compiled_body(self.folder, self.plate)
+        turns = np.broadcast_to(np.eye(3), (len(folder.joints), 3, 3))
+        if self.corrections is not None:
+            body, turns = corrected(body, self.corrections), self.corrections.turns
         stall, no_load = folder.each
         speed = np.minimum(folder.speed_limit, no_load)
         if self.fastest is not None:
@@ -69,7 +75,10 @@ class ServoArm:
         plate_link = len(names) - 1
         links = [plate_link if ball.on == "plate" else names.index(ball.on) for ball in folder.balls]
         shift = [body.plate if ball.on == "plate" else np.zeros(3) for ball in folder.balls]
-        balls = [[*(moved + ball.centre), ball.radius] for moved, ball in zip(shift, folder.balls, strict=True)]
+        balls = [
+            [*(moved + turns[link] @ ball.centre), ball.radius]
+            for link, moved, ball in zip(links, shift, folder.balls, strict=True)
+        ]
         gears = [[joint.servos * getattr(joint.servo, name) for joint in folder.joints] for name in GEARS]
         return Arm(
             joints=tuple(range(len(names))),
@@ -117,6 +126,15 @@ class ServoArm:
     def gravity(self, joints: Array) -> Array:
         """Torques (J,), N·m, that hold the arm still."""
         return dynamics.dynamics(self.packed, np.ascontiguousarray(joints, float), np.zeros(self.joints))[1]
+
+    @property
+    def compliance(self) -> Array:
+        """(J,) rad/(N·m), by which joints give way that their encoders do not see."""
+        return np.zeros(self.joints) if self.corrections is None else self.corrections.compliance
+
+    def standing(self, encoders: Array) -> Array:
+        """Where joints (J,), rad, stand whose encoders say (J,), rad: gravity bends what these do not see."""
+        return encoders if self.corrections is None else encoders - self.compliance * self.gravity(encoders)
 
     def clearance(self, joints: Array, head: Array | None = None, radius: float = 0.0) -> float:
         """Smallest gap, m, of a posture to floor, mount, the arm itself and a head: centre (3,) m, radius m."""

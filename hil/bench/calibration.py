@@ -25,6 +25,7 @@ from highfive.calibration.rigid_fit import rigid_fit
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.free_postures import free_postures
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, READY, default_arm, solve
+from highfive.hil.bench.calibrated_contact import bench_calibrated_contact
 from highfive.hil.bench.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth, drawn_truth
 from highfive.hil.runtime.console import STDOUT, Bar
 from highfive.hil.sim.people.grid import GRID_Y, GRID_Z
@@ -45,10 +46,11 @@ _PLAIN = replace(ARM_FIT, joint_noise=1e-6, cut=1e9, marker=1.0, base_turn=10.0,
 
 @dataclass(frozen=True)
 class CalibrationBenchOptions:
-    """What is measured: number of arms, and the seed of the first."""
+    """What is measured: number of arms, the seed of the first, and how many high fives it has with a served person."""
 
     arms: int = 16
     first: int = 0
+    high_fives: int = 36
 
 
 class _Bench:
@@ -193,6 +195,7 @@ def bench_calibration(options: CalibrationBenchOptions, bar: Bar) -> dict[str, A
         "bump_caught": round(float(np.mean(list(caught.values()))), 4),
         "bump_caught_by_kind": {name: round(share, 4) for name, share in caught.items()},
         "false_alarms": round(_alarms(quiet), 4),
+        "contact_mm": bench_calibrated_contact(options.first, options.high_fives, bar),
     }
 
 
@@ -221,3 +224,8 @@ def print_calibration(figures: dict[str, Any]) -> None:
     kinds = ", ".join(f"{name} {share:.0%}" for name, share in figures["bump_caught_by_kind"].items())
     print(f"Five-pose check: {figures['bump_caught']:.1%} of what changed was caught ({kinds}),")
     print(f"{figures['false_alarms']:.1%} false alarms; {figures['arms']} arms.")
+    met = figures["contact_mm"]
+    print(
+        f"{met['high_fives']} high fives with a served person: {met['median']:.1f} mm (median) calibrated at the wire, "
+        f"{met['known_median']:.1f} mm with the same arm known exactly."
+    )

@@ -53,7 +53,7 @@ def hidden_bus(truth: HiddenTruth, rig: Rig) -> tuple[EmulatedBus, ArmPlant]:
     plant = ArmPlant(truth.mount, load_limits().way_points[-1], truth.change)
     bus = EmulatedBus(servos, joints, plant, seed=truth.seed)
     for servo, joint in zip(servos, joints, strict=True):
-        servo.slip, servo.play, servo.ripple = -float(truth.zero[joint]), float(truth.play[joint]), truth.ripple[joint]
+        servo.astray, servo.play, servo.ripple = float(truth.zero[joint]), float(truth.play[joint]), truth.ripple[joint]
         servo.compliance = float(truth.compliance[joint]) * joints.count(joint)  # each of two carries half
     return bus, plant
 

@@ -113,5 +113,5 @@ def perturbed_bus(it: Perturbation, rig: Rig) -> EmulatedBus:
     for servo, joint in zip(servos, joints, strict=True):
         servo.play, servo.factor = float(it.play[joint]), float(it.torques[joint])
         servo.delay_ns, servo.voltage = round(1e9 * it.delay_s), it.voltage
-        servo.slip = float(it.zeros[joint])
+        servo.astray = -float(it.zeros[joint])
     return bus

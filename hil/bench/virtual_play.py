@@ -13,6 +13,7 @@ from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm.rig_planner import planner
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
+from highfive.hil.arm_model.servo_arm import mounted
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -31,7 +32,7 @@ class VirtualPlay:
 def default_planner(arm: str = DEFAULT_ARM) -> Retarget:
     """Retargeting for an arm; one for all that is played in this process."""
     limits, rig = check_options(ArmOptions(arm=arm))
-    return planner(rig, limits, find_arm(arm))
+    return planner(rig, limits, mounted(find_arm(arm)))
 
 
 def play_virtually(play: VirtualPlay) -> tuple[ArmTrial | None, str]:

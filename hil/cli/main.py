@@ -113,12 +113,7 @@ def simulate(
     limits: cli_rig.LimitsFile = None,
     lower: cli_rig.Lower = None,
     estop: cli_rig.Estop = None,
-    registration: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml", help="Where the arm's base stands in the live person's room (docs/safety.md)."
-        ),
-    ] = None,
+    calibration: cli_rig.Calibration = None,
     nobody_near: cli_rig.NobodyNear = False,
     slow: cli_rig.Slow = False,
     faults: cli_rig.Faults = None,
@@ -188,7 +183,7 @@ def simulate(
         place=place,
         latency_ms=latency,
         latencies=latencies,
-        arm=arm_options(rig, arm, rig_file, limits, lower, estop, registration, nobody_near, slow, faults),
+        arm=arm_options(rig, arm, rig_file, limits, lower, estop, calibration, nobody_near, slow, faults),
         view=page_options(view, source, headset, port, no_open, https),
         headset=headset,
         webcam=WebcamOptions(height, fov, camera),

@@ -159,9 +159,9 @@ def calibrate_extrinsics(
     estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
     poses: Annotated[int, typer.Option(help="Number of postures.")] = 30,
     note: Annotated[str, typer.Option(help="Kept in the file.")] = "",
-    out: Annotated[
-        Path, typer.Option(metavar="FILE.toml", help="The calibration, for simulate --registration.")
-    ] = Path("arm.toml"),
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The calibration, for --calibration.")] = Path(
+        "arm.toml"
+    ),
     overwrite: OverwriteFile = False,
     seed: Seed = 0,
     json: Json = False,

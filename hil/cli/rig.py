@@ -19,6 +19,15 @@ LimitsFile = Annotated[
 Estop = Annotated[
     Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm when anything is written to it.")
 ]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibration",
+        "--registration",
+        metavar="FILE.toml",
+        help="Where the arm stands, and by what it differs from its drawing (highfive calibrate extrinsics).",
+    ),
+]
 NobodyNear = Annotated[
     bool,
     typer.Option("--nobody-near", help="Beside --arm: nobody can be reached by the real arm. You answer for that."),
@@ -150,6 +159,7 @@ def play(
     limits: LimitsFile = None,
     lower: Lower = None,
     estop: Estop = None,
+    calibration: Calibration = None,
     nobody_near: NobodyNear = False,
     slow: Slow = False,
     faults: Faults = None,
@@ -163,8 +173,9 @@ def play(
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     which = ArmOptions(
-        port, file, limits, tuple(lower or ()), arm, estop, tuple(faults or ()), nobody_near=nobody_near, slow=slow
-    )
+        port, file, limits, tuple(lower or ()), arm, estop, tuple(faults or ()),
+        calibration=calibration, nobody_near=nobody_near, slow=slow,
+    )  # fmt: skip
     chosen, first = tuple(number - 1 for number in trial or ()), None if begin is None else begin - 1
     options = PlayOptions(session, which, chosen, first, trials, overwrite)
     folder = out or next_folder("play")

@@ -18,7 +18,7 @@ def arm_options(
     limits: Path | None,
     lower: list[str] | None,
     estop: Path | None,
-    registration: Path | None,
+    calibration: Path | None,
     nobody_near: bool,
     slow: bool,
     faults: list[str] | None,
@@ -34,7 +34,7 @@ def arm_options(
         changes = tuple(lower or ())
         return ArmOptions(
             port, rig, limits, changes, armed, estop, tuple(faults or ()),
-            registration=registration, nobody_near=nobody_near, slow=slow,
+            calibration=calibration, nobody_near=nobody_near, slow=slow,
         )  # fmt: skip
     given = {
         "--arm": armed,
@@ -42,7 +42,7 @@ def arm_options(
         "--limits": limits,
         "--lower": lower,
         "--estop": estop,
-        "--registration": registration,
+        "--calibration": calibration,
         "--nobody-near": nobody_near,
         "--slow": slow,
         "--faults": faults,

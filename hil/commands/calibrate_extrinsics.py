@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,11 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibration_arm import calibration_arm
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.extrinsics import check_directions, take_poses
+from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import free_postures
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
-from highfive.hil.arm.preconditions import check_options, fingerprint
+from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.runtime.console import Bar, say_aside
@@ -107,6 +108,7 @@ def checked_extrinsics(options: ExtrinsicsOptions) -> Calibrated:
     if options.out.suffix != ".toml":
         raise HighFiveError(f"--out {options.out}: a calibration is a TOML file; write it as {options.out.stem}.toml")
     check_file(options.out, options.overwrite)
+    options = replace(options, arm=replace(options.arm, as_drawn=True))
     template = load_template(options.plate)
     return Calibrated(options, check_options(options.arm)[1], template)
 
@@ -126,7 +128,7 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
     with closing(live_source(options.source, None)) as source:
         source.first()
         watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
-        with calibration_arm(options.arm, run.body, watch.in_the_way) as drive:
+        with calibration_arm(run.options.arm, run.body, watch.in_the_way) as drive:
             poses = measured(run, drive, watch, bar)
     return fitted(run, poses, drive.moving_s)
 

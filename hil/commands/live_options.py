@@ -31,8 +31,8 @@ def check_live_options(options: SimulateOptions, live: bool) -> None:
         raise HighFiveError("--latency is of a live person's system; add --source ADDRESS")
     if not 0.0 <= options.latency_ms <= LONGEST_LATENCY_MS:
         raise HighFiveError(f"--latency {options.latency_ms:g} ms; expected 0 to {LONGEST_LATENCY_MS:g}")
-    if options.place is not None and options.arm is not None and options.arm.registration is not None:
-        raise HighFiveError("--place and --registration both say where the person stands; give one")
+    if options.place is not None and options.arm is not None and options.arm.calibration is not None:
+        raise HighFiveError("--place and --calibration both say where the person stands; give one")
 
 
 def sees_webcam(options: SimulateOptions) -> bool:

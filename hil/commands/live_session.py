@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 from highfive.calibration.arm_file import load_arm
 from highfive.calibration.placement_file import load_placement, save_placement
+from highfive.hil.arm.calibrated import session_calibration
 from highfive.hil.commands.headset_session import HERE, hand_of, wait_until_worn
 from highfive.hil.commands.page import saying_to
 from highfive.hil.commands.session_outputs import known_of
@@ -20,6 +21,7 @@ from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.hil.view.live_page import LivePage
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.sources.address import parse_address
+from highfive.model.errors import HighFiveError
 
 
 def live_person(
@@ -33,9 +35,11 @@ def live_person(
     """
     wiring = wiring or MACHINE_WIRING
     source = stack.enter_context(closing(live_source(str(options.source), options.human, wiring)))
-    file = None if options.arm is None else options.arm.registration
+    file = None if options.arm is None else session_calibration(options.arm)
     system = parse_address(str(options.source)).scheme
     registered = None if file is None else load_arm(file).registration.placement
+    if file is not None and options.place is not None:
+        raise HighFiveError(f"--place, and {file}, both say where the person stands; leave out --place")
     if options.place is not None and options.place.exists():
         registered = load_placement(options.place, system)
     if page is not None:

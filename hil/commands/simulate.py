@@ -93,7 +93,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
         if beside is not None and options.view is None:
             options = replace(options, view=PageOptions())
         stack.enter_context(results_folder(folder, options.overwrite))
-        options = _with_arm(options, live, stack)
+        options = _with_arm(options, live, stack, wiring)
         if sees_webcam(options):
             from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
 
@@ -140,7 +140,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
         return _report(options, played, outputs, recorder.trouble, replayed, settings, folder, bar, lag)
 
 
-def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack) -> SimulateOptions:
+def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack, wiring: LiveWiring | None) -> SimulateOptions:
     """The options once the arm may be used; from then on the first Ctrl-C alone interrupts."""
     if options.arm is None:
         return options
@@ -150,6 +150,10 @@ def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack) -> Simulat
     arm = replace(options.arm, person=str(options.source) if live else "")
     check_arm(arm)
     stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
+    if live and not arm.emulated:
+        from highfive.hil.commands.session_check import check_before_session  # noqa: PLC0415
+
+        check_before_session(arm, worn_set(options), wiring)
     return replace(options, arm=arm)
 
 

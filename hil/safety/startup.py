@@ -140,7 +140,7 @@ def room_unknown(real_port: bool, room: Room) -> list[str]:
     if not room.registered:
         return [
             f"the port is a real one, and nothing says where the arm's base stands in the room of {room.person}: "
-            "nothing moves it without --registration FILE.toml (docs/safety.md)"
+            "nothing moves it without --calibration FILE.toml (docs/calibration.md)"
         ]
     return list(room.mismatches)
 

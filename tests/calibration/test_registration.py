@@ -10,7 +10,8 @@ from kept_arm import DATE, changed, kept_text
 from highfive.calibration.arm_file import load_arm
 from highfive.calibration.registration import REGISTRATION, Registration
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.preconditions import fingerprint, room
+from highfive.hil.arm.fingerprint import fingerprint
+from highfive.hil.arm.preconditions import room
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
@@ -70,7 +71,7 @@ def test_a_system_in_capitals_is_the_same_system(tmp_path: Path, system: str, ad
     """In the live person's address, or in the file; a space before it, which addresses may have, is none of it."""
     rig = load_rig()
     file = written(tmp_path, system=f'"{system}"', fingerprint=f'"{fingerprint(rig)}"')
-    options = ArmOptions("/dev/ttyUSB99", person=address, registration=file)
+    options = ArmOptions("/dev/ttyUSB99", person=address, calibration=file)
     assert room(options, rig, DATE).mismatches == ()
 
 

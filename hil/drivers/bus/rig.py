@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,8 @@ class RigJoint:
         lower, upper: rad, how far the joint may go.
         current_limit: A, of each of its servos.
         position_p_gain: raw; the stiffer, the less the joint lags and sags.
+        astray: rad, by which the joint is further than its servo's count says: its calibrated zero. The servos know
+            nothing of it, so it is no part of what tells one arm from another (``repr``).
     """
 
     name: str
@@ -66,6 +68,7 @@ class RigJoint:
     upper: float
     current_limit: float
     position_p_gain: int
+    astray: float = field(default=0.0, repr=False)
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -98,12 +101,21 @@ class RigSettings:
 
 @dataclass(frozen=True)
 class Rig:
-    """One arm on one bus."""
+    """One arm on one bus.
+
+    Attributes:
+        name: for people.
+        baud_rate: of its line.
+        settings: of every servo.
+        joints: from the base on.
+        calibration: file that says by what it differs from its drawing, and where it stands; None for none.
+    """
 
     name: str
     baud_rate: int
     settings: RigSettings
     joints: tuple[RigJoint, ...]
+    calibration: Path | None = None
 
     @property
     def servos(self) -> dict[int, RigJoint]:
@@ -123,12 +135,12 @@ class Rig:
 
 def angle(joint: RigJoint, count: float) -> float:
     """Joint angle, rad, at a servo's (or its shadow's) position count."""
-    return (count - joint.zero) * math.tau / COUNTS
+    return (count - joint.zero) * math.tau / COUNTS + joint.astray
 
 
 def count(joint: RigJoint, angle: float) -> int:
     """Position count that is nearest to a joint angle, rad. It is not held against the joint's limits."""
-    return joint.zero + round(angle * COUNTS / math.tau)
+    return joint.zero + round((angle - joint.astray) * COUNTS / math.tau)
 
 
 def required_registers(rig: Rig) -> dict[int, dict[str, int]]:
@@ -153,7 +165,7 @@ def load_rig(path: str | Path | None = None, *, simulated: bool = False) -> Rig:
     path = Path(path or DEFAULT_RIG)
     document = read_toml(path, "the rig file")
     try:
-        rig = _rig(document, simulated)
+        rig = _rig(document, simulated, path.parent)
         if not simulated:
             required_registers(rig)
     except HighFiveError as error:
@@ -162,6 +174,7 @@ def load_rig(path: str | Path | None = None, *, simulated: bool = False) -> Rig:
 
 
 def _required(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
+    joint = replace(joint, astray=0.0)  # what the servos are set to goes by their own counts
     table, settings = load_table(joint.model), rig.settings
     shadow = servo == joint.shadow_id
     return {
@@ -184,8 +197,8 @@ def _required(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
     }
 
 
-def _rig(document: Mapping[str, Any], simulated: bool) -> Rig:
-    check_keys(document, "the file", {"name", "baud_rate", "settings", "joints"})
+def _rig(document: Mapping[str, Any], simulated: bool, folder: Path) -> Rig:
+    check_keys(document, "the file", {"name", "baud_rate", "settings", "joints"}, optional={"calibration"})
     entries = document["joints"]
     if not isinstance(entries, list) or not entries:
         raise HighFiveError("joints: expected one table [[joints]] a joint")
@@ -197,6 +210,7 @@ def _rig(document: Mapping[str, Any], simulated: bool) -> Rig:
         typed(document, "", "baud_rate", int),
         _settings(document["settings"]),
         joints,
+        folder / typed(document, "", "calibration", str) if "calibration" in document else None,
     )
     for joint in joints:
         if not simulated and rig.settings.operating_mode not in load_table(joint.model).operating_modes:

@@ -55,6 +55,7 @@ class EmulatedServo:
         voltage: V, that it has now.
         hot: °C that its temperature is held at; None for what its motor makes of it.
         slip: rad that it says more of its joint than is so.
+        astray: rad, by which its joint is further than it says because its horn was put on so; faults leave it alone.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class EmulatedServo:
         self.watchdog_trips = 0
         self.voltage = table.motor.voltage
         self.hot: float | None = None
-        self.slip = 0.0
+        self.slip = self.astray = 0.0
         self._heard_ns = self._silent_until = 0
         self._now = 0
         self._joint = self._joint_velocity = 0.0
@@ -354,7 +355,7 @@ class EmulatedServo:
 
     def _count(self, position: float) -> float:
         """Count of its encoder, offset included, at a joint's position."""
-        turned = (position + self.slip) / self._pulse + self._zero - _TURN // 2
+        turned = (position + self.slip - self.astray) / self._pulse + self._zero - _TURN // 2
         return _TURN // 2 + self._direction * turned + self._turns * _TURN + self._offset
 
     def _angle(self, position: float) -> float:

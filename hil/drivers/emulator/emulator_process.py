@@ -53,6 +53,7 @@ class EmulatorOptions:
         configured: the servos hold what the rig wants of them; otherwise what they left the factory with.
         baud_rate: of the servos; None for the rig's.
         seed: of what is random in faults.
+        astray: (J,) rad, by which each joint is further than its servos say; empty for nothing.
     """
 
     rig: str | None = None
@@ -64,6 +65,7 @@ class EmulatorOptions:
     configured: bool = True
     baud_rate: int | None = None
     seed: int = 0
+    astray: tuple[float, ...] = ()
 
 
 def make_bus(options: EmulatorOptions) -> EmulatedBus:
@@ -77,6 +79,8 @@ def make_bus(options: EmulatorOptions) -> EmulatedBus:
     else:
         rig = load_rig(options.rig)
         servos, joints = build_servos(rig, configured=options.configured, baud_rate=options.baud_rate)
+        for servo, joint in zip(servos, joints, strict=True) if options.astray else ():
+            servo.astray = options.astray[joint]
     plant = None if options.plant is None else _plant(options.plant)
     bus = EmulatedBus(servos, joints, plant, paced=options.paced, seed=options.seed)
     bus.set_faults(parse_faults(options.faults, bus.ids))
@@ -196,7 +200,7 @@ def _child(instructions: TextIO, answers: TextIO) -> int:
 
     try:
         given = json.loads(instructions.readline())
-        options = EmulatorOptions(**given | {"faults": tuple(given["faults"]), "servos": tuple(given["servos"])})
+        options = EmulatorOptions(**given | {name: tuple(given[name]) for name in ("faults", "servos", "astray")})
         with Emulator(make_bus(options), link=options.link) as emulator:
             answer({"port": emulator.port})
             ended = threading.Event()

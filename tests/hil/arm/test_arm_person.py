@@ -70,7 +70,7 @@ def test_the_arm_holds_in_time_after_the_last_marker_was_measured(part: str) -> 
 
 
 ADDRESS = "vicon://host"
-REAL = ArmOptions("/dev/ttyUSB99", armed=True, person=ADDRESS, registration=Path("room.toml"))
+REAL = ArmOptions("/dev/ttyUSB99", armed=True, person=ADDRESS, calibration=Path("room.toml"))
 NO_HEAD = (
     r"marker set upper_limb has no marker on the head: STER, XIPH, T1, T10 .* thoracic_8.* use a set with head markers"
 )
@@ -105,6 +105,7 @@ def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.
 
     replaced: dict[str, Callable[..., object]] = {
         "hil.arm.preconditions.check_arm": lambda _: None,
+        "hil.commands.session_check.check_before_session": lambda *_: None,
         "hil.commands.live_session.live_source": lambda *_: nullcontext(),
         "hil.commands.live_session.LivePerson": lambda *_, **__: Person(),
         "hil.commands.live_session.closing": lambda source: source,

@@ -56,8 +56,8 @@ REGISTERED = Room("vicon://host", registered=True)
     [
         (Room(), "--nobody-near"),
         (Room(), "--slow"),
-        (Room("vicon://host"), "--registration"),
-        (Room("vicon://host", slow=True), "--registration"),
+        (Room("vicon://host"), "--calibration"),
+        (Room("vicon://host", slow=True), "--calibration"),
         (Room("vicon://host", nobody_near=True), "contradicts"),
         (replace(REGISTERED, nobody_near=True), "contradicts"),
         (replace(REGISTERED, mismatches=("it is of another arm", "it is old")), "it is of another arm"),

@@ -131,12 +131,13 @@ def test_a_real_port_is_refused_where_nobody_knows_who_is_beside_the_arm(
         for words, says in (
             (play, "--nobody-near"),
             (simulated, "--slow"),
-            (live, "--registration"),
-            ((*live, "--slow"), "--registration"),
+            (live, "--calibration"),
+            ((*live, "--slow"), "--calibration"),
             ((*live, "--nobody-near"), "contradicts the live person"),
+            ((*live, "--calibration", old), "another arm"),
+            ((*live, "--calibration", tmp_path / "none.toml"), "cannot read the calibration"),
+            ((*simulated, "--nobody-near", "--calibration", old), "another arm"),
             ((*live, "--registration", old), "another arm"),
-            ((*live, "--registration", tmp_path / "none.toml"), "cannot read the calibration"),
-            ((*simulated, "--registration", old), "--source"),
         ):
             assert says in refused(monkeypatch, capsys, *words), words
         assert torques(emulator) == {0}  # nothing was switched on

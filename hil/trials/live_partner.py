@@ -220,6 +220,7 @@ class LiveTrial:
         count: ticks so far.
         ahead_ms: by how much each was ahead of its frame, ms.
         trouble: why the trial ended early, '' if it did not: nothing has come for ``settings.gone`` s.
+        newest: the frame that the last tick began with, as its system sent it.
     """
 
     def __init__(
@@ -244,6 +245,7 @@ class LiveTrial:
         self.late = self.predicted = self.stale = self.count = 0
         self.ahead_ms: list[float] = []
         self.trouble, self._reached = "", False
+        self.newest: MarkerFrame | None = None
         self._time_ns = self._idle_since_ns = 0
 
     def begins(self) -> bool:
@@ -277,6 +279,7 @@ class LiveTrial:
                 seen_ns = min(self._source.captured(new), now)
                 stamp = 0 if frame is None else stamp + self._elapsed(frame, new, seen_ns - captured)
                 frame, captured = new, seen_ns
+                self.newest = new
             elif frame is None:
                 return
             stale = now - frame.arrival_time_ns > self._patience_ns

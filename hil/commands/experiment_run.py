@@ -69,6 +69,7 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
     protocol, plan = study_protocol(options.study), stored_plan(options.study, options.participant)
     observer = None if options.simulated is None else read_observer(options.simulated)
     _check(options, protocol)
+    language = _language(options, protocol)
     consent = _consent(options, plan.consent)
     begun = (session_folder(options.study, options.participant, options.session) / LOG).is_file()
     head = RunHead(
@@ -83,7 +84,6 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
             say_aside(line, logging.WARNING)
         advance = bar(f"trials of {options.participant}", len(plan.trials))
         advance(done=len(plan.trials) - _left(log.content.standing, plan.trials))
-        language = _language(options, protocol)
         if options.dry:
             assert participant is not None
             desk = Desk(PageInProcess(participant, clock), clock, look_ns=DRY_LOOK_NS)

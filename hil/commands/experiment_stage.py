@@ -85,6 +85,7 @@ class _Witness:
     peak_speed: float = 0.0
     met: TickInput | None = None
     last: TickInput | None = None
+    ended_ns: int = 0
     own_stamp_ns: int | None = None  # by the source's own clock, of the frame in ``met`` or ``last``
 
     def __post_init__(self) -> None:
@@ -92,6 +93,7 @@ class _Witness:
 
     def __call__(self, begins: TickInput, tick: Tick, state: PlayState) -> None:
         """A tick that was played."""
+        self.ended_ns = begins.at_ns
         person = tick.sighting.person if tick.sighting is not None else tick.person
         if person.valid:
             self.peak_speed = max(self.peak_speed, float(np.linalg.norm(person.palm.velocity)))
@@ -219,7 +221,7 @@ class AvatarStage:
         frame = None if at is None else at.frame
         shown = [one.shown.display_ns for one in self._pictures if at is not None and one.shown.pose_ns >= at.at_ns]
         return Played(
-            ended_ns=self._clock.now(), contact_ns=None if witness.met is None else witness.met.at_ns,
+            ended_ns=witness.ended_ns, contact_ns=None if witness.met is None else witness.met.at_ns,
             peak_speed=round(witness.peak_speed, 5), frame=None if frame is None else frame.number,
             source_ns=witness.own_stamp_ns, arrival_ns=None if frame is None else frame.arrival_time_ns,
             tick_ns=None if at is None else at.at_ns, shown_ns=min(shown, default=None), recording=self._file,

@@ -18,7 +18,7 @@ from highfive.mocap_bridge.frames import HumanArm, MarkerFrame
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
-_TOPICS = ("/trial", "/person", "/avatar")
+_TOPICS = ("/trial", "/person", "/avatar", "/tick")
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class RecordedMotion:
     """Of a trial with T ticks.
 
     Attributes:
-        times_ns: (T,) from its first tick on.
+        times_ns: (T,) from its first tick on, by the clock of the frames' stamps.
         poses: that the avatar showed.
         people: the person in each.
     """
@@ -55,14 +55,14 @@ def recorded_motion(path: Path, title: str) -> RecordedMotion:
     if span is None:
         raise HighFiveError(f"{path} has no trial {title}")
     messages = session.read(span, _TOPICS)
-    people = {message.time_ns: message.data for message in messages.of("/person")}
-    ticks = [message for message in messages.of("/avatar") if message.time_ns in people]
+    people, times = ({one.time_ns: one.data for one in messages.of(topic)} for topic in ("/person", "/tick"))
+    ticks = [message for message in messages.of("/avatar") if message.time_ns in people and message.time_ns in times]
     if len(ticks) < 2:
         raise HighFiveError(f"trial {title} in {path} is damaged: {len(ticks)} of its ticks can be read")
-    times = np.array([tick.time_ns for tick in ticks], dtype=np.int64)
     try:
+        stamps = np.array([times[tick.time_ns]["time_ns"] for tick in ticks], dtype=np.int64)
         return RecordedMotion(
-            times - times[0],
+            stamps - stamps[0],
             tuple(
                 Pose.from_quaternions(np.array(tick.data["root"]), np.array(tick.data["quaternions"])) for tick in ticks
             ),

@@ -165,14 +165,13 @@ def _answered(run: _Run, weights: Mapping[str, float], cue_ns: int | None, playe
     if run.desk.breaks_off:
         raise TrialBrokenOffError("broken off by the experimenter")
     return Outcome(
-        weights=weights, answer=sheet.answer, key=sheet.key, cue_ns=cue_ns,
-        rt_s=_seconds(sheet.opened_ns, sheet.answer_ns), rt_contact_s=_seconds(played.contact_ns, sheet.answer_ns),
-        certainty=sheet.values.get(CERTAINTY),
+        weights=weights, answer=sheet.answer, key=sheet.key, rt_s=_seconds(sheet.opened_ns, sheet.answer_ns),
+        rt_contact_s=_seconds(played.contact_ns, sheet.answer_ns), certainty=sheet.values.get(CERTAINTY),
         ratings={name: value for name, value in sheet.values.items() if name != CERTAINTY},
-        peak_speed=played.peak_speed, contact_ns=played.contact_ns, answer_ns=sheet.answer_ns,
-        ended_ns=played.ended_ns, source_ns=played.source_ns, arrival_ns=played.arrival_ns, tick_ns=played.tick_ns,
-        shown_ns=played.shown_ns, frame=played.frame, recording=played.recording,
-        excluded_why=why_excluded(sheet),
+        peak_speed=played.peak_speed, cue_ns=cue_ns, contact_ns=played.contact_ns, ended_ns=played.ended_ns,
+        asked_ns=sheet.opened_ns, answer_ns=sheet.answer_ns, source_ns=played.source_ns,
+        arrival_ns=played.arrival_ns, tick_ns=played.tick_ns, shown_ns=played.shown_ns, frame=played.frame,
+        recording=played.recording, excluded_why=why_excluded(sheet),
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, runtime_checkable
 from typing import Protocol as Interface
 
 from highfive.hil.experiments.question import ANSWER, DONE, RATE, Sheet, heard, timed_out
@@ -15,6 +15,7 @@ LOOK_NS = 10_000_000
 """So often it is looked at what the page says while nothing is played, ns: what an answer says of its time counts."""
 
 
+@runtime_checkable
 class Said(Interface):
     """What somebody before a page, or at the terminal, asks for."""
 
@@ -29,6 +30,7 @@ class Said(Interface):
         ...
 
 
+@runtime_checkable
 class Page(Interface):
     """What a run needs of the page: ``highfive.hil.view.live_page.LivePage`` has it."""
 

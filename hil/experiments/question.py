@@ -44,7 +44,7 @@ class Sheet:
 
     Attributes:
         question: what is asked.
-        opened_ns: when the motion was over, by the session's clock.
+        opened_ns: when it was asked, by the session's clock: after the motion.
         answer, key, answer_ns: given; empty and None as long as none is.
         values: slider -> where it stands, 0 to 1 or 1 to its points.
         done: all is said.

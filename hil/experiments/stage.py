@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol as Interface
+from typing import runtime_checkable
 
 from highfive.hil.experiments.plan import PlannedTrial
 from highfive.hil.experiments.trial_row import TrialRow
@@ -68,6 +69,7 @@ class Played:
     recording: str = ""
 
 
+@runtime_checkable
 class Stage(Interface):
     """Plays trials."""
 

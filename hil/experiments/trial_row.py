@@ -17,11 +17,12 @@ class Outcome:
     Attributes:
         weights: emotion -> share, that were shown.
         answer, key: given; empty where none was.
-        rt_s, rt_contact_s: from the end of the motion, and from contact, to the answer.
+        rt_s, rt_contact_s: from the opening of the question, which is right after the motion, and from contact, to the
+            answer.
         certainty: 0 to 1.
         ratings: name -> value.
         peak_speed: of the person's palm, m/s: the avatar's follows it, whatever the style.
-        cue_ns, contact_ns, ended_ns, answer_ns: when they were; the motion ended, and the question opened.
+        cue_ns, contact_ns, ended_ns, asked_ns, answer_ns: when they were: the motion ended, the question opened.
         source_ns, arrival_ns, tick_ns, shown_ns: of the frame in which palms met (or the motion ended): by the source's
             own clock, as it came, as it was answered, as that was shown.
         frame: its number.
@@ -42,6 +43,7 @@ class Outcome:
     cue_ns: int | None = None
     contact_ns: int | None = None
     ended_ns: int | None = None
+    asked_ns: int | None = None
     answer_ns: int | None = None
     source_ns: int | None = None
     arrival_ns: int | None = None

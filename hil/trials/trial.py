@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import C3DSource
 
 
+@runtime_checkable
 class Chain(Protocol):
     """What makes ticks of inputs: a :class:`~highfive.hil.session.session.Session`, or what shows one again."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -35,6 +35,7 @@ STATES_EVERY = 6
 _PAUSED_NS = 50_000_000
 
 
+@runtime_checkable
 class ShowingPage(Protocol):
     """What a session needs of the page: a :class:`~highfive.hil.view.live_page.LivePage` has it."""
 

@@ -61,7 +61,7 @@ class Participant {
     this.now = now;
     if (!this.about) return;
     if (now.phase === "cue" && came && this.own) tone();
-    const content = (this[now.phase] || (() => []))  .call(this, now);
+    const content = (this[now.phase] || (() => [])).call(this, now);
     this.element.replaceChildren(...content);
     this.element.className = `participant ${now.phase}`;
     this.element.hidden = !content.length;
@@ -117,7 +117,7 @@ class Experimenter {
     this.pause = made("button", { textContent: "Pause", onclick: () => connection.command("pause", !this.now?.paused) });
     this.stop = made("button", { textContent: "Stop", onclick: () => this.sure() && connection.command("stop") });
     this.element = made("section", { className: "experimenter" }, this.lines,
-      made("div", { className: "row" }, this.pause, made("button", { textContent: "Break off", onclick: ask("break_off") }), made("button", { textContent: "Go on", onclick: ask("ready") }), this.stop),
+      made("div", { className: "row" }, this.pause, made("button", { textContent: "Break off", onclick: ask("break_off") }), made("button", { textContent: "Begin", title: "the block, for the participant", onclick: ask("ready") }), this.stop),
       this.note);
   }
 
@@ -132,7 +132,7 @@ class Experimenter {
     const seen = now.trial ? now : now.next || {};
     const what = seen.weights ? Object.entries(seen.weights).filter(([, share]) => share > 0).map(([name, share]) => (share > 0.995 ? name : `${name} ${share.toFixed(2)}`)).join(" + ") : seen.style;
     const last = now.last;
-    this.lines.replaceChildren(
+    this.lines.replaceChildren(...[
       made("h2", { textContent: `${this.about?.participant || ""} · trial ${Math.min(done + 1, all)} of ${all}` }),
       made("ol", { className: "blocks" }, ...(now.blocks || []).map((block) => {
         const bar = made("i");
@@ -143,9 +143,11 @@ class Experimenter {
       now.asks ? made("p", { className: "asks", textContent: now.asks === "rate" ? `answered ${now.answer}; the sliders are asked` : "the answer is asked" }) : null,
       last ? made("p", { className: "last", textContent: `last ${last.trial}: ${last.answer || "–"}${last.expected ? (last.answer === last.expected ? " ✓" : ` (was ${last.expected})`) : ""}${last.rt_s ? `, ${last.rt_s.toFixed(2)} s` : ""}${last.why ? `, ${last.why}` : ""}` }) : null,
       now.message ? made("p", { className: "message", textContent: now.message }) : null,
-    );
+    ].filter(Boolean));
   }
 }
+
+const hearNothing = () => {};  // texts come through hear() below, also those of before the panels were there
 
 /** Puts what this page is for into its places. */
 export function openExperiment(connection, addPanel) {
@@ -155,13 +157,13 @@ export function openExperiment(connection, addPanel) {
   const sheet = made("link", { rel: "stylesheet", href: "experiment.css" });
   document.head.append(sheet);
   if (own) document.body.append(participant.element);
-  else addPanel(participant.element, "participant", () => {});
+  else addPanel(participant.element, "participant", hearNothing);
   const experimenter = own ? null : new Experimenter(connection);
   const hear = {
     experiment(text) { participant.begin(text); experimenter?.begin(text); },
     participant(text) { participant.show(text); },
     experimenter(text) { experimenter?.show(text); },
   };
-  if (experimenter) addPanel(experimenter.element, "experimenter", () => {});
+  if (experimenter) addPanel(experimenter.element, "experimenter", hearNothing);
   return { participant, experimenter, hear(text) { hear[text.kind]?.(text); } };
 }

@@ -21,6 +21,7 @@ def experiment() -> None:
 
 @app.command()
 def analyse(
+    study: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder of a study.")] = None,
     counts: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Right answers: participant,condition,correct,n.")
     ] = None,
@@ -38,7 +39,7 @@ def analyse(
     """Tell whether interaction helps to see emotions: the source study's table, and calibrated estimates beside it."""
     from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis  # noqa: PLC0415
 
-    print_result(analyse(AnalyseOptions(counts, trials, emotions, out, overwrite)), json, print_analysis)
+    print_result(analyse(AnalyseOptions(counts, trials, emotions, out, overwrite, study)), json, print_analysis)
 
 
 @app.command()
@@ -121,17 +122,18 @@ def run(
 ) -> None:
     """Take one participant through the plan, every answer on the disk before the next trial begins."""
     from highfive.hil.commands import experiment_run as command  # noqa: PLC0415
+    from highfive.hil.commands.experiment_options import RunOptions  # noqa: PLC0415
 
     chain = None
     if not no_avatar:
+        from highfive.hil.commands.simulate import which_model  # noqa: PLC0415
         from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions  # noqa: PLC0415
-        from highfive.model import DEFAULT_MODEL  # noqa: PLC0415
 
         chain = SimulateOptions(
-            source=source, human=person, marker_set=marker_set, model=DEFAULT_MODEL if model is None else Path(model),
+            source=source, human=person, marker_set=marker_set, model=which_model(model),
             seed=seed, place=place, latency_ms=latency, view=PageOptions(port, not no_open, https),
         )  # fmt: skip
-    options = command.RunOptions(
+    options = RunOptions(
         study, participant, session, resume, consent, language, simulate_participant, no_avatar, typed, chain
     )
     try:

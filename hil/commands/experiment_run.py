@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import logging
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from highfive.hil.commands.experiment_options import RunOptions
 from highfive.hil.commands.simulated_participant import PageInProcess
 from highfive.hil.experiments.conduct import Conducted, conduct
 from highfive.hil.experiments.desk import Desk
@@ -24,40 +24,10 @@ from highfive.hil.trials.summary import versions
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
-    from highfive.hil.commands.simulate_options import SimulateOptions
     from highfive.hil.trials.live_wiring import LiveWiring
 
 DRY_LOOK_NS = 100_000_000
 """Without an avatar the page is looked at so often, ns of virtual time: what an answer says of its time counts."""
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """Who takes part, and how.
-
-    Attributes:
-        study: its folder.
-        participant: her code.
-        session: which of hers, from 1.
-        resume: go on with a session that has begun; else it is asked, where somebody is there to be asked.
-        consent: version of the form that she signed; None asks.
-        language: of the instructions; None for English, or the only one.
-        simulated: file of a simulated participant; None for a real one.
-        dry: no avatar, in virtual time.
-        typed: answers and commands are typed at this terminal, too.
-        chain: source, model and page, as of ``simulate``; its view is where the pages are.
-    """
-
-    study: Path
-    participant: str
-    session: int = 1
-    resume: bool = False
-    consent: str | None = None
-    language: str | None = None
-    simulated: Path | None = None
-    dry: bool = False
-    typed: bool = False
-    chain: SimulateOptions | None = None
 
 
 def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict[str, Any]:

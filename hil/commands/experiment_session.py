@@ -7,6 +7,7 @@ import sys
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from highfive.hil.commands.experiment_options import RunOptions
 from highfive.hil.commands.experiment_stage import AvatarStage, stage_of
 from highfive.hil.commands.headset_session import headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import sees_webcam
@@ -36,7 +37,6 @@ from highfive.mocap_bridge.tracking.filter_settings import HEADSET
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
-    from highfive.hil.commands.experiment_run import RunOptions
     from highfive.hil.trials.live_partner import LivePerson
     from highfive.hil.trials.live_wiring import LiveWiring
     from highfive.hil.view.live_page import LivePage

@@ -262,7 +262,7 @@ def source_row(study: Path, log: TrialLog, name: str) -> TrialRow:
     if not own:
         rows = log.content.standing
     else:
-        paths = sorted(participant_folder(study, code).glob(f"session-*/{LOG}"), key=_session_number)
+        paths = sorted(participant_folder(study, code).glob(f"session-*/{LOG}"), key=session_number)
         rows = [row for path in paths for row in read_log(_whole(path), str(path)).standing]
     found = [row for row in rows if row.trial == trial and not row.broken_off]
     if not found:
@@ -270,7 +270,8 @@ def source_row(study: Path, log: TrialLog, name: str) -> TrialRow:
     return found[-1]
 
 
-def _session_number(log: Path) -> int:
+def session_number(log: Path) -> int:
+    """Of the session that a log is of."""
     return int(log.parent.name.rpartition("-")[2])
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from helpers.experiments import study, written
 
-from highfive.hil.commands.experiment_run import RunOptions, run
+from highfive.hil.commands.experiment_options import RunOptions
+from highfive.hil.commands.experiment_run import run
 from highfive.hil.commands.shown_again import RecordedMotion, recorded_motion
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
 from highfive.hil.commands.typed_commands import command_of

@@ -87,12 +87,12 @@ def test_a_killed_run_is_resumed_with_nothing_lost_and_two_at_once_are_refused(t
         process = subprocess.Popen([*command, *resume], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         while process.poll() is None and (log.stat().st_size if log.is_file() else 0) <= before:
             time.sleep(0.01)
-        time.sleep(float(rng.uniform(0.0, 0.25)))
-        if killed == 0 and process.poll() is None:  # somebody else begins while it runs
+        if killed == 0:  # somebody else begins while it runs, which is from its first line on
             os.kill(process.pid, signal.SIGSTOP)
             with pytest.raises(HighFiveError, match="another run is writing"):
                 run(options(folder, observer, resume=True), no_bar)
             os.kill(process.pid, signal.SIGCONT)
+        time.sleep(float(rng.uniform(0.0, 0.15)))
         process.kill()
         process.communicate()
         killed += 1

@@ -56,7 +56,8 @@ ALLOWED: dict[str, set[str]] = {
     "hil.trials": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.datasets", "calibration"},
     "hil.recording": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials"},
     "hil.recording.exports": MODEL | BRIDGE | SIM | {"hil.recording"},
-    "hil.experiments": ERRORS | {"hil.runtime", "hil.sim.people.emotions", "hil.sim.people.grid"},
+    "hil.experiments": ERRORS
+    | {"hil.runtime", "hil.sim.people.emotions", "hil.sim.people.grid", "hil.experiments.analysis"},
     "hil.publish": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials", "hil.recording"},
     "hil.experiments.analysis": MODEL,
     "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},

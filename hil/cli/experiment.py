@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import Json, Overwrite
+from highfive.hil.cli.options import Https, Interrupted, Json, NoOpen, Overwrite, Port, Seed
 from highfive.hil.runtime.console import print_result, progress_bars
 from highfive.model.errors import HighFiveError
 
@@ -21,6 +21,7 @@ def experiment() -> None:
 
 @app.command()
 def analyse(
+    study: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder of a study.")] = None,
     counts: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Right answers: participant,condition,correct,n.")
     ] = None,
@@ -38,7 +39,7 @@ def analyse(
     """Tell whether interaction helps to see emotions: the source study's table, and calibrated estimates beside it."""
     from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis  # noqa: PLC0415
 
-    print_result(analyse(AnalyseOptions(counts, trials, emotions, out, overwrite)), json, print_analysis)
+    print_result(analyse(AnalyseOptions(counts, trials, emotions, out, overwrite, study)), json, print_analysis)
 
 
 @app.command()
@@ -75,6 +76,72 @@ def plan(
     with progress_bars() as bar:
         result = command.plan(options, bar)
     print_result(result, json, command.print_plan)
+
+
+@app.command()
+def run(
+    study: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")],
+    participant: Annotated[str, typer.Option(metavar="CODE", help="Who takes part, such as P07.")],
+    session: Annotated[int, typer.Option(min=1, max=999, help="Which of her sessions.")] = 1,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a session that has begun (default: it is asked).")
+    ] = False,
+    consent: Annotated[
+        str | None, typer.Option(metavar="VERSION", help="Consent form that she signed (default: it is asked).")
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(help="An address such as vicon://host, headset, or webcam (default: a simulated person moves)."),
+    ] = None,
+    marker_set: Annotated[str | None, typer.Option(help="The person's marker set: a name or a TOML file.")] = None,
+    person: Annotated[
+        str | None, typer.Option("--person", "--human", help="Prefix of the person's markers, such as A or human.")
+    ] = None,
+    model: Annotated[str | None, typer.Option(metavar="FILE", help="Model file (default: the shipped one).")] = None,
+    place: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session.")
+    ] = None,
+    latency: Annotated[float, typer.Option(help="What cameras, network and screen take, ms; made up for.")] = 0.0,
+    seed: Seed = 0,
+    language: Annotated[
+        str | None, typer.Option(metavar="LANG", help="Of the instructions, such as de (default: en, or the only one).")
+    ] = None,
+    typed: Annotated[
+        bool, typer.Option("--typed", help="Answers and commands are typed at this terminal, too; ? shows which.")
+    ] = False,
+    simulate_participant: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="A simulated participant answers; rows are marked.")
+    ] = None,
+    no_avatar: Annotated[
+        bool, typer.Option("--no-avatar", help="With --simulate-participant: the log alone, as fast as it goes.")
+    ] = False,
+    port: Port = None,
+    no_open: NoOpen = False,
+    https: Https = False,
+    json: Json = False,
+) -> None:
+    """Take one participant through the plan, every answer on the disk before the next trial begins."""
+    from highfive.hil.commands import experiment_run as command  # noqa: PLC0415
+    from highfive.hil.commands.experiment_options import RunOptions  # noqa: PLC0415
+
+    chain = None
+    if not no_avatar:
+        from highfive.hil.commands.simulate import which_model  # noqa: PLC0415
+        from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions  # noqa: PLC0415
+
+        chain = SimulateOptions(
+            source=source, human=person, marker_set=marker_set, model=which_model(model),
+            seed=seed, place=place, latency_ms=latency, view=PageOptions(port, not no_open, https),
+        )  # fmt: skip
+    options = RunOptions(
+        study, participant, session, resume, consent, language, simulate_participant, no_avatar, typed, chain
+    )
+    try:
+        with progress_bars() as bar:
+            result = command.run(options, bar)
+    except KeyboardInterrupt:
+        raise Interrupted("; every trial that was over is in the log: go on with --resume") from None
+    print_result(result, json, command.print_run)
 
 
 @app.command()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,18 @@ from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts, r
 from highfive.hil.experiments.analysis.hierarchical import Effects, logit_differences, over_people
 from highfive.hil.experiments.analysis.psychometric import Psychometric, pooled_log_jnd, pooled_pse, pse_shift
 from highfive.hil.experiments.analysis.source_table import EMOTIONS, WARNING, SourceTable, source_table
+from highfive.hil.experiments.analysis.times import by_condition
+from highfive.hil.experiments.study_rows import answers_of, study_rows, tidy_rows
+from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.runtime.folders import results_folder
 from highfive.model.errors import HighFiveError
+from highfive.model.files import write_whole
 
 OVERALL = "overall"
 """The table's last row, which is nobody's."""
+ALL_TRIALS = "all_trials.csv"
+"""In the results of a study: a row a trial, in all columns of the logs."""
+SIMULATED = "The source study's table is of people: simulated participants are refused."
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,7 @@ class AnalyseOptions:
     """What to analyse.
 
     Attributes:
+        study: folder of a study, whose logs are read; or
         counts: file with the columns ``participant,condition,correct,n``; or
         trials: one with ``participant,condition,emotion,answer`` and, of morphs, ``weight``.
         emotions: answers to choose from; None for as many as occur in the trials, or the source study's three.
@@ -38,6 +47,7 @@ class AnalyseOptions:
     emotions: int | None = None
     out: Path | None = None
     overwrite: bool = False
+    study: Path | None = None
 
 
 def analyse(options: AnalyseOptions) -> dict[str, Any]:
@@ -48,17 +58,61 @@ def analyse(options: AnalyseOptions) -> dict[str, Any]:
     """
     if options.counts is not None and options.trials is not None:
         raise HighFiveError("--counts and --trials are two ways to give the same answers; give one of them")
-    if options.counts is None and options.trials is None:
-        raise HighFiveError("nothing to analyse; give --counts FILE.csv with participant,condition,correct,n")
+    if options.study is not None and (options.counts is not None or options.trials is not None):
+        raise HighFiveError(f"{options.study} has its own answers; leave out --counts and --trials, or the folder")
+    if options.counts is None and options.trials is None and options.study is None:
+        raise HighFiveError(
+            "nothing to analyse; give a study's folder, or --counts FILE.csv with participant,condition,correct,n"
+        )
     if options.out is None:
-        return _study(options, *_read(options))
+        return _of_study(options.study, options)[0] if options.study else _study(options, *_read(options))
     with results_folder(options.out, options.overwrite):
-        people, answers = _read(options)
-        result = _study(options, people, answers)
+        if options.study is not None:
+            result, people, answers = _of_study(options.study, options)
+        else:
+            people, answers = _read(options)
+            result = _study(options, people, answers)
         from highfive.hil.report.experiment_report import write_experiment  # noqa: PLC0415 (draws, which takes a second)
 
         result["page"] = str(write_experiment(options.out, result, people, answers))
     return result
+
+
+def _of_study(study: Path, options: AnalyseOptions) -> tuple[dict[str, Any], Sequence[PersonCounts], Sequence[Answer]]:
+    """The figures of a study's folder, and what they are of."""
+    found = study_rows(study)
+    answers = answers_of(found)
+    people = counts_of(answers, str(study)) if answers else []
+    result = _study(replace(options, emotions=options.emotions or len(found.protocol.labels)), people, answers)
+    result["source"] = str(study)
+    if found.simulated and "table" in result:
+        result["table_refused"] = SIMULATED
+        result["table"] = None
+        del result["overall_warning"]
+    result |= {"hierarchical": result.get("hierarchical"), "psychometric": result.get("psychometric")}
+    result["table"] = result.get("table")
+    result["timing"] = by_condition(_times(found.counted))
+    result["excluded"] = [asdict(one) for one in found.excluded]
+    result["simulated"] = found.simulated
+    result["software"] = list(found.software)
+    result["trials"] = {"all": len(found.rows), "counted": len(found.counted)}
+    if options.out is not None:
+        write_whole(options.out / ALL_TRIALS, tidy_rows(found.rows, found.excluded))
+    return result, people, answers
+
+
+def _times(rows: Sequence[TrialRow]) -> dict[str, list[tuple[str, float | None]]]:
+    """Times of each trial, s, and the person's peak speed, m/s, with its condition."""
+
+    def after_cue(row: TrialRow) -> float | None:
+        return None if row.contact_ns is None or row.cue_ns is None else 1e-9 * (row.contact_ns - row.cue_ns)
+
+    return {
+        "reaction_s": [(row.condition, row.rt_s) for row in rows],
+        "reaction_from_contact_s": [(row.condition, row.rt_contact_s) for row in rows],
+        "contact_after_cue_s": [(row.condition, after_cue(row)) for row in rows],
+        "peak_speed": [(row.condition, row.peak_speed) for row in rows],
+    }
 
 
 def _read(options: AnalyseOptions) -> tuple[Sequence[PersonCounts], Sequence[Answer]]:
@@ -108,21 +162,50 @@ def recognition(people: Sequence[PersonCounts], emotions: int) -> dict[str, Any]
 
 def print_analysis(result: dict[str, Any]) -> None:
     """The same for people."""
-    if "table" in result:
+    if result.get("hierarchical") is not None:
         _print_recognition(result)
     for condition, found in result.get("confusion", {}).items():
         rates = ", ".join(f"{name} {rate['mean']:.2f}" for name, rate in found["emotions"].items())
         print(f"{condition}: {rates}; {found['mutual_information']:.2f} bits (blind: {found['chance_bits']:.2f})")
-    for condition, found in result.get("psychometric", {}).get("conditions", {}).items():
+    for condition, found in (result.get("psychometric") or {}).get("conditions", {}).items():
         for person, one in found["people"].items():
             low, high = one["pse"]["interval"]
             print(f"{condition} {person}: PSE {one['pse']['value']:.3f} ({low:.3f} to {high:.3f}), "
                   f"JND {one['jnd']['value']:.3f}")  # fmt: skip
+    if "timing" in result:
+        _print_study(result)
     if "page" in result:
         print(f"Open {result['page']}")
 
 
+def _print_study(result: dict[str, Any]) -> None:
+    for condition, times in result["timing"].items():
+        reaction, contact = times["reaction_s"], times["contact_after_cue_s"]
+        met = "" if contact["median"] is None else f", contact {contact['median']:.2f} s after the cue"
+        print(f"{condition}: {reaction['n']} answers, median reaction {reaction['median'] or 0.0:.2f} s{met}")
+    why = Counter(one["why"] for one in result["excluded"])
+    for reason, count in why.most_common():
+        print(f"not counted: {count} of {result['trials']['all']} trials: {reason}")
+    if len(result["software"]) > 1:
+        print(f"versions are mixed: {', '.join(result['software'])}")
+    if result["simulated"]:
+        print("All of it is of simulated participants.")
+
+
 def _print_recognition(result: dict[str, Any]) -> None:
+    if result["table"] is None:
+        print(result["table_refused"])
+    else:
+        _print_table(result)
+    found = result["hierarchical"]
+    low, high = found["interval"]
+    print(
+        f"Calibrated: interactive − replay is {found['mean']:+.2f} logit ({found['level']:.0%} interval {low:+.2f} to "
+        f"{high:+.2f}), P that it is above 0: {found['p_positive']:.3f}; between people {found['between']:.2f}"
+    )
+
+
+def _print_table(result: dict[str, Any]) -> None:
     print("Table 1 of the source study, by its own rules (mean ± SE of the rate; P that it is higher in interaction):")
     print(f"  {'':12}{'interactive':>15}{'replay':>15}{'P':>7}")
     for name, row in result["table"].items():
@@ -131,12 +214,6 @@ def _print_recognition(result: dict[str, Any]) -> None:
             print(f"  {name:12}{rates}{row['p_interactive_higher']:>7.3f}")
     print(f"  {'overall P':12}{'':30}{result['table'][OVERALL]:>7.3f}")
     print(f"  {result['overall_warning']}")
-    found = result["hierarchical"]
-    low, high = found["interval"]
-    print(
-        f"Calibrated: interactive − replay is {found['mean']:+.2f} logit ({found['level']:.0%} interval {low:+.2f} to "
-        f"{high:+.2f}), P that it is above 0: {found['p_positive']:.3f}; between people {found['between']:.2f}"
-    )
 
 
 def _table(table: SourceTable) -> dict[str, Any]:

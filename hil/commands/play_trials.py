@@ -105,7 +105,7 @@ def play(
                     programme.begin(partner, style)
                     paced = recorder.paced or person is not None or watch is not None or view is not None
                     head = TrialHead(number, partner, called, style, session.corrects, paced)
-                    kept = _Kept(recorder, head, watch, session, replay)
+                    kept = Kept(recorder, head, watch, session, replay)
                     result, trouble = _trial(
                         number, partner, called, session, playout, person, watch, view, drift, kept, replay
                     )
@@ -155,7 +155,7 @@ def _nothing_yet() -> ArmResults:
     return ArmResults()
 
 
-class _Kept:
+class Kept:
     """A high five on its way into the recording, tick by tick."""
 
     def __init__(
@@ -259,7 +259,7 @@ def _trial(
     watch: ArmWatch | None,
     view: SessionView | None,
     drift: DriftWatch | None,
-    kept: _Kept,
+    kept: Kept,
     replay: Replay | None,
 ) -> tuple[TrialResult | None, str]:
     """A trial, or None and why it was broken off."""

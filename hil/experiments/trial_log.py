@@ -106,6 +106,11 @@ class TrialLog:
         """The trial that is to be asked next; None once there is none."""
         return log_content.next_trial(self.plan, self._content, self._missing)
 
+    @property
+    def ask(self) -> int:
+        """The how manieth trial of the session the last one that began is, from 1; 0 before the first."""
+        return self._ask
+
     def begin(self) -> PlannedTrial | None:
         """The next trial begins: from now on it was asked, whatever happens. None once there is none.
 
@@ -245,6 +250,29 @@ def read_session(study: Path, code: str, session: int) -> LogContent:
     if not path.is_file():
         raise HighFiveError(f"{code} has no session {session} in {study}")
     return read_log(_whole(path), str(path))
+
+
+def source_row(study: Path, log: TrialLog, name: str) -> TrialRow:
+    """The row of a trial that is shown again: of her own session, or of another's newest one (``P03:I1-07``).
+
+    Raises:
+        HighFiveError: there is none.
+    """
+    code, own, trial = name.rpartition(":")
+    if not own:
+        rows = log.content.standing
+    else:
+        paths = sorted(participant_folder(study, code).glob(f"session-*/{LOG}"), key=session_number)
+        rows = [row for path in paths for row in read_log(_whole(path), str(path)).standing]
+    found = [row for row in rows if row.trial == trial and not row.broken_off]
+    if not found:
+        raise HighFiveError(f"trial {name} is to be shown again, and is in no log; has its participant been deleted?")
+    return found[-1]
+
+
+def session_number(log: Path) -> int:
+    """Of the session that a log is of."""
+    return int(log.parent.name.rpartition("-")[2])
 
 
 def missing_sources(study: Path, plan: Plan) -> frozenset[str]:

@@ -17,14 +17,16 @@ class Outcome:
     Attributes:
         weights: emotion -> share, that were shown.
         answer, key: given; empty where none was.
-        rt_s, rt_contact_s: from the end of the motion, and from contact, to the answer.
+        rt_s, rt_contact_s: from the opening of the question, which is right after the motion, and from contact, to the
+            answer.
         certainty: 0 to 1.
         ratings: name -> value.
         peak_speed: of the person's palm, m/s: the avatar's follows it, whatever the style.
-        cue_ns, contact_ns, answer_ns: when they were.
+        cue_ns, contact_ns, ended_ns, asked_ns, answer_ns: when they were: the motion ended, the question opened.
         source_ns, arrival_ns, tick_ns, shown_ns: of the frame in which palms met (or the motion ended): by the source's
             own clock, as it came, as it was answered, as that was shown.
         frame: its number.
+        recording: file beside the log that holds its motion; empty where there is none.
         notes: the experimenter's.
         broken_off: why; empty where it was not.
         excluded_why: why it does not count, such as an answer after the limit; empty where it does.
@@ -40,12 +42,15 @@ class Outcome:
     peak_speed: float | None = None
     cue_ns: int | None = None
     contact_ns: int | None = None
+    ended_ns: int | None = None
+    asked_ns: int | None = None
     answer_ns: int | None = None
     source_ns: int | None = None
     arrival_ns: int | None = None
     tick_ns: int | None = None
     shown_ns: int | None = None
     frame: int | None = None
+    recording: str = ""
     notes: str = ""
     broken_off: str = ""
     excluded_why: str = ""

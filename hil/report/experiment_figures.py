@@ -20,7 +20,7 @@ _LOOKS = {"interactive": ("#0072B2", "o"), "replay": ("#D55E00", "s")}
 
 def rates(result: dict[str, Any]) -> Drawing | None:
     """Each person's classification rate in both conditions, with its standard error."""
-    people = {name: row for name, row in result.get("table", {}).items() if isinstance(row, dict)}
+    people = {name: row for name, row in (result.get("table") or {}).items() if isinstance(row, dict)}
     if not people:
         return None
     figure = new_figure(max(4.5, min(9.0, 1.6 + 0.55 * len(people))), 3.0)

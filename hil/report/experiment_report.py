@@ -74,7 +74,9 @@ def _page(result: dict[str, Any], drawings: Sequence[Drawing], answers: Sequence
 
 
 def _source_table(result: dict[str, Any]) -> str:
-    if "table" not in result:
+    if result.get("table_refused"):
+        return f'<p class="warning">{escape(result["table_refused"])}</p>'
+    if not result.get("table"):
         return ""
     rows = [
         [
@@ -91,7 +93,7 @@ def _source_table(result: dict[str, Any]) -> str:
 
 
 def _hierarchical(result: dict[str, Any]) -> str:
-    if "hierarchical" not in result:
+    if not result.get("hierarchical"):
         return ""
     return _effects_table({"interactive − replay, logit": result["hierarchical"]}, signed=True)
 

@@ -79,6 +79,14 @@ def confirm(question: str) -> bool | None:
     return not sys.stdin.readline().strip().lower().startswith("n")
 
 
+def ask_line(question: str) -> str | None:
+    """What the user types; None where nobody is there to be asked."""
+    if not (sys.stdin is not None and sys.stdin.isatty() and STDERR.is_terminal):
+        return None
+    STDERR.print(f"{question}: ", end="", markup=False)
+    return sys.stdin.readline().strip()
+
+
 class _OnStandardError(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Shows the line, whole, above the progress bars."""

@@ -237,6 +237,7 @@ class LiveTrial:
         count: ticks so far.
         ahead_ms: by how much each was ahead of its frame, ms.
         trouble: why the trial ended early, '' if it did not: nothing has come for ``settings.gone`` s.
+        newest: the frame that the last tick began with, as its system sent it.
     """
 
     def __init__(
@@ -264,6 +265,7 @@ class LiveTrial:
         self.late = self.predicted = self.stale = self.count = 0
         self.ahead_ms: list[float] = []
         self.trouble, self._reached = "", False
+        self.newest: MarkerFrame | None = None
         self._time_ns = self._idle_since_ns = 0
         self._resets = sum(part.stamps.resets for part in source.parts)  # of the clocks of its systems
 
@@ -298,6 +300,7 @@ class LiveTrial:
                 seen_ns = min(self._source.captured(new), now) - self._late_ns
                 stamp = 0 if frame is None else stamp + self._elapsed(frame, new, seen_ns - captured)
                 frame, captured = new, seen_ns
+                self.newest = new
             elif frame is None:
                 return
             stale = now - frame.arrival_time_ns > self._patience_ns

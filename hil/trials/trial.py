@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from highfive.hil.runtime.interrupts import WholeTick, interrupted_between_ticks
 from highfive.hil.session.kinds import PEOPLE, POSES
-from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
+from highfive.hil.session.session import RATE_HZ, Tick, TickInput
 from highfive.hil.session.synchroniser import Synchroniser
 from highfive.hil.sim.playout import PlayOut, PlayState
 from highfive.hil.trials.judging import judged
@@ -19,10 +20,23 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.source import C3DSource
 
 
+@runtime_checkable
+class Chain(Protocol):
+    """What makes ticks of inputs: a :class:`~highfive.hil.session.session.Session`, or what shows one again."""
+
+    def reset(self) -> None:
+        """A new trial."""
+        ...
+
+    def step(self, frame: MarkerFrame | None, time_ns: int | None = None) -> Tick:
+        """One tick."""
+        ...
+
+
 def run_trial(
     number: int,
     partner: Partner,
-    session: Session,
+    session: Chain,
     playout: PlayOut,
     inputs: Iterable[TickInput] | None = None,
     watch: Callable[[Tick], None] = lambda tick: None,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-_MOST_NAMES, _LONGEST_NAME = 32, 64
+_MOST_NAMES, _LONGEST_NAME, _LONGEST_NOTE = 32, 64, 2000
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,28 @@ def _weights(value: Any) -> dict[str, float] | None:
     return known if len(known) == len(value) and sum(known.values()) > 1e-6 else None
 
 
+def _answer(value: Any) -> dict[str, Any] | None:
+    """Which key, or label, answers; ``at_ms``, where the page knows the host's time, when it was pressed."""
+    if not isinstance(value, dict) or not set(value) <= {"key", "at_ms"} or _name(value.get("key")) is None:
+        return None
+    at_ms = value.get("at_ms")
+    if at_ms is not None and (at_ms := _number(0.0, 1e15)(at_ms)) is None:
+        return None
+    return {"key": value["key"], "at_ms": at_ms}
+
+
+def _rating(value: Any) -> dict[str, Any] | None:
+    """Where a slider stands."""
+    if not isinstance(value, dict) or set(value) != {"name", "value"} or _name(value["name"]) is None:
+        return None
+    stands = _number(-1e3, 1e3)(value["value"])
+    return None if stands is None else {"name": value["name"], "value": stands}
+
+
+def _note(value: Any) -> str | None:
+    return value if isinstance(value, str) and 0 < len(value.strip()) <= _LONGEST_NOTE else None
+
+
 COMMANDS: dict[str, Callable[[Any], Any] | None] = {
     "style": _weights,
     "cell": _name,
@@ -72,8 +94,18 @@ COMMANDS: dict[str, Callable[[Any], Any] | None] = {
     "seek": _number(0.0, 1e6),
     "speed": _number(0.01, 4.0),
     "step": _whole(-1000, 1000),
+    "ready": None,
+    "answer": _answer,
+    "rate": _rating,
+    "done": None,
+    "note": _note,
+    "break_off": None,
+    "stop": None,
 }
 """Name → what checks its value, giving None for one that is wrong; None where there is no value."""
+
+OF_PARTICIPANTS = frozenset({"ready", "answer", "rate", "done", "estop"})
+"""What a participant's page may ask for, in an experiment; all else is the experimenter's."""
 
 
 def parse_command(text: str) -> Command | None:

@@ -18,6 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -29,7 +30,7 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.view.access import Access, address_of
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
-from highfive.hil.view.commands import parse_command
+from highfive.hil.view.commands import OF_PARTICIPANTS, parse_command
 from highfive.hil.view.mailbox import Mailbox
 from highfive.hil.view.page_shown import parse_shown
 from highfive.hil.view.pages import POLICY, TYPES, WEBCAM_POLICY, File, page_files, refusal
@@ -53,6 +54,10 @@ RELEASED_S = 2.0
 """A headset that sends nothing for so long, s, is no longer the one that is tracked."""
 TAKEN = "Another headset is tracked already: this one only shows."
 LIVE = "/live"
+KEPT = ("state", "contacts", "say", "experiment", "participant", "experimenter")
+"""Kinds of texts of which a new page is told the newest."""
+HIDDEN = ("state", "contacts", "contact", "streams", "experimenter")
+"""Kinds that a participant is not told: they say which style is shown."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,7 @@ class _Page:
     second: int = 0
     messages: int = 0
     refused: bool = False
+    blind: bool = False  # a participant's, in an experiment: it is not told what is shown
 
     def tell(self, text: str) -> None:
         """Queues a text; who has not taken so many is let go."""
@@ -182,10 +188,11 @@ class _Server:
             if kind == "close":
                 self._done.set()
                 return
-            if kind in ("state", "contacts", "say"):
+            if kind in KEPT:
                 self._kept[kind] = text
             for page in self._pages:
-                page.tell(text)
+                if not (page.blind and kind in HIDDEN):
+                    page.tell(text)
         if newest is not None:
             self._newest = newest
             for page in self._pages:
@@ -224,10 +231,12 @@ class _Server:
 
     async def _look_on(self, connection: ServerConnection) -> None:
         self._came += 1
-        page = _Page(connection, self._came)
+        query = "" if connection.request is None else urlsplit(connection.request.path).query
+        page = _Page(connection, self._came, blind=parse_qs(query).get("role") == ["participant"])
         page.tell(encode_text("hello", version=VERSION, credit=CREDIT, **self._options.about))
-        for text in self._kept.values():
-            page.tell(text)
+        for kind, text in self._kept.items():
+            if not (page.blind and kind in HIDDEN):
+                page.tell(text)
         self._pages.add(page)
         self._tell_count()
         sender = asyncio.create_task(self._send(page))
@@ -296,6 +305,8 @@ class _Server:
             return
         command = parse_command(message)
         if command is not None:
+            if page.blind and command.name not in OF_PARTICIPANTS:
+                return
             if command.name == "estop" and self._estop is not None:
                 self._estop.pull(Cause.PAGE)  # here and now: the host may be busy
             self._mailbox.put(encode_text("command", name=command.name, value=command.value))

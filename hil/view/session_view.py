@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import Command
 from highfive.hil.view.ellipsoid import ellipsoid
 from highfive.hil.view.interruption import Interruption
-from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.page_shown import PageShown
 from highfive.hil.view.wire import PoseMessage
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -36,6 +35,32 @@ STATES_EVERY = 6
 _PAUSED_NS = 50_000_000
 
 
+@runtime_checkable
+class ShowingPage(Protocol):
+    """What a session needs of the page: a :class:`~highfive.hil.view.live_page.LivePage` has it."""
+
+    @property
+    def alive(self) -> bool:
+        """The server is there."""
+        ...
+
+    def show(self, message: PoseMessage) -> None:
+        """Where everything is."""
+        ...
+
+    def tell(self, kind: str, **fields: Any) -> None:
+        """Something that must arrive, in order."""
+        ...
+
+    def commands(self) -> list[Command]:
+        """What was asked for since the last call."""
+        ...
+
+    def shown(self) -> list[PageShown]:
+        """What pages have shown since the last call."""
+        ...
+
+
 class SessionView:
     """The page of one session.
 
@@ -45,7 +70,7 @@ class SessionView:
     """
 
     def __init__(
-        self, page: LivePage, session: Session, playout: PlayOut, scene: Scene, *,
+        self, page: ShowingPage, session: Session, playout: PlayOut, scene: Scene, *,
         arm: Callable[[], tuple[Array, Array] | None] | None = None, clock: Clock = MACHINE,
         shown: Callable[[PageShown], None] = lambda picture: None, halted: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip

@@ -39,6 +39,7 @@ export class Controls {
   /** What keys do now; the emergency stop has a way of its own. */
   get keys() {
     const press = (name) => () => byId(name).click();
+    if (this.mode === "experiment") return {};
     return this.mode === "recording"
       ? { " ": press("play"), ArrowLeft: press("back"), ArrowRight: press("forth") }
       : { " ": press("pause"), n: press("next"), a: press("again") };
@@ -55,7 +56,7 @@ export class Controls {
   /** What can be asked here, from the first message. */
   begin(hello) {
     this.mode = hello.mode;
-    byId("controls").hidden = hello.mode === "recording";
+    byId("controls").hidden = hello.mode !== "session";
     byId("timeline").hidden = hello.mode !== "recording";
     byId("estop").hidden = !hello.arm;
     byId("cell-row").hidden = !(hello.cells || []).length;

@@ -94,6 +94,7 @@ const heard = {
     clear();
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     if (text.webcam) openWebcam();
+    if (text.mode === "experiment") openExperiment();
     motion.before = motion.newest = null;
     drawn.captured = 0;
     bars = [];
@@ -115,6 +116,7 @@ const heard = {
     contacts.set(bars);
     judgedAt = performance.now();
   },
+  experiment: (text) => ofExperiment(text), participant: (text) => ofExperiment(text), experimenter: (text) => ofExperiment(text),
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
   over(text) { notice([why, text.message].filter(Boolean).join("\n")); linkShown("calm", "over"); linked = "over"; connection.close(); controls.end(); spoken(""); webcam?.end(); },
@@ -156,6 +158,19 @@ async function openWebcam() {
   choose(button);
   webcam.claim();
 }
+
+let experiment = null, untold = [];
+/** Its panels; what is told before they are there waits. */
+async function openExperiment() {
+  if (experiment) return;
+  experiment = "opening";
+  const room = await import("./experiment.js");
+  experiment = window.highfive.experiment = room.openExperiment(connection, addPanel);
+  for (const text of untold.splice(0)) experiment.hear(text);
+  const view = byId("views").querySelector(`[data-view="${experiment.experimenter ? "orbit" : "person"}"]`);
+  if (view) choose(view);
+}
+const ofExperiment = (text) => { if (experiment?.hear) experiment.hear(text); else untold.push(text); };
 
 /** Panels of other rooms: a text of a kind that none of ours has goes to who asked for it. */
 const listeners = new Map();

@@ -1,0 +1,273 @@
+"""Plays an experiment's trials through the session's chain: source, tracker, model, scene, page, recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from highfive.hil.commands.play_trials import Kept
+from highfive.hil.commands.shown_again import RecordedMotion, ShownAgain, at_rest, for_as_long, recorded_motion
+from highfive.hil.experiments.desk import Desk
+from highfive.hil.experiments.protocol import Mode, Protocol
+from highfive.hil.experiments.stage import Asked, Played, RunFailedError, RunStoppedError, TrialBrokenOffError
+from highfive.hil.experiments.study import session_folder
+from highfive.hil.experiments.trial_row import TrialRow
+from highfive.hil.publish.outputs import SessionOutputs
+from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.recorder import SessionRecorder, TrialHead
+from highfive.hil.runtime.clock import Clock
+from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
+from highfive.hil.sim.people.emotions import EMOTIONS
+from highfive.hil.sim.playout import KinematicPlayOut, PlayState
+from highfive.hil.sim.scene import Scene
+from highfive.hil.trials.events import TrialEvents
+from highfive.hil.trials.live_partner import LivePerson, LiveTrial
+from highfive.hil.trials.partners import Partner, simulated_partner
+from highfive.hil.trials.summary import SessionSettings
+from highfive.hil.trials.trial import as_captured, run_trial, style_name
+from highfive.hil.view.commands import Command
+from highfive.hil.view.interruption import Interruption
+from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.page_shown import PageShown
+from highfive.hil.view.session_view import SessionView
+from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.model.errors import HighFiveError
+
+if TYPE_CHECKING:
+    from highfive.hil.view.wire import PoseMessage
+
+S = 1_000_000_000
+_MOST_SHOWN = 4096
+
+
+class StagePage:
+    """The page as a trial sees it: what is asked for there goes to the run's desk, and a trial hears of it by that."""
+
+    def __init__(self, page: LivePage, desk: Desk) -> None:
+        """Of a run."""
+        self._page, self._desk = page, desk
+
+    def show(self, message: PoseMessage) -> None:
+        """See :class:`LivePage`."""
+        self._page.show(message)
+
+    def tell(self, kind: str, **fields: object) -> None:
+        """See :class:`LivePage`."""
+        self._page.tell(kind, **fields)
+
+    def shown(self) -> list[PageShown]:
+        """See :class:`LivePage`."""
+        return self._page.shown()
+
+    @property
+    def alive(self) -> bool:
+        """See :class:`LivePage`."""
+        return self._page.alive
+
+    def commands(self) -> list[Command]:
+        """Whether the trial is to be broken off."""
+        self._page.commands()  # what a session's page may ask for has no place here
+        self._desk.look()
+        return [Command("next")] if self._desk.breaks_off else []
+
+
+@dataclass
+class _Witness:
+    """What is to be known of a trial, tick by tick."""
+
+    live: LiveTrial | None
+    acts: bool
+    peak_speed: float = 0.0
+    met: TickInput | None = None
+    last: TickInput | None = None
+    ended_ns: int = 0
+    own_stamp_ns: int | None = None  # by the source's own clock, of the frame in ``met`` or ``last``
+
+    def __post_init__(self) -> None:
+        self._events = TrialEvents()
+
+    def __call__(self, begins: TickInput, tick: Tick, state: PlayState) -> None:
+        """A tick that was played."""
+        self.ended_ns = begins.at_ns
+        person = tick.sighting.person if tick.sighting is not None else tick.person
+        if person.valid:
+            self.peak_speed = max(self.peak_speed, float(np.linalg.norm(person.palm.velocity)))
+        if self.met is not None:
+            return
+        if begins.frame is not None or self.last is None:
+            self.last = begins
+            newest = None if self.live is None else self.live.newest
+            self.own_stamp_ns = begins.frame.source_time_ns if newest is None and begins.frame is not None else (
+                None if newest is None else newest.source_time_ns
+            )  # fmt: skip
+        if "contact" in self._events(tick, state) and self.acts:
+            self.met = replace(begins, frame=begins.frame or (self.last.frame if self.last else None))
+
+
+class AvatarStage:
+    """One run's stage; closes its recording with :meth:`close`."""
+
+    def __init__(
+        self, session: Session, scene: Scene, page: LivePage, desk: Desk, person: LivePerson | None,
+        protocol: Protocol, folder: Path, settings: SessionSettings, clock: Clock,
+    ) -> None:  # fmt: skip
+        """Of a session that answers ``person``, or simulated people where there is none; records into ``folder``."""
+        self._session, self._person, self._protocol, self._clock = session, person, protocol, clock
+        self._desk, self._folder, self._settings = desk, folder, settings
+        self._playout = KinematicPlayOut(scene)
+        self._pictures: list[PageShown] = []
+        self._view = SessionView(
+            StagePage(page, desk), session, self._playout, scene, clock=clock, shown=self._picture
+        )  # fmt: skip
+        self._outputs: SessionOutputs | None = None
+        self._recorder: BackgroundRecorder | None = None
+        self._block, self._file = "", ""
+
+    def play(self, asked: Asked, cue: Callable[[], None]) -> Played:
+        """See :class:`highfive.hil.experiments.stage.Stage`."""
+        self._record_block(asked)
+        motion = None if asked.source is None else self._motion(asked.source)
+        partner = self._partner(asked, motion)
+        live = None if self._person is None else self._person.trial()
+        if live is not None and not live.begins():
+            raise RunFailedError(live.trouble)
+        self._session.set_style(asked.weights)
+        witness = _Witness(live, asked.trial.mode == Mode.INTERACTIVE.value)
+        try:
+            self._play(asked, partner, live, motion, witness, cue)
+        except Interruption:
+            self._record_event("trial_broken_off", trial=asked.ask - 1, detail="by the experimenter")
+            kind = RunStoppedError if self._desk.stopping else TrialBrokenOffError
+            raise kind("broken off by the experimenter") from None
+        except TrialBrokenOffError as late:
+            self._record_event("trial_broken_off", trial=asked.ask - 1, detail=str(late))
+            raise
+        if live is not None and live.trouble:
+            raise RunFailedError(live.trouble)
+        if self._recorder is not None and self._recorder.trouble:
+            raise RunFailedError(self._recorder.trouble)
+        return self._played(witness)
+
+    def close(self) -> None:
+        """No more trials."""
+        if self._outputs is not None:
+            self._outputs.record_event("session_end")
+            self._outputs.__exit__(None, None, None)
+            self._outputs = None
+
+    def _play(
+        self, asked: Asked, partner: Partner, live: LiveTrial | None, motion: RecordedMotion | None,
+        witness: _Witness, cue: Callable[[], None],
+    ) -> None:  # fmt: skip
+        trial = asked.trial
+        assert self._outputs is not None
+        chain: Session | ShownAgain = self._session
+        if motion is not None:
+            watches = trial.mode != Mode.NO_CONTINGENCY.value
+            chain = ShownAgain(
+                self._session, motion, recorded_head=watches and self._protocol.replay.viewpoint == "recorded",
+                recorded_arm=watches and self._protocol.replay.own_arm == "ghost",
+            )  # fmt: skip
+        head = TrialHead(
+            asked.ask - 1, partner, style_name(asked.weights), asked.weights, self._session.corrects, paced=True
+        )
+        kept = Kept(self._outputs, head, None, self._session, None)
+        self._view.begin(asked.ask - 1, asked.ask, trial.cell, asked.weights)
+        cue()
+        until_ns = self._clock.now() + round(S * self._protocol.timing.trial_s)
+
+        def keep(begins: TickInput, tick: Tick, state: PlayState, tick_ms: float) -> None:
+            kept(begins, tick, state, tick_ms)
+            witness(begins, tick, state)
+
+        def seen(tick: Tick) -> None:
+            if live is not None:
+                live.watch(tick)
+            self._view.watch(tick)
+            if self._clock.now() > until_ns:
+                raise TrialBrokenOffError(f"it took longer than {self._protocol.timing.trial_s:g} s")
+
+        inputs: Iterable[TickInput] = live or as_captured(self._view.in_time(C3DSource(partner.recording, RATE_HZ)))
+        inputs = inputs if motion is None else for_as_long(inputs, motion)
+        result = run_trial(asked.ask - 1, partner, chain, self._playout, self._view.inputs(inputs), seen, keep)
+        kept.end(replace(result, style=head.style))
+
+    def _motion(self, source: TrialRow) -> RecordedMotion:
+        """Of a trial that is shown again."""
+        folder = self._folder.parents[1] / source.participant / f"session-{source.session}"
+        try:
+            return recorded_motion(folder / source.recording, _title(source.trial, source.ask))
+        except HighFiveError as error:
+            raise TrialBrokenOffError(str(error)) from None
+
+    def _partner(self, asked: Asked, motion: RecordedMotion | None) -> Partner:
+        """Who raises the hand, or only watches."""
+        if self._person is not None:
+            partner = self._person.partner("")
+        else:
+            emotion, cell = next(iter(EMOTIONS)), asked.trial.cell or "B2"
+            partner = simulated_partner(emotion, cell, 0, np.random.default_rng([self._settings.seed, asked.ask]))
+            if motion is not None and asked.trial.mode != Mode.NO_CONTINGENCY.value:
+                partner = at_rest(partner, motion)
+        return replace(partner, title=_title(asked.trial.name, asked.ask), cell=asked.trial.cell)
+
+    def _played(self, witness: _Witness) -> Played:
+        at = witness.met or witness.last
+        frame = None if at is None else at.frame
+        shown = [one.shown.display_ns for one in self._pictures if at is not None and one.shown.pose_ns >= at.at_ns]
+        return Played(
+            ended_ns=witness.ended_ns, contact_ns=None if witness.met is None else witness.met.at_ns,
+            peak_speed=round(witness.peak_speed, 5), frame=None if frame is None else frame.number,
+            source_ns=witness.own_stamp_ns, arrival_ns=None if frame is None else frame.arrival_time_ns,
+            tick_ns=None if at is None else at.at_ns, shown_ns=min(shown, default=None), recording=self._file,
+        )  # fmt: skip
+
+    def _record_block(self, asked: Asked) -> None:
+        """A recording a block: one that is over is whole, whatever happens to those after it."""
+        self._pictures.clear()
+        if asked.trial.block == self._block and self._outputs is not None:
+            return
+        self.close()
+        self._block = asked.trial.block
+        number, name = 1, f"{self._block}.mcap"
+        while (self._folder / name).exists():
+            number += 1
+            name = f"{self._block}-{number}.mcap"
+        self._file = name
+        recorder = SessionRecorder(self._folder / name, self._settings, self._session.chain)
+        self._recorder = BackgroundRecorder(recorder, paced=True)
+        self._outputs = SessionOutputs(self._recorder, clock=self._clock)
+        self._outputs.record_event("session_start")
+        if self._person is not None:
+            self._outputs.streams.follow(self._person.source)
+
+    def _picture(self, told: PageShown) -> None:
+        if len(self._pictures) < _MOST_SHOWN:
+            self._pictures.append(told)
+        if self._outputs is not None:
+            self._outputs.record_shown(told.page, told.shown, told.bound_ns)
+
+    def _record_event(self, event: str, **about: Any) -> None:
+        if self._outputs is not None:
+            self._outputs.record_event(event, **about)
+
+
+def _title(trial: str, ask: int) -> str:
+    """By which a recording knows a trial."""
+    return f"{trial}, asked as {ask}"
+
+
+def stage_of(
+    session: Session, scene: Scene, page: LivePage, desk: Desk, person: LivePerson | None, protocol: Protocol,
+    study: Path, code: str, number: int, settings: SessionSettings, clock: Clock, stack: ExitStack,
+) -> AvatarStage:  # fmt: skip
+    """A run's stage, whose recording is closed with ``stack``."""
+    folder = session_folder(study, code, number)
+    stage = AvatarStage(session, scene, page, desk, person, protocol, folder, settings, clock)
+    stack.callback(stage.close)
+    return stage

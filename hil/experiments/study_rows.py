@@ -1,0 +1,144 @@
+"""All trials of a study, from the logs of its people, and which of them count."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from highfive.hil.experiments.analysis.answers import Answer
+from highfive.hil.experiments.balance import PRACTICE
+from highfive.hil.experiments.protocol import Mode, Protocol
+from highfive.hil.experiments.study import LOG, participant_folder, participants, study_protocol
+from highfive.hil.experiments.trial_log import read_session, session_number
+from highfive.hil.experiments.trial_row import COLUMNS, TrialRow
+from highfive.model.errors import HighFiveError
+
+CONDITIONS = {Mode.INTERACTIVE.value: "interactive", Mode.OWN_REPLAY.value: "replay"}
+"""Conditions of the comparison; another's replays and acting without contingency are other questions."""
+
+
+@dataclass(frozen=True)
+class Excluded:
+    """A trial that does not count."""
+
+    participant: str
+    session: int
+    trial: str
+    ask: int
+    why: str
+
+
+@dataclass(frozen=True)
+class StudyRows:
+    """A study's trials.
+
+    Attributes:
+        protocol: the experiment.
+        rows: all of them.
+        counted: those that are compared.
+        excluded: all others, with the reason.
+        simulated: those compared are of simulated participants.
+        software: versions that wrote them.
+    """
+
+    protocol: Protocol
+    rows: tuple[TrialRow, ...]
+    counted: tuple[TrialRow, ...]
+    excluded: tuple[Excluded, ...]
+    simulated: bool
+    software: tuple[str, ...]
+
+
+def study_rows(study: Path) -> StudyRows:
+    """All trials of a study. Where people took part, simulated participants do not count.
+
+    Raises:
+        HighFiveError: it is no study, nobody took part, or a log is damaged.
+    """
+    protocol = study_protocol(study)
+    rows = [
+        row
+        for code in participants(study)
+        for path in sorted(participant_folder(study, code).glob(f"session-*/{LOG}"), key=session_number)
+        for row in read_session(study, code, session_number(path)).rows
+    ]
+    if not rows:
+        raise HighFiveError(f"{study} holds no answers; run the experiment first (highfive experiment run)")
+    people = any(not row.simulated for row in rows)
+    fillers = {block.name for block in protocol.blocks if block.filler}
+    pilot = protocol.code(0) if protocol.needs_donor else ""
+    counted, excluded = list[TrialRow](), list[Excluded]()
+    for row in rows:
+        if why := _why(row, people, fillers, pilot):
+            excluded.append(Excluded(row.participant, row.session, row.trial, row.ask, why))
+        else:
+            counted.append(row)
+    incomplete = _incomplete(counted)
+    excluded += [
+        Excluded(row.participant, row.session, row.trial, row.ask, f"{row.participant} has only one condition so far")
+        for row in counted
+        if row.participant in incomplete
+    ]
+    counted = [row for row in counted if row.participant not in incomplete]
+    versions = tuple(dict.fromkeys(row.software for row in rows))
+    return StudyRows(protocol, tuple(rows), tuple(counted), tuple(excluded), not people, versions)
+
+
+def _why(row: TrialRow, people: bool, fillers: set[str], pilot: str) -> str:
+    """Why a trial does not count, by the first rule that says so; empty where it does."""
+    rules = (
+        (people and row.simulated, "a simulated participant in a study of people"),
+        (row.participant == pilot, "the pilot's"),
+        (row.broken_off != "", f"broken off: {row.broken_off}"),
+        (row.excluded_why != "", row.excluded_why),
+        (row.block == PRACTICE, "practice"),
+        (row.block in fillers, "a filler block"),
+        (not row.answer, "no answer"),
+    )
+    return next((why for holds, why in rules if holds), "")
+
+
+def _incomplete(rows: Sequence[TrialRow]) -> set[str]:
+    """People with one condition alone, where two or more have both: a study that still runs can be looked at."""
+    there: dict[str, set[str]] = {}
+    for row in rows:
+        if row.condition in CONDITIONS:
+            there.setdefault(row.participant, set()).add(CONDITIONS[row.condition])
+    both = [code for code, conditions in there.items() if len(conditions) > 1]
+    return {code for code in there if code not in both} if len(both) > 1 else set()
+
+
+def answers_of(found: StudyRows) -> list[Answer]:
+    """The answers to interactive trials and own replays: to whole styles, or to morphs."""
+    morph = found.protocol.morph
+    kept = [row for row in found.counted if row.condition in CONDITIONS]
+    if morph is None:
+        return [Answer(row.participant, CONDITIONS[row.condition], row.expected, row.answer) for row in kept]
+    return [
+        Answer(row.participant, CONDITIONS[row.condition], morph.end, row.answer, row.weights.get(morph.end, 0.0))
+        for row in kept
+    ]
+
+
+def tidy_rows(rows: Sequence[TrialRow], excluded: Sequence[Excluded]) -> bytes:
+    """A CSV row a trial in all columns of the log, and why it does not count; tables as JSON, nothing as empty."""
+    why = {(one.participant, one.session, one.ask): one.why for one in excluded}
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([*COLUMNS, "not_counted_why"])
+    for row in rows:
+        values = asdict(row)
+        reason = why.get((row.participant, row.session, row.ask), "")
+        table.writerow([*(_cell(values[name]) for name in COLUMNS), reason])
+    return text.getvalue().encode()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, dict):
+        return json.dumps(value, sort_keys=True)
+    return int(value) if isinstance(value, bool) else value

@@ -1,0 +1,169 @@
+// An experiment: the participant's side (cue, answer, sliders), and the experimenter's (plan, progress, what comes next).
+
+import { markdown } from "./markdown.js";
+
+const CUES = { go: "Go", watch: "Watch" }, TASKS = { go: "Raise your hand when you hear the tone.", watch: "Only watch: keep your arms down." };
+const TONE_HZ = 660, TONE_S = 0.18;
+
+const made = (kind, fields = {}, ...children) => {
+  const element = Object.assign(document.createElement(kind), fields);
+  element.append(...children.filter((child) => child !== null));
+  return element;
+};
+
+/** A short tone; a page that nobody has touched yet may not make one. */
+let sound = null;
+function tone() {
+  try {
+    sound = sound || new AudioContext();
+    const [swing, loud] = [sound.createOscillator(), sound.createGain()];
+    swing.frequency.value = TONE_HZ;
+    loud.gain.setValueAtTime(0.2, sound.currentTime);
+    loud.gain.exponentialRampToValueAtTime(0.001, sound.currentTime + TONE_S);
+    swing.connect(loud).connect(sound.destination);
+    swing.start();
+    swing.stop(sound.currentTime + TONE_S);
+  } catch { /* a browser without sound: the word alone */ }
+}
+
+/** What a participant sees and presses. */
+class Participant {
+  constructor(connection, own) {
+    Object.assign(this, { connection, own, about: null, now: { phase: "" } });
+    this.element = made("section", { className: "participant", hidden: true });
+    this.element.setAttribute("aria-live", "polite");
+    addEventListener("keydown", (event) => this.key(event), { capture: true });
+  }
+
+  /** Only on the participant's own page, or where no other is: there keys are answers. */
+  key(event) {
+    if (!this.own || event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.target.type === "text") return;
+    const { phase, asks } = this.now;
+    if (phase === "question" && asks === "answer" && event.key.length === 1 && event.key !== " ") this.answer(event.key, event.timeStamp);
+    else if (event.key === "Enter" && phase === "ready") this.connection.command("ready");
+    else if (event.key === "Enter" && phase === "question" && asks === "rate") this.done();
+    else return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  }
+
+  answer(key, at) {
+    const { connection } = this;
+    connection.command("answer", connection.synchronised ? { key, at_ms: connection.host(at) } : { key });
+  }
+
+  done() { this.connection.command("done"); }
+
+  begin(about) { this.about = about; this.show(this.now); }
+
+  show(now) {
+    const came = now.phase !== this.now.phase;
+    this.now = now;
+    if (!this.about) return;
+    if (now.phase === "cue" && came && this.own) tone();
+    const content = (this[now.phase] || (() => [])).call(this, now);
+    this.element.replaceChildren(...content);
+    this.element.className = `participant ${now.phase}`;
+    this.element.hidden = !content.length;
+  }
+
+  ready({ first, practice, task }) {
+    const go = made("button", { className: "go", textContent: "Go on (Enter)", onclick: () => this.connection.command("ready") });
+    const text = first ? markdown(this.about.instructions) : [made("h3", { textContent: practice ? "Practice" : "The next block" })];
+    return [...text, made("p", { textContent: TASKS[task] }), go];
+  }
+
+  wait() { return []; }
+
+  cue({ task }) { return [made("strong", { textContent: CUES[task] })]; }
+
+  pause() { return [made("p", { textContent: "A pause: it goes on soon." })]; }
+
+  over({ finished }) { return [made("p", { textContent: finished ? "That was all. Thank you." : "It ends here for now." })]; }
+
+  question({ asks, answer }) {
+    const { keys, sliders } = this.about;
+    const buttons = made("div", { className: "answers" }, ...Object.entries(keys).sort((a, b) => a[1].localeCompare(b[1])).map(([label, key]) => {
+      const button = made("button", { disabled: asks !== "answer", onclick: (event) => this.answer(key, event.timeStamp) }, made("kbd", { textContent: key }), made("span", { textContent: label }));
+      button.classList.toggle("chosen", label === answer);
+      return button;
+    }));
+    if (asks !== "rate") return [made("h3", { textContent: "Which was it?" }), buttons];
+    return [buttons, ...sliders.map((slider) => this.slider(slider)), made("button", { className: "go", textContent: "Done (Enter)", onclick: () => this.done() })];
+  }
+
+  slider({ name, text, low, high, points }) {
+    const input = made("input", { type: "range", min: points ? 1 : 0, max: points || 1, step: points ? 1 : 0.01, value: points ? (points + 1) / 2 : 0.5 });
+    input.setAttribute("aria-label", text);
+    const row = made("label", { className: "rating untouched" }, made("span", { textContent: text }), input, made("small", { textContent: low }), made("small", { textContent: high }));
+    input.onchange = () => { row.classList.remove("untouched"); this.connection.command("rate", { name, value: Number(input.value) }); };
+    input.onpointerdown = () => row.classList.remove("untouched");
+    return row;
+  }
+}
+
+/** What the experimenter sees and asks for. */
+class Experimenter {
+  constructor(connection) {
+    const ask = (name, value) => () => connection.command(name, value);
+    this.note = made("input", { type: "text", placeholder: "a note to this trial, Enter", maxLength: 2000 });
+    this.note.onkeydown = (event) => {
+      event.stopPropagation();
+      if (event.key !== "Enter" || !this.note.value.trim()) return;
+      connection.command("note", this.note.value.trim());
+      this.note.value = "";
+    };
+    this.lines = made("div");
+    this.pause = made("button", { textContent: "Pause", onclick: () => connection.command("pause", !this.now?.paused) });
+    this.stop = made("button", { textContent: "Stop", onclick: () => this.sure() && connection.command("stop") });
+    this.element = made("section", { className: "experimenter" }, this.lines,
+      made("div", { className: "row" }, this.pause, made("button", { textContent: "Break off", onclick: ask("break_off") }), made("button", { textContent: "Begin", title: "the block, for the participant", onclick: ask("ready") }), this.stop),
+      this.note);
+  }
+
+  sure() { return confirm("Stop the run? It goes on with --resume; a block that has begun begins again."); }
+
+  begin(about) { this.about = about; }
+
+  show(now) {
+    this.now = now;
+    this.pause.textContent = now.paused ? "Go on" : "Pause";
+    const done = (now.blocks || []).reduce((sum, block) => sum + block.done, 0), all = (now.blocks || []).reduce((sum, block) => sum + block.trials, 0);
+    const seen = now.trial ? now : now.next || {};
+    const what = seen.weights ? Object.entries(seen.weights).filter(([, share]) => share > 0).map(([name, share]) => (share > 0.995 ? name : `${name} ${share.toFixed(2)}`)).join(" + ") : seen.style;
+    const last = now.last;
+    this.lines.replaceChildren(...[
+      made("h2", { textContent: `${this.about?.participant || ""} · trial ${Math.min(done + 1, all)} of ${all}` }),
+      made("ol", { className: "blocks" }, ...(now.blocks || []).map((block) => {
+        const bar = made("i");
+        bar.style.width = `${(100 * block.done) / block.trials}%`;
+        return made("li", { title: `${block.mode.replaceAll("_", " ")}, ${block.done} of ${block.trials}` }, made("span", { textContent: block.name }), made("b", {}, bar));
+      })),
+      made("p", {}, made("span", { textContent: now.trial ? "now " : "next " }), made("b", { textContent: seen.trial || "–" }), ` ${what || ""} ${seen.cell || ""} ${(seen.condition || "").replaceAll("_", " ")}`),
+      now.asks ? made("p", { className: "asks", textContent: now.asks === "rate" ? `answered ${now.answer}; the sliders are asked` : "the answer is asked" }) : null,
+      last ? made("p", { className: "last", textContent: `last ${last.trial}: ${last.answer || "–"}${last.expected ? (last.answer === last.expected ? " ✓" : ` (was ${last.expected})`) : ""}${last.rt_s ? `, ${last.rt_s.toFixed(2)} s` : ""}${last.why ? `, ${last.why}` : ""}` }) : null,
+      now.message ? made("p", { className: "message", textContent: now.message }) : null,
+    ].filter(Boolean));
+  }
+}
+
+const hearNothing = () => {};  // texts come through hear() below, also those of before the panels were there
+
+/** Puts what this page is for into its places. */
+export function openExperiment(connection, addPanel) {
+  const own = new URLSearchParams(location.search).get("role") === "participant";
+  const participant = new Participant(connection, own);
+  document.body.classList.add("experiment", own ? "blind" : "leading");
+  const sheet = made("link", { rel: "stylesheet", href: "experiment.css" });
+  document.head.append(sheet);
+  if (own) document.body.append(participant.element);
+  else addPanel(participant.element, "participant", hearNothing);
+  const experimenter = own ? null : new Experimenter(connection);
+  const hear = {
+    experiment(text) { participant.begin(text); experimenter?.begin(text); },
+    participant(text) { participant.show(text); },
+    experimenter(text) { experimenter?.show(text); },
+  };
+  if (experimenter) addPanel(experimenter.element, "experimenter", hearNothing);
+  return { participant, experimenter, hear(text) { hear[text.kind]?.(text); } };
+}

@@ -1,0 +1,188 @@
+"""``highfive experiment run``: from the command line, against kills, two at once, and with an avatar."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.experiments import study, written
+
+from highfive.hil.commands.experiment_options import RunOptions
+from highfive.hil.commands.experiment_run import run
+from highfive.hil.commands.shown_again import RecordedMotion, recorded_motion
+from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
+from highfive.hil.commands.typed_commands import command_of
+from highfive.hil.experiments.study import stored_plan
+from highfive.hil.experiments.trial_log import read_session
+from highfive.hil.view.commands import Command
+from highfive.model.errors import HighFiveError
+
+OBSERVER = "seed = 1\n[interactive]\nright = 0.8\n[replay]\nright = 0.7\n"
+COMMAND = [sys.executable, "-m", "highfive.hil.cli.main", "experiment", "run", "--no-avatar", "--json"]
+
+
+def no_bar(label: str, total: int):
+    return lambda note="", done=None: None
+
+
+@pytest.fixture
+def observer(tmp_path: Path) -> Path:
+    path = tmp_path / "observer.toml"
+    path.write_text(OBSERVER, encoding="utf-8")
+    return path
+
+
+def options(folder: Path, observer: Path | None, **more: object) -> RunOptions:
+    return RunOptions(folder, "P01", simulated=observer, dry=observer is not None, **more)  # pyright: ignore
+
+
+def test_a_simulated_participant_takes_part_and_her_rows_are_marked(tmp_path: Path, observer: Path) -> None:
+    folder = study(tmp_path)
+    result = run(options(folder, observer), no_bar)
+    rows = read_session(folder, "P01", 1).rows
+    assert result["left"] == 0 and result["asked"] == len(rows) == len(stored_plan(folder, "P01").trials)
+    assert all(row.simulated and row.software != "unknown" for row in rows)
+
+
+def test_what_is_wrong_is_said_before_anything_is_asked(tmp_path: Path, observer: Path) -> None:
+    folder = study(tmp_path)
+    (tmp_path / "morph").mkdir()
+    acts = study(tmp_path / "morph", "morph", {"participants = 16": "participants = 1"})
+    for given, words in (
+        (options(acts, None, consent="2"), "signed consent form 2, expected version 1"),
+        (options(acts, None), "signed consent form none"),
+        (options(folder, observer, language="fr"), "instructions in de, en"),
+        (RunOptions(folder, "P09", simulated=observer, dry=True), "P09 has no plan"),
+        (RunOptions(tmp_path, "P01", simulated=observer, dry=True), "is no study"),
+        (RunOptions(folder, "P01", dry=True, consent="1"), "--simulate-participant"),
+        (options(folder, observer, resume=True), "no session 1 to resume"),
+        (RunOptions(folder, "P01", consent="1"), "shows clips"),
+    ):
+        with pytest.raises(HighFiveError, match=words):
+            run(given, no_bar)
+    assert not list(tmp_path.rglob("trials.jsonl"))
+
+
+def test_a_second_start_is_refused_and_resume_asks_nothing_more(tmp_path: Path, observer: Path) -> None:
+    folder = study(tmp_path)
+    run(options(folder, observer), no_bar)
+    with pytest.raises(HighFiveError, match=r"has session 1 already.*--resume"):
+        run(options(folder, observer), no_bar)
+    assert run(options(folder, observer, resume=True), no_bar)["asked"] == 0
+
+
+def test_a_killed_run_is_resumed_with_nothing_lost_and_two_at_once_are_refused(tmp_path: Path, observer: Path) -> None:
+    folder = study(tmp_path)
+    command = [*COMMAND, "--study", str(folder), "--participant", "P01", "--simulate-participant", str(observer)]
+    log = folder / "participants/P01/session-1/trials.jsonl"
+    rng, resume, killed = np.random.default_rng(5), list[str](), 0
+    said: set[int] = set()
+    while killed < 4:
+        before = log.stat().st_size if log.is_file() else 0
+        process = subprocess.Popen([*command, *resume], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        while process.poll() is None and (log.stat().st_size if log.is_file() else 0) <= before:
+            time.sleep(0.01)
+        if killed == 0:  # somebody else begins while it runs, which is from its first line on
+            os.kill(process.pid, signal.SIGSTOP)
+            with pytest.raises(HighFiveError, match="another run is writing"):
+                run(options(folder, observer, resume=True), no_bar)
+            os.kill(process.pid, signal.SIGCONT)
+        time.sleep(float(rng.uniform(0.0, 0.15)))
+        process.kill()
+        process.communicate()
+        killed += 1
+        content = read_session(folder, "P01", 1)
+        assert said <= {row.ask for row in content.finished}
+        said = {row.ask for row in content.finished}
+        resume = ["--resume"]
+    done = subprocess.run([*command, "--resume"], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["left"] == 0
+    content = read_session(folder, "P01", 1)
+    names = [row.trial for row in content.standing]
+    assert sorted(names) == sorted(trial.name for trial in stored_plan(folder, "P01").trials)
+
+
+@pytest.mark.parametrize(
+    ("line", "command"),
+    [
+        ("1", ("answer", {"key": "1", "at_ms": None})),
+        ("  angry\n", ("answer", {"key": "angry", "at_ms": None})),
+        ("/go", ("ready", None)),
+        ("/pause", ("pause", True)),
+        ("/continue", ("pause", False)),
+        ("/break", ("break_off", None)),
+        ("/stop", ("stop", None)),
+        ("/done", ("done", None)),
+        ("/note she coughed", ("note", "she coughed")),
+        ("/rate natural 4", ("rate", {"name": "natural", "value": 4.0})),
+        *((line, None) for line in ("", "/nonsense", "?", "/note", "/rate natural much", "/stop now", "x" * 100)),
+    ],
+)
+def test_what_is_typed(line: str, command: tuple[str, object] | None) -> None:
+    assert command_of(line) == (None if command is None else Command(*command))
+
+
+SMALL = {
+    'cells = ["A1", "A2", "A3", "B1", "B2", "B3", "C1", "C2", "C3"]': 'cells = ["B2"]',
+    "participants = 12": "participants = 1",
+    '[[styles]]\nname = "happy"\n\n': "", '[[styles]]\nname = "sad"\n': "", '[[styles]]\nname = "neutral"\n\n': "",
+    'labels = ["neutral", "happy", "angry", "sad"]': 'labels = ["neutral", "angry"]',
+    'keys = ["1", "2", "3", "4"]': 'keys = ["1", "2"]',
+    "[practice]\nrepetitions = 1\n": "",
+}  # fmt: skip
+
+
+def small(folder: Path) -> Path:
+    """One style, one place: acts twice, sees the first again, and acts once more to the recorded answer."""
+    from highfive.hil.experiments.plan import draw_plans  # noqa: PLC0415
+    from highfive.hil.experiments.protocol_file import read_protocol  # noqa: PLC0415
+    from highfive.hil.experiments.study import check_plans, write_study  # noqa: PLC0415
+
+    path = written(folder, "high_five", SMALL)
+    text = path.read_text(encoding="utf-8")
+    head, rest = text[: text.index("[[blocks]]")], text[text.index("[replay]") :]
+    blocks = "".join(
+        f'[[blocks]]\nname = "{name}"\nmode = "{mode}"\n{more}\n'
+        for name, mode, more in (
+            ("I1", "interactive", "repetitions = 1"), ("I2", "interactive", "repetitions = 1"),
+            ("R1", "own_replay", 'of = "I1"'), ("N1", "no_contingency", 'of = "I2"\nwhose = "own"'),
+        )
+    )  # fmt: skip
+    path.write_text(head + blocks + rest.replace("alike = 2", "alike = 9"), encoding="utf-8")
+    asked = read_protocol(path)
+    write_study(folder / "study", path, asked, check_plans(folder / "study", draw_plans(asked)))
+    return folder / "study"
+
+
+@pytest.mark.slow
+def test_trials_are_played_recorded_and_shown_again_as_they_were(tmp_path: Path, observer: Path) -> None:
+    folder = small(tmp_path)
+    chain = SimulateOptions(view=PageOptions(port=None, open_browser=False))
+    result = run(RunOptions(folder, "P01", simulated=observer, chain=chain), no_bar)
+    rows = {row.trial: row for row in read_session(folder, "P01", 1).rows}
+    assert result["left"] == 0 and list(rows) == ["I1-01", "I2-01", "R1-01", "N1-01"]
+    assert all(row.answer and not row.broken_off for row in rows.values())
+    session = folder / "participants/P01/session-1"
+
+    def motion(name: str) -> RecordedMotion:
+        row = rows[name]
+        return recorded_motion(session / row.recording, f"{row.trial}, asked as {row.ask}")
+
+    for again, source in (("R1-01", "I1-01"), ("N1-01", "I2-01")):
+        shown, first = motion(again), motion(source)
+        assert abs(shown.times_ns[-1] - first.times_ns[-1]) < 20_000_000  # the same length
+        for place in range(0, len(shown.poses), 7):  # the same poses, at the same times
+            wanted, _ = first.at(int(shown.times_ns[place]))
+            assert np.abs(shown.poses[place].hinges - wanted.hinges).max() < 1e-3
+            assert np.abs(shown.poses[place].root_in_world - wanted.root_in_world).max() < 1e-4
+        own, then = rows[again], rows[source]
+        assert own.ended_ns and then.ended_ns and own.cue_ns and then.cue_ns
+        assert own.ended_ns - own.cue_ns == pytest.approx(then.ended_ns - then.cue_ns, abs=3e8)
+    assert rows["I1-01"].contact_ns and rows["I1-01"].frame and (rows["I1-01"].peak_speed or 0.0) > 0.5
+    assert rows["R1-01"].contact_ns is None and (rows["R1-01"].peak_speed or 0.0) < 0.2  # she only watched
+    assert (rows["N1-01"].peak_speed or 0.0) > 0.5  # she acted

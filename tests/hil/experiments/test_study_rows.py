@@ -1,0 +1,118 @@
+"""A study's folder to its figures: what counts, what does not and why, and that simulated rows are no people's."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from helpers.experiments import head, study
+
+from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis
+from highfive.hil.experiments.study_rows import study_rows
+from highfive.hil.experiments.trial_log import open_log
+from highfive.hil.experiments.trial_row import Outcome
+from highfive.model.errors import HighFiveError
+
+
+def take_part(folder: Path, code: str, wrong: dict[str, int], simulated: bool = False, blocks: int = 99) -> None:
+    """Answers rightly but for so many of a mode; I2-02 has no answer, I2-03 is broken off."""
+    left = dict(wrong)
+    seen: list[str] = []
+    with open_log(folder, replace(head(code), simulated=simulated), resume=False) as log:
+        while (trial := log.following) is not None:
+            seen = [*dict.fromkeys([*seen, trial.block])]
+            if len(seen) > blocks:
+                return
+            log.begin()
+            answer = trial.answer
+            if trial.block in ("I1", "I3", "R1", "R3") and left.get(trial.mode, 0) > 0:
+                left[trial.mode] -= 1
+                answer = next(label for label in log.plan.keys if label != trial.answer)
+            outcome = Outcome(answer=answer, rt_s=1.0 if trial.mode == "interactive" else 2.0)
+            if trial.name == "I2-02":
+                outcome = Outcome(excluded_why="no answer within 15 s")
+            if trial.name == "I2-03":
+                outcome = Outcome(broken_off="coughed")
+            log.finish(outcome)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = study(tmp_path, changes={"participants = 12": "participants = 4"})
+    take_part(made, "P01", {"interactive": 3, "own_replay": 9})
+    take_part(made, "P02", {"interactive": 5, "own_replay": 6})
+    return made
+
+
+def test_counts_are_those_of_the_answers_and_all_else_is_listed_with_its_reason(folder: Path) -> None:
+    found = study_rows(folder)
+    result = analyse(AnalyseOptions(None, study=folder))
+    why = [one["why"] for one in result["excluded"]]
+    # I1, I2, I3 of 12 with two of I2 lost; R1 to R3, of which R2 lacks the trial that was broken off
+    for person, wrong in (("P01", (3, 9)), ("P02", (5, 6))):
+        for condition, lost, n in (("interactive", wrong[0], 34), ("replay", wrong[1], 35)):
+            k = n - lost
+            assert result["table"][person][condition]["mean"] == pytest.approx((k + 3) / (n + 9))
+    assert why.count("practice") == 6 and why.count("a filler block") == 24
+    assert why.count("broken off: coughed") == 2 and why.count("no answer within 15 s") == 2
+    assert len(found.rows) == len(found.counted) + len(found.excluded) == result["trials"]["all"]
+    assert result["timing"]["interactive"]["reaction_s"] == {"n": 68, "median": 1.0, "q1": 1.0, "q3": 1.0}
+    assert result["timing"]["own_replay"]["reaction_s"]["median"] == 2.0
+    assert set(result) >= {"table", "hierarchical", "psychometric", "timing", "excluded"} and not result["simulated"]
+
+
+def test_simulated_participants_do_not_count_beside_people_and_have_no_table_by_themselves(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = analyse(AnalyseOptions(None, study=folder))
+    take_part(folder, "P03", {"interactive": 30}, simulated=True)
+    after = analyse(AnalyseOptions(None, study=folder))
+    assert after["table"] == before["table"] and after["hierarchical"] == before["hierarchical"]
+    assert sum("simulated" in one["why"] for one in after["excluded"]) > 60
+    (tmp_path / "alone").mkdir()
+    alone = study(tmp_path / "alone")
+    for code in ("P01", "P02"):
+        take_part(alone, code, {"interactive": 3}, simulated=True)
+    result = analyse(AnalyseOptions(None, study=alone, out=tmp_path / "out"))
+    assert result["table"] is None and "refused" in result["table_refused"] and result["simulated"]
+    assert result["hierarchical"]["mean"] < 0.0
+    print_analysis(result)
+    assert "refused" in capsys.readouterr().out
+    assert "refused" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
+
+
+def test_somebody_who_is_not_through_is_left_out_and_named(folder: Path) -> None:
+    take_part(folder, "P03", {}, blocks=2)
+    result = analyse(AnalyseOptions(None, study=folder))
+    assert "P03" not in result["table"]
+    assert any(one["participant"] == "P03" and "one condition" in one["why"] for one in result["excluded"])
+
+
+def test_the_same_folder_gives_the_same_files_and_a_row_for_every_trial(folder: Path, tmp_path: Path) -> None:
+    results = [analyse(AnalyseOptions(None, study=folder, out=tmp_path / name)) for name in ("a", "b")]
+    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (
+            tmp_path / "b" / name
+        ).read_bytes() or name.name == "report.json"
+    with (tmp_path / "a/all_trials.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == results[0]["trials"]["all"]
+    assert sum(not row["not_counted_why"] for row in rows) == results[0]["trials"]["counted"]
+    json.dumps(results[0], allow_nan=False)
+
+
+def test_nothing_one_person_and_two_sources_are_refused(tmp_path: Path) -> None:
+    made = study(tmp_path)
+    for options, words in (
+        (AnalyseOptions(None, study=made), "holds no answers"),
+        (AnalyseOptions(None, study=tmp_path), "is no study"),
+        (AnalyseOptions(tmp_path / "x.csv", study=made), "leave out --counts"),
+        (AnalyseOptions(None), "nothing to analyse"),
+    ):
+        with pytest.raises(HighFiveError, match=words):
+            analyse(options)
+    take_part(made, "P01", {})
+    with pytest.raises(HighFiveError, match="one person"):
+        analyse(AnalyseOptions(None, study=made))

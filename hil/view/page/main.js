@@ -94,7 +94,7 @@ const heard = {
     clear();
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     if (text.webcam) openWebcam();
-    motion.before = motion.newest = null;
+    motion.clear();
     drawn.captured = 0;
     bars = [];
   },
@@ -215,14 +215,14 @@ function frame(now, seen) {
   const shown = motion.at(time);
   if (shown && stage) {
     stage.pose(shown.bodies);
-    stage.showMarkers(motion.newest.markers, motion.newest.seen);
+    stage.showMarkers(shown.markers, shown.seen);
     if (drawn.told.length < MOST_TOLD && connection.synchronised) drawn.told.push([drawn.number, shown.holds, time, dropped]);
     if (motion.newest.captured > drawn.captured) {  // each that was measured since, once, as it is first shown
       if (motion.newest.rate) { drawn.ages.push(time - motion.newest.captured); drawn.fresh = now; }
       drawn.captured = motion.newest.captured;
     }
     if (drawn.ages.length > 600) drawn.ages.shift();
-    passContact(motion.newest.time);
+    passContact(shown.time);
   }
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
   const still = state.paused || state.playing === false;

@@ -1,5 +1,5 @@
-"""The live page: poses at a page, where hands are drawn, what a page that sleeps gets, what pages cost the tick, how many
-pictures a second there are, and how long it takes to the first one.
+"""The live page: poses at a page, where hands are drawn, what pages that sleep get and what pages cost the tick, how
+many pictures a second there are, and how long it takes to the first one.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.replay import SUFFIX, Replay
 from highfive.hil.runtime.clock import MACHINE, Clock
-from highfive.hil.runtime.console import Bar
+from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.session.reach import SEEN_LATE
@@ -58,6 +58,11 @@ if TYPE_CHECKING:
 
 RECORDING = "session.mcap"
 """In a session's folder."""
+PREPARING = (
+    "model, scene and people are prepared, then the page opens: some 15 s, and one to two minutes the first time after "
+    "installing, for then it compiles"
+)
+"""Is said before that; simulated people take most of it."""
 
 # What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
@@ -98,6 +103,8 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
 
             net_files()  # are they there?
+        if options.view is not None:
+            say_aside(PREPARING)
         model, scene, watch, page, person = _model(options, bar), build_scene(), None, None, None
         with ExitStack() as parts:
             publishers = open_publishers(options, parts)

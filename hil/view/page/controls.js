@@ -103,7 +103,7 @@ export class Controls {
     for (const [emotion, { button, slider, output }] of this.sliders || []) {
       const weight = weights[emotion] || 0;
       if (document.activeElement !== slider || performance.now() - (this.asked || 0) > 1000) slider.value = weight;
-      output.textContent = `${Math.round(100 * weight)} %`;
+      output.textContent = `${Math.round(100 * weight)}\u00a0%`;
       button.classList.toggle("whole", weight > 0.995);
     }
   }

@@ -11,6 +11,7 @@ from page_address import page_address
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from highfive.hil.commands.simulate import PREPARING
 from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.wire import PoseMessage, decode_poses
 
@@ -71,6 +72,7 @@ def test_a_session_is_shown_and_does_what_the_page_asks(tmp_path: Path) -> None:
     code, out = watched.end()
     summary = json.loads(out)
     assert code == 1 and summary["interrupted"], summary
+    assert PREPARING in watched.said[0]  # before anything is waited for
     assert [contact["met"] for contact in contacts] == [row["met"] for row in summary["rows"]] == [True, False]
     assert touches == 1 and "report.html" in over
     assert contacts[1]["style"] == "angry 0.75 + sad 0.25"

@@ -103,8 +103,6 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
 
             net_files()  # are they there?
-        if options.view is not None:
-            say_aside(PREPARING)
         model, scene, watch, page, person = _model(options, bar), build_scene(), None, None, None
         with ExitStack() as parts:
             publishers = open_publishers(options, parts)
@@ -177,7 +175,9 @@ def _check(options: SimulateOptions, live: bool, again: bool) -> None:
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
-    """The model that answers; one of the user's own learns here."""
+    """The model that answers; one of the user's own learns here. It takes a while from here on, so that is said."""
+    if options.view is not None:
+        say_aside(PREPARING)
     if options.data is None:
         return open_model(options.model)
     if not is_plugin(options.model):

@@ -5,7 +5,7 @@ import { colourOf, moodOf, weightsOf } from "./moods.js";
 import { Stop } from "./stop.js";
 
 const byId = (id) => document.getElementById(id);
-const SMALL = matchMedia("(max-width: 760px), (max-height: 520px)");
+const SMALL = matchMedia("(max-width: 760px), (max-height: 520px)"), LOW = matchMedia("(max-height: 800px)");
 
 export class Controls {
   constructor(command) {
@@ -35,6 +35,9 @@ export class Controls {
     byId("mix").setAttribute("aria-expanded", String(!brief));
     byId("mix").textContent = brief ? "Mix" : "Fewer";
   }
+
+  /** Another panel shares the side of the window. */
+  giveWay() { if (LOW.matches) this.fold(true); }
 
   /** What keys do now; the emergency stop has a way of its own. */
   get keys() {

@@ -147,7 +147,7 @@ async function openWebcam() {
   if (webcam) { webcam.claim(); return; }
   const { Webcam } = await import("./webcam.js");
   const panel = document.createElement("section");
-  byId("panels").append(panel);
+  place(panel);
   webcam = new Webcam(connection, panel, { processor: !stage || stage.quality.now.coarse });
   window.highfive.webcam = webcam;
   const button = Object.assign(document.createElement("button"), { textContent: "Mirror", onclick: () => choose(button) });
@@ -159,9 +159,13 @@ async function openWebcam() {
 
 /** Panels of other rooms: a text of a kind that none of ours has goes to who asked for it. */
 const listeners = new Map();
+function place(element) {
+  byId("panels").append(element);
+  controls.giveWay();
+}
 function panel(text) { for (const hear of listeners.get(text.kind) || []) hear(text); }
 export function addPanel(element, kind, hear) {
-  byId("panels").append(element);
+  place(element);
   listeners.set(kind, [...(listeners.get(kind) || []), hear]);
 }
 
@@ -200,6 +204,9 @@ function passContact(time) {
 new ResizeObserver(([{ target }]) => {  // what is said has a place of its own: all else is below it
   document.body.style.setProperty("--told", `${target.offsetHeight}px`);
 }).observe(byId("told"));
+new ResizeObserver(([{ target }]) => {  // further panels have what controls leave
+  document.body.style.setProperty("--controls", `${target.offsetHeight}px`);
+}).observe(byId("controls"));
 if (stage) keepClear(["told", "figures", "timeline", "controls", "panels", "caption"].map(byId), (now) => { free = now; clear(); });
 
 setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);

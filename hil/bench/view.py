@@ -1,8 +1,13 @@
-"""The live page: poses at a page, what a page that sleeps gets, what pages cost the tick, pictures a second."""
+"""The live page: poses at a page, where hands are drawn, what pages that sleep get and what pages cost the tick, how
+many pictures a second there are, and how long it takes to the first one.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
+import re
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,19 +17,20 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import connect
 
+from highfive.hil.bench.drawn import Motions, drawn_mm, simulated_motions
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar
 from highfive.hil.session.session import RATE_HZ, Session, Tick
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.playout import KinematicPlayOut
-from highfive.hil.sim.scene import build_scene
+from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.hil.trials.trial import as_captured, run_trial
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.live_page import LivePage
-from highfive.hil.view.player import play
-from highfive.hil.view.recorded import recorded_trials
+from highfive.hil.view.player import AHEAD_S, play
+from highfive.hil.view.recorded import RecordedTrials, recorded_trials
 from highfive.hil.view.session_view import SessionView
 from highfive.hil.view.wire import decode_poses
 from highfive.mocap_bridge.sources.source import C3DSource
@@ -46,6 +52,8 @@ _DRAW = """(() => {
   }
   return Math.min(...took);
 })()"""
+_SHOWN = """new Promise(done => {const look = setInterval(() => {
+  if (document.body.classList.contains('shown')) {clearInterval(look); done(true)}}, 20)})"""
 PAGES, PAIRS = 4, 8
 """Pages that look on, and pairs of high fives with and without them."""
 
@@ -60,7 +68,7 @@ class ViewBenchOptions:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a page got: numbers of the poses, and ms from being sent, and from holding, until they came.
+    """What a page of a recording got: numbers of the poses, and ms until they came, from being sent and from being due.
 
     ``before`` is the number of the last pose before it slept; 0 where it did not.
     """
@@ -99,7 +107,7 @@ def look_on(address: str, seconds: float, blocked_s: float, said: Connection) ->
         def note(now: int, poses: Any) -> None:
             numbers.append(poses.number)
             sent_ms.append(1e-6 * (now - poses.sent_ns))
-            age_ms.append(1e-6 * (now - poses.holds_ns))
+            age_ms.append(1e-6 * (now - poses.holds_ns) + (1e3 * AHEAD_S if poses.rate else 0.0))
 
         _take(link, seconds, note)
     said.send(Seen(tuple(numbers), tuple(sent_ms), tuple(age_ms), before[-1]))
@@ -140,7 +148,9 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
     Raises:
         HighFiveError: the page cannot be served.
     """
-    advance = bar("live page", 3 + len(BLOCKS_S))
+    advance = bar("live page", 5 + len(BLOCKS_S))
+    first_s = first_picture_s()
+    advance()
     scene = build_scene()
     trials = recorded_trials(SHIPPED_RECORDING, scene)
     with LivePage({"mode": "recording"}, port=None) as page:
@@ -158,7 +168,9 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
             stale.append(sum(age > STALE_MS for age in woken.age_ms))
             dropped.append(woken.dropped)
             advance()
-        fps, drawn = _pictures(page, trials)
+        fps, draw_ms = _pictures(page, trials)
+        advance()
+        drawn = _drawn(page, trials, scene, options.seed)
         advance()
     tick = _ticks(options.seed)
     advance()
@@ -171,8 +183,47 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
         "dropped_in_block": {f"{blocked:g}": count for blocked, count in zip(BLOCKS_S, dropped, strict=True)},
         **tick,
         "fps": fps,
-        "draw_ms": drawn,
+        "draw_ms": draw_ms,
+        "drawn_mm": drawn,
+        "first_picture_s": first_s,
     }
+
+
+def first_picture_s() -> float | None:
+    """From starting ``highfive view`` to people drawn with their skins in a browser that starts then, s; None where
+    there is no browser.
+    """
+    if browser_here() is None:
+        return None
+    start = time.perf_counter()
+    command = [sys.executable, "-m", "highfive.hil.cli.main", "view", "--no-open"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            address = next(found[0] for line in process.stderr if (found := re.search(r"http://\S+", line)))
+            with Browser() as browser:
+                browser.go(address)
+                browser.evaluate(_SHOWN)
+                return round(time.perf_counter() - start, 1)
+        finally:
+            process.kill()
+
+
+def _drawn(
+    page: LivePage, trials: RecordedTrials, scene: Scene, seed: int
+) -> dict[str, dict[str, dict[str, float]]] | None:
+    """By what is shown, and by style: see :func:`drawn_mm`; None where there is no browser."""
+    if browser_here() is None:
+        return None
+    simulated = simulated_motions(scene, seed)
+    shipped = [Motions(trial.style, trial.times, trial.bodies) for trial in trials]
+    with Browser((400, 300)) as browser:
+        browser.go(page.address)
+        return {
+            "session": drawn_mm(browser, scene, simulated, recorded=False),
+            "recording": drawn_mm(browser, scene, simulated, recorded=True),
+            "shipped": drawn_mm(browser, scene, shipped, recorded=True),
+        }
 
 
 def _part(values: Sequence[float], percent: float) -> float:
@@ -246,5 +297,9 @@ def print_view(result: dict[str, Any]) -> None:
     if result["fps"] is None:
         print("pictures a second       no browser here: install chromium")
         return
+    for shown, styles in result["drawn_mm"].items():
+        off = ", ".join(f"{style} {palms['avatar']:.1f} / {palms['person']:.1f}" for style, palms in styles.items())
+        print(f"drawn to true, {shown:<9} {off} mm (95 %, avatar's / person's palm)")
+    print(f"first picture           {result['first_picture_s']:.1f} s after highfive view is started")
     for size, rate in result["fps"].items():
         print(f"pictures a second       {rate:.1f} at {size}; one takes {result['draw_ms'][size]:.1f} ms at least")

@@ -26,7 +26,7 @@ from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.replay import SUFFIX, Replay
 from highfive.hil.runtime.clock import MACHINE, Clock
-from highfive.hil.runtime.console import Bar
+from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.session.reach import SEEN_LATE
@@ -58,6 +58,11 @@ if TYPE_CHECKING:
 
 RECORDING = "session.mcap"
 """In a session's folder."""
+PREPARING = (
+    "model, scene and people are prepared, then the page opens: some 15 s, and one to two minutes the first time after "
+    "installing, for then it compiles"
+)
+"""Is said before that; simulated people take most of it."""
 
 # What only an arm, a live person or the report need is imported where it is needed: it takes seconds.
 
@@ -174,7 +179,9 @@ def _check(options: SimulateOptions, live: bool, again: bool) -> None:
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:
-    """The model that answers; one of the user's own learns here."""
+    """The model that answers; one of the user's own learns here. It takes a while from here on, so that is said."""
+    if options.view is not None:
+        say_aside(PREPARING)
     if options.data is None:
         return open_model(options.model)
     if not is_plugin(options.model):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
+from highfive.hil.session.contact_time import sure_contact_s
 from highfive.hil.session.session import Sighting, Tick, TickInput
 from highfive.hil.sim.avatar import Pose
 from highfive.mocap_bridge.frames import HumanArm, MarkerFrame, TrackedMarkers
@@ -30,6 +31,7 @@ class RecordedTick:
         expected: s, time to contact as the model says.
         tick_ms: markers in to corrected pose out.
         sighting: the person at the frame's own time; None where no frame had come.
+        sure: the time to contact can be said (:func:`highfive.hil.session.contact_time.sure_contact_s`).
     """
 
     frame: MarkerFrame | None
@@ -46,6 +48,7 @@ class RecordedTick:
     expected: float
     tick_ms: float
     sighting: Sighting | None = None
+    sure: bool = False
 
     @property
     def captured_ns(self) -> int:
@@ -64,5 +67,5 @@ def recorded_tick(begins: TickInput, tick: Tick, played: Pose, tick_ms: float) -
     return RecordedTick(
         begins.frame, begins.time_ns, begins.at_ns, tick.markers, tick.person, tick.generated, tick.pose, played,
         current_forecast(tick.response), tick.target.phase.value, tick.target.weight, tick.response.time_to_contact,
-        tick_ms, tick.sighting,
+        tick_ms, tick.sighting, sure_contact_s(tick.response, tick.target.phase) is not None,
     )  # fmt: skip

@@ -160,7 +160,7 @@ class SessionRecorder:
             {"trial": self._trial, "phase": tick.phase, "weight": round(tick.weight, 5),
              "time_to_contact": messages.known(tick.expected), "latency_ms": messages.known(tick.tick_ms),
              "time_ns": tick.time_ns, "at_ns": tick.at_ns, "framed": tick.frame is not None,
-             "digest": pose_digest(tick.corrected)},
+             "digest": pose_digest(tick.corrected), "sure": tick.sure},
         )  # fmt: skip
         self._count += 1
         self._ended(now)

@@ -82,7 +82,7 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
     "/tick": (
         "high_five.Tick",
         {"trial": _WHOLE, "phase": _TEXT, "weight": _NUMBER, "time_to_contact": _UNKNOWN, "latency_ms": _UNKNOWN,
-         "time_ns": _WHOLE, "at_ns": _WHOLE, "framed": _YES, "digest": _TEXT},
+         "time_ns": _WHOLE, "at_ns": _WHOLE, "framed": _YES, "digest": _TEXT, "sure": Field("boolean", optional=True)},
     ),
     "/forecast": (
         "high_five.Forecast",

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader, read_session
 from highfive.hil.recording.trial_spans import TrialSpan
+from highfive.hil.session.contact_time import REACHING, SURE_S
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.sim.person import PersonBodies
 from highfive.hil.sim.scene import Scene
@@ -40,7 +41,7 @@ class RecordedTrial:
         markers: (T, M, 3) m; M is 0 where none were recorded.
         seen: (T, M) whether each was measured.
         weight: (T,) share of the correction.
-        expected: (T,) s, time to contact as the model said; NaN where unknown.
+        expected: (T,) s, time to contact as the model said; NaN where it was not sure.
         palms: (T,) m, from palm to palm.
         forecasts: of the contact, a tick each, as they are drawn; None where there was none.
         contact: what was judged, as recorded; empty where nothing was.
@@ -160,7 +161,7 @@ def _trial(high_five: RecordedHighFive, scene: Scene) -> RecordedTrial:
         markers=points,
         seen=seen,
         weight=_numbers([ticks[time]["weight"] for time in times]),
-        expected=_numbers([ticks[time]["time_to_contact"] for time in times]),
+        expected=_numbers([_sure_contact_s(ticks[time], forecasts.get(time)) for time in times]),
         palms=palms,
         forecasts=tuple(_forecast(forecasts.get(time)) for time in times),
         contact=span.contact,
@@ -212,6 +213,17 @@ def _arm(high_five: RecordedHighFive, times: Sequence[int]) -> Array | None:
 
 def _numbers(values: Sequence[float | None]) -> Array:
     return np.array([np.nan if value is None else float(value) for value in values])
+
+
+def _sure_contact_s(tick: dict[str, Any], forecast: dict[str, Any] | None) -> float | None:
+    """As the page of the session had it. Recordings of before say nothing of it, nor of unfamiliar hands: there the
+    forecast's own deviation judges.
+    """
+    sure = tick.get("sure")
+    if sure is None:
+        reaches = tick["phase"] in [phase.value for phase in REACHING]
+        sure = forecast is not None and reaches and float(forecast["time_deviation"]) <= SURE_S
+    return (forecast["time"] if forecast is not None else tick["time_to_contact"]) if sure else None
 
 
 def _forecast(message: dict[str, Any] | None) -> dict[str, Any] | None:

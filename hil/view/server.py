@@ -28,6 +28,7 @@ from highfive.hil.drivers.latch import Cause, Latch
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view.access import Access, address_of
+from highfive.hil.view.allowance import Allowance
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import OF_PARTICIPANTS, parse_command
@@ -46,6 +47,10 @@ MOST_TEXTS = 256
 """Texts that may wait for a page before it is let go."""
 MOST_A_SECOND = 1000
 """Messages that a page may send in a second before it is let go; it acknowledges some 120."""
+SHOWN_A_SECOND = 8
+"""Messages of what was shown that are taken of a page; it sends four. The host reads them in its ticks."""
+LONGEST_ASKED = 4096
+"""Characters of a command or a question; longer texts, which take time to be read, can only say what was shown."""
 MOST_PAGES = 16
 NICE = 5
 """Less urgent by so much than what it shows: where cores are few, the tick goes first."""
@@ -105,8 +110,8 @@ class _Page:
     last: int = -1
     texts: deque[str] = field(default_factory=deque)
     news: asyncio.Event = field(default_factory=asyncio.Event)
-    second: int = 0
-    messages: int = 0
+    messages: Allowance = field(default_factory=lambda: Allowance(MOST_A_SECOND))
+    shown: Allowance = field(default_factory=lambda: Allowance(SHOWN_A_SECOND))
     refused: bool = False
     blind: bool = False  # a participant's, in an experiment: it is not told what is shown
 
@@ -116,14 +121,6 @@ class _Page:
         if len(self.texts) > MOST_TEXTS:
             self.connection.transport.abort()
         self.news.set()
-
-    def floods(self) -> bool:
-        """Counts a message; too many have come in this second."""
-        second = MACHINE.now() // 1_000_000_000
-        if second != self.second:
-            self.second, self.messages = second, 0
-        self.messages += 1
-        return self.messages > MOST_A_SECOND
 
 
 class _Server:
@@ -242,7 +239,7 @@ class _Server:
         sender = asyncio.create_task(self._send(page))
         try:
             async for message in connection:
-                if page.floods():
+                if not page.messages.takes(MACHINE.now()):
                     break
                 self._hear(page, message)
         except ConnectionClosed:
@@ -291,17 +288,14 @@ class _Server:
             elif message and self._tracked is not None:
                 self._track(page, message, self._tracked)
             return
+        if self._hear_shown(page, message):
+            return
         if self._options.about.get("webcam") and (wants := _wants_camera(message)) is not None:
             if not wants:  # it could not be opened
                 self._camera = None if self._camera is page else self._camera
                 return
             self._camera = self._camera or page  # one at a time: two people's hands are never mixed
             page.tell(encode_text("camera", granted=self._camera is page))
-            return
-        shown = parse_shown(message)
-        if shown is not None:  # a later one says more than it would: nothing waits for it
-            text = encode_text("shown", page=page.number, bound_ms=shown[0], pictures=shown[1])
-            self._mailbox.put_newest(text.encode())
             return
         command = parse_command(message)
         if command is not None:
@@ -314,6 +308,20 @@ class _Server:
         asked = _asked(message)
         if asked is not None:
             page.tell(encode_text("time", asked=asked, now_ms=1e-6 * MACHINE.now()))
+
+    def _hear_shown(self, page: _Page, message: str) -> bool:
+        """What a page has shown: whether it was that, or is too long for anything else.
+
+        Too many are dropped, long ones unread. A later one says more than one that did not fit: nothing waits for it.
+        """
+        long = len(message) > LONGEST_ASKED
+        if long and not page.shown.takes(MACHINE.now()):
+            return True
+        shown = parse_shown(message)
+        if shown is not None and (long or page.shown.takes(MACHINE.now())):
+            text = encode_text("shown", page=page.number, bound_ms=shown[0], pictures=shown[1])
+            self._mailbox.put_newest(text.encode())
+        return long or shown is not None
 
     def _track(self, page: _Page, message: bytes, tracked: Mailbox) -> None:
         """Hands on what one camera or headset tracks; another headset is told that it is not tracked."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
+from highfive.hil.session.contact_time import sure_contact_s
 from highfive.hil.session.session import Session, Tick, TickInput
 from highfive.hil.session.stream import StreamState
 from highfive.hil.sim.playout import PlayOut
@@ -222,14 +223,13 @@ class SessionView:
     def _state(self, tick: Tick, distance: float) -> dict[str, Any]:
         response = tick.response
         forecast = current_forecast(response)
-        left = response.time_to_contact if forecast is None else forecast.time
         return {
             **self._trial,
             **self._standing(),
             "time_s": 1e-9 * tick.time_ns,
             "phase": tick.target.phase.value,
             "correction": tick.target.weight,
-            "time_to_contact_s": left if response.in_distribution else None,
+            "time_to_contact_s": sure_contact_s(response, tick.target.phase),
             "palms_m": distance if tick.person.valid else None,
             "tracked": int(tick.markers.seen.sum()),
             "markers": len(tick.markers.seen),

@@ -17,7 +17,7 @@ export class Caption {
     const mood = moodOf(recorded ? weightsOf(state.style || "") : state.weights || {});
     this.write(this.mood, mood);
     this.mood.parentElement.classList.toggle("mixed", mood.includes("%") || mood.includes("+"));
-    this.mood.style.setProperty("--tint", colourOf(mood.split(" ")[0]));
+    this.mood.style.setProperty("--tint", colourOf(mood.split(/\s/)[0]));
     const which = state.trials ? `High five ${state.trial + 1} of ${state.trials}` : "";
     const more = recorded && !hello.title ? NEWCOMER : state.cell ? `hand raised at ${state.cell}` : "";
     this.write(this.about, [which, more].filter(Boolean).join("\n"));

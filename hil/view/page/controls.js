@@ -5,7 +5,7 @@ import { colourOf, moodOf, weightsOf } from "./moods.js";
 import { Stop } from "./stop.js";
 
 const byId = (id) => document.getElementById(id);
-const SMALL = matchMedia("(max-width: 760px), (max-height: 520px)");
+const SMALL = matchMedia("(max-width: 760px), (max-height: 520px)"), LOW = matchMedia("(max-height: 800px)");
 
 export class Controls {
   constructor(command) {
@@ -35,6 +35,9 @@ export class Controls {
     byId("mix").setAttribute("aria-expanded", String(!brief));
     byId("mix").textContent = brief ? "Mix" : "Fewer";
   }
+
+  /** Another panel shares the side of the window. */
+  giveWay() { if (LOW.matches) this.fold(true); }
 
   /** What keys do now; the emergency stop has a way of its own. */
   get keys() {
@@ -104,7 +107,7 @@ export class Controls {
     for (const [emotion, { button, slider, output }] of this.sliders || []) {
       const weight = weights[emotion] || 0;
       if (document.activeElement !== slider || performance.now() - (this.asked || 0) > 1000) slider.value = weight;
-      output.textContent = `${Math.round(100 * weight)} %`;
+      output.textContent = `${Math.round(100 * weight)}\u00a0%`;
       button.classList.toggle("whole", weight > 0.995);
     }
   }

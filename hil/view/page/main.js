@@ -95,7 +95,7 @@ const heard = {
     headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
     if (text.webcam) openWebcam();
     if (text.mode === "experiment") openExperiment();
-    motion.before = motion.newest = null;
+    motion.clear();
     drawn.captured = 0;
     bars = [];
   },
@@ -149,7 +149,7 @@ async function openWebcam() {
   if (webcam) { webcam.claim(); return; }
   const { Webcam } = await import("./webcam.js");
   const panel = document.createElement("section");
-  byId("panels").append(panel);
+  place(panel);
   webcam = new Webcam(connection, panel, { processor: !stage || stage.quality.now.coarse });
   window.highfive.webcam = webcam;
   const button = Object.assign(document.createElement("button"), { textContent: "Mirror", onclick: () => choose(button) });
@@ -174,9 +174,13 @@ const ofExperiment = (text) => { if (experiment?.hear) experiment.hear(text); el
 
 /** Panels of other rooms: a text of a kind that none of ours has goes to who asked for it. */
 const listeners = new Map();
+function place(element) {
+  byId("panels").append(element);
+  controls.giveWay();
+}
 function panel(text) { for (const hear of listeners.get(text.kind) || []) hear(text); }
 export function addPanel(element, kind, hear) {
-  byId("panels").append(element);
+  place(element);
   listeners.set(kind, [...(listeners.get(kind) || []), hear]);
 }
 
@@ -215,6 +219,9 @@ function passContact(time) {
 new ResizeObserver(([{ target }]) => {  // what is said has a place of its own: all else is below it
   document.body.style.setProperty("--told", `${target.offsetHeight}px`);
 }).observe(byId("told"));
+new ResizeObserver(([{ target }]) => {  // further panels have what controls leave
+  document.body.style.setProperty("--controls", `${target.offsetHeight}px`);
+}).observe(byId("controls"));
 if (stage) keepClear(["told", "figures", "timeline", "controls", "panels", "caption"].map(byId), (now) => { free = now; clear(); });
 
 setInterval(() => { for (const strip of Object.values(strips)) strip.draw(); }, CHARTS_MS);
@@ -230,14 +237,14 @@ function frame(now, seen) {
   const shown = motion.at(time);
   if (shown && stage) {
     stage.pose(shown.bodies);
-    stage.showMarkers(motion.newest.markers, motion.newest.seen);
+    stage.showMarkers(shown.markers, shown.seen);
     if (drawn.told.length < MOST_TOLD && connection.synchronised) drawn.told.push([drawn.number, shown.holds, time, dropped]);
     if (motion.newest.captured > drawn.captured) {  // each that was measured since, once, as it is first shown
       if (motion.newest.rate) { drawn.ages.push(time - motion.newest.captured); drawn.fresh = now; }
       drawn.captured = motion.newest.captured;
     }
     if (drawn.ages.length > 600) drawn.ages.shift();
-    passContact(motion.newest.time);
+    passContact(shown.time);
   }
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
   const still = state.paused || state.playing === false;

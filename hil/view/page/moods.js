@@ -13,9 +13,9 @@ export function weightsOf(style) {
   }));
 }
 
-/** Weights by emotion as words: one alone by its name, a mixture with its shares. */
+/** Weights by emotion as words: one alone by its name, a mixture with its shares, each of which stays on one line. */
 export function moodOf(weights) {
   const kept = Object.entries(weights).filter(([, weight]) => weight > 0.01).sort((a, b) => b[1] - a[1]);
   if (kept.length === 1) return kept[0][0];
-  return kept.map(([name, weight]) => `${name} ${Math.round(100 * weight)} %`).join(" + ");
+  return kept.map(([name, weight]) => `${name}\u00a0${Math.round(100 * weight)}\u00a0%`).join(" + ");
 }

@@ -122,7 +122,11 @@ export class Stage {
     this.signs.showPalms(values, this.palms, this.met !== "arm");
   }
 
-  showMarkers(points, seen) { this.signs.showMarkers(points, seen); }
+  /** Hers would float before the eyes of who wears a headset. */
+  showMarkers(points, seen) {
+    this.signs.markers.visible = !this.immersed;
+    this.signs.showMarkers(points, seen);
+  }
 
   showForecast(forecast) { this.signs.showForecast(forecast); }
 

@@ -121,6 +121,8 @@ def test_the_avatar_stands_before_her_and_she_leaves(worn: Browser, mode: str) -
     assert abs(x - 0.3) < 0.15 and 0.7 < 0.2 - z < 1.3 and 0.75 < y < 1.1
     assert 1.4 < seen["head"][1] < 1.8
     assert not seen["hers"] and seen["room"] is (mode == "immersive-vr")
+    floating = "highfive.stage.signs.markers.visible"
+    assert worn.evaluate(floating) is False  # they are on her own arm, before her eyes
     # What each eye's own camera lets through, which is less than what the page's camera does.
     eyes_see = worn.evaluate(
         "highfive.stage.renderer.xr.getCamera().cameras.map(eye => ['room', 'hers'].map(kind =>"
@@ -140,6 +142,7 @@ def test_the_avatar_stands_before_her_and_she_leaves(worn: Browser, mode: str) -
         )
     )
     assert after == [False, False, 0, True, True, 0]
+    assert worn.evaluate(floating) is True and worn.evaluate("highfive.stage.signs.markers.count > 0")
     assert not worn.console
 
 

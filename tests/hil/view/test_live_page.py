@@ -14,9 +14,11 @@ from websockets.sync.client import ClientConnection, connect
 
 from highfive.hil.drivers.latch import Cause, Latch
 from highfive.hil.session.shown import Shown, shown_figures
+from highfive.hil.view.allowance import Allowance
 from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.page_shown import MOST
 from highfive.hil.view.pages import page_files
-from highfive.hil.view.server import CREDIT, MOST_A_SECOND
+from highfive.hil.view.server import CREDIT, MOST_A_SECOND, SHOWN_A_SECOND
 from highfive.hil.view.wire import VERSION, PoseMessage, decode_poses
 from highfive.model.errors import HighFiveError
 
@@ -202,6 +204,43 @@ def test_what_pages_have_shown_reaches_the_host_by_page_and_nothing_like_it_does
         "pictures": 2, "dropped": 2, "late_ms": {"p50": 8.125, "p95": pytest.approx(8.4625)},
     }  # fmt: skip
     assert page.shown() == []
+
+
+def test_so_many_are_taken_in_a_second_and_in_the_next_again() -> None:
+    allowance = Allowance(3)
+    assert [allowance.takes(now) for now in (0, 1, 2, 3, 999_999_999)] == [True, True, True, False, False]
+    assert [allowance.takes(1_000_000_000 + now) for now in range(4)] == [True, True, True, False]
+    assert allowance.takes(7_000_000_000)
+
+
+@pytest.mark.parametrize("pictures", [1, MOST])
+def test_a_flood_of_what_was_shown_reaches_the_host_as_a_trickle_and_holds_up_no_acknowledgement(
+    page: LivePage, pictures: int
+) -> None:
+    """Long ones and short ones: of 600 some 8 for each second that they take to be sent come to the host's tick."""
+    page.shown()
+    told = json.dumps({"kind": "shown", "bound_ms": 0.5, "pictures": [[7, 1000.123456, 1008.123456, 0]] * pictures})
+    with live(page) as link:
+        texts_until(link, "hello")
+        page.show(poses(1.0))
+        first = next(message for message in iter(link.recv, None) if isinstance(message, bytes))
+        start = time.monotonic()
+        for count in range(600):
+            link.send(told)
+            if count % 100 == 50:  # what is owed is acknowledged between them, and the next pose comes
+                link.send(first[4:8])
+                page.show(poses(float(count)))
+                first = next(message for message in iter(lambda: link.recv(20.0), None) if isinstance(message, bytes))
+                assert decode_poses(first).time_s == float(count)
+        link.send('{"kind": "command", "name": "next"}')
+        link.send('{"kind": "time", "asked": 77}')
+        while texts_until(link, "time")["asked"] != 77:
+            pass
+        seconds = int(time.monotonic() - start) + 2
+        shown = page.shown()
+        assert [one.name for one in page.commands()] == ["next"]
+    assert pictures <= len(shown) <= SHOWN_A_SECOND * seconds * pictures
+    assert SHOWN_A_SECOND * seconds < 300  # else nothing was judged
 
 
 def test_the_emergency_stop_is_pulled_by_the_server_itself(page: LivePage, estop: Latch) -> None:

@@ -440,7 +440,7 @@ def test_a_recording_says_that_it_was_cut_short_and_names_mixtures_as_sessions_d
         page.tell("state", **RECORDED)
         until(browser, "highfive.state().playing")
         assert text(browser, "notice") == "This recording has no end: it was cut short."
-        assert text(browser, "mood") == "happy 50 % + neutral 50 %"
+        assert text(browser, "mood") == "happy\u00a050\u00a0% + neutral\u00a050\u00a0%"
 
 
 def test_a_chart_keeps_what_was_before_a_seek(page: LivePage) -> None:

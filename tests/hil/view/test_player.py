@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from scipy.interpolate import CubicSpline
 
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.sim.avatar import avatar_skeleton
@@ -14,14 +15,14 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import Command
-from highfive.hil.view.player import REST_S, Player, between
-from highfive.hil.view.recorded import RecordedTrial, recorded_trials
+from highfive.hil.view.player import AHEAD_S, REST_S, Player, along
+from highfive.hil.view.recorded import RecordedTrials, recorded_trials
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
 
 @cache
-def shipped() -> tuple[RecordedTrial, ...]:
+def shipped() -> RecordedTrials:
     return recorded_trials(SHIPPED_RECORDING, build_scene())
 
 
@@ -103,12 +104,52 @@ def test_steps_are_ticks_and_stand_still() -> None:
     assert player.time_s == pytest.approx(0.1)
 
 
-def test_between_two_ticks_turns_go_the_short_way() -> None:
-    first = np.array([[0.0, 0.0, 0.0, *rotations.from_axis_angle("z", 0.2)]])
-    then = np.array([[1.0, 2.0, 3.0, *(-rotations.from_axis_angle("z", 0.4))]])
-    half = between(first, then, 0.5)[0]
-    assert np.allclose(half[:3], [0.5, 1.0, 1.5])
-    assert abs(half[3:] @ rotations.from_axis_angle("z", 0.3)) == pytest.approx(1.0)
+def test_between_two_ticks_turns_go_the_short_way_and_places_along_a_parabola() -> None:
+    times = np.array([0.0, 0.1, 0.2, 0.4])
+    angles = 0.2 + 2.0 * times
+    turns = np.array([rotations.from_axis_angle("z", float(angle)) for angle in angles])
+    turns[2] *= -1.0
+    places = np.stack([1.0 + times, 2.0 * times**2, np.zeros(4)], axis=1)
+    bodies = np.concatenate([places, turns], axis=1)[:, None]
+    half = along(times, bodies, 1, 0.5)[0]
+    assert np.allclose(half[:2], [1.15, 2.0 * 0.15**2], atol=0.003) and half[2] == 0.0
+    assert abs(half[3:] @ rotations.from_axis_angle("z", 0.5)) == pytest.approx(1.0, abs=1e-6)
+    even = along(
+        np.arange(4) / 60.0, np.concatenate([np.arange(4)[:, None] ** 2 * np.ones((4, 3)), turns], 1)[:, None], 1, 0.25
+    )
+    assert np.allclose(even[0, :3], 1.25**2)  # on equal steps exactly
+    for first in (0, 2):
+        assert np.allclose(along(times, bodies, first, 0.0)[0, :3], places[first])
+        assert np.allclose(along(times, bodies, first, 1.0)[0, :3], places[first + 1])
+
+
+def test_poses_are_sent_ahead_but_where_the_time_has_leapt() -> None:
+    """For which the page is to forget what it was sent: a message for no later time than the one before says so."""
+    player, trial = Player(shipped()), shipped()[0]
+    curve = CubicSpline(trial.times, trial.bodies[:, 10, :3])
+    first = player.poses(1_000)
+    assert (first.holds_ns, first.time_s) == (1_000, 0.0)
+    for count in range(1, 60):
+        player.advance(1 / 120)
+        message = player.poses(round(1e9 * count / 120))
+        assert message.holds_ns == round(1e9 * count / 120) + round(1e9 * AHEAD_S)
+        assert message.time_s == pytest.approx(count / 120 + AHEAD_S)
+        np.testing.assert_allclose(message.bodies[10, :3], curve(message.time_s), atol=1e-3)
+    assert player.state()["time_s"] == pytest.approx(59 / 120)
+    for command in (Command("seek", 1.0), Command("speed", 0.5), Command("next"), Command("pause", True)):
+        player.obey(command)
+        leapt = player.poses(500_000_000)
+        assert leapt.holds_ns == 500_000_000 and leapt.time_s == player.time_s, command
+    player.obey(Command("pause", False))
+    player.poses(0)
+    player.obey(Command("speed", 1.0))
+    player.obey(Command("seek", float(shipped()[1].times[-1]) - 0.02))
+    player.poses(0)
+    player.advance(0.008)
+    last = player.poses(8_000_000)  # the end is 12 ms away: it is sent, and is still to come
+    assert last.time_s == shipped()[1].times[-1] and last.rate == 1.0 and last.holds_ns > 8_000_000
+    player.advance(0.1)
+    assert player.poses(108_000_000).rate == 0.0
 
 
 def test_a_recording_that_was_cut_short_is_shown_up_to_there(tmp_path: Path) -> None:

@@ -322,7 +322,10 @@ def test_high_fives_in_four_emotions_and_a_second_headset_that_only_shows(emulat
         summary = json.loads(out)
         assert summary["trials"] == 4 and not summary["interrupted"], said
         assert [row["style"] for row in summary["rows"]] == ["neutral", "happy", "angry", "sad"]
-        assert sum(row["met"] for row in summary["rows"]) >= 3, (code, said)
+        # How many hands are met is `highfive bench headset`'s to say, in virtual time: here a busy machine moves them.
+        missed = [row for row in summary["rows"] if not (row["met"] or row["out_of_reach"])]
+        assert code == (1 if missed else 0), said
+        assert all(row["markers_seen"] > 0.0 and not row["simulated"] for row in summary["rows"])
         assert "enter VR" in said.replace("press Enter VR", "enter VR")
         streams = {row["stream"]: row for row in summary["streams"]}
         assert list(streams) == ["headset://page", "page 1", "page 2"], streams
@@ -340,10 +343,13 @@ def test_a_headset_that_sleeps_ends_the_session_with_a_line(emulator: str, tmp_p
             session.put_on(browser)
             browser.evaluate(HIGH_FIVES)
             enter(browser, "immersive-vr")
-            browser.evaluate(WAIT.format(9000))
+            judged = "new Promise(r => setInterval(() => highfive.state().trial >= 1 && r(true), 50))"
+            assert browser.evaluate(judged)  # the first high five is over: it stays, whatever becomes of the second
             browser.evaluate("highfive.headset.send = null")
-            code, _, said = session.end(120.0)
-        assert code in (1, 2) and "the headset sends nothing" in said
+            code, out, said = session.end(120.0)
+        summary = json.loads(out)
+        assert code == 1 and summary["interrupted"] and summary["trials"] >= 1
+        assert "the headset sends nothing" in said
         assert "Traceback" not in said
     finally:
         session.process.kill()

@@ -28,6 +28,7 @@ class BlackBox:
         goals: (J,) rad, of the first servo of each joint.
         allowed: (J,) A, goal currents.
         positions, velocities: (J,) rad and rad/s of the body.
+        said: (J,) rad, where the first servo of each joint has it: off by its horn.
         powered: (J,) bool, torque is on in every servo of the joint.
         sound: (J,) bool, no servo of the joint has shut down, or lost its power, since it was last switched on.
         released: (J,) bool, in a servo of the joint that has not, torque went off since the row before.
@@ -42,6 +43,7 @@ class BlackBox:
     allowed: list[list[float]] = field(default_factory=list)
     positions: list[Array] = field(default_factory=list)
     velocities: list[Array] = field(default_factory=list)
+    said: list[Array] = field(default_factory=list)
     powered: list[list[bool]] = field(default_factory=list)
     sound: list[list[bool]] = field(default_factory=list)
     released: list[list[bool]] = field(default_factory=list)
@@ -64,6 +66,7 @@ class BlackBox:
         positions, velocities = self.bus.body
         self.positions.append(np.array(positions))
         self.velocities.append(np.array(velocities))
+        self.said.append(self.positions[-1] + [servo.slip - servo.astray for servo in self._servos])
 
     def _look_at_registers(self) -> None:
         """Goals and torque; where no register has changed, as in most rows, they are those of the row before."""
@@ -102,7 +105,7 @@ class BlackBox:
 
     def clear(self) -> None:
         """Forgets what was."""
-        rows_of = (self.times, self.goals, self.allowed, self.positions, self.velocities)
+        rows_of = (self.times, self.goals, self.allowed, self.positions, self.velocities, self.said)
         for rows in (*rows_of, self.powered, self.sound, self.released, self.trips, self.watched):
             rows.clear()
 
@@ -116,13 +119,13 @@ class BlackBox:
         """When a servo last had another goal, ms after ``since_ns``, at the latest at ``until_ns``; 0 for never.
 
         What servos make their goal by themselves, as they are switched on or their watchdog trips, does not count, nor
-        what one without torque is told, nor does a joint that is commanded to stay where it is: ``holds`` times for
-        each joint, once for everything that has the arm held; a creep is not excused.
+        what one without torque is told, nor does a joint that is commanded to stay where its servo has it: ``holds``
+        times for each joint, once for everything that has the arm held; a creep is not excused.
         """
         times, powered = np.array(self.times), np.array(self.powered)
         own = (np.diff(self.trips) > 0) | (powered[1:] != powered[:-1]).any(axis=1)
-        goals, positions = np.array(self.goals), np.array(self.positions)
-        stays = np.abs(goals - positions) < HERE
+        goals = np.array(self.goals)
+        stays = np.abs(goals - np.array(self.said)) < HERE
         within = (times[1:] > since_ns) & (times[1:] <= (times[-1] if until_ns is None else until_ns))
         moved = (np.diff(goals, axis=0) != 0.0) & within[:, None] & ~own[:, None] & powered[1:]
         held = moved & stays[1:]

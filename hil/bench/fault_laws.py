@@ -26,7 +26,7 @@ RELEASED, LAY = "torque off in a sound servo, rad from where the arm lay", 0.05
 """The law, and rad: as near to where a limp arm lay it does not fall."""
 
 WAY_BACK = "reference: speed on the way back, rad/s"
-_BEHIND, _MAKING_UP = 1.1, 3  # periods from which on a driver falls behind; steps in which it catches up after that
+_BEHIND, _MAKING_UP = 1.1, 4  # periods from which on a driver falls behind; steps in which it catches up after that
 _SETTLED = 150  # rows of the box, ms, at its end in which the body stands
 
 
@@ -47,14 +47,17 @@ def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -
 
 
 def _judge_positions(laws: Laws, trial: ArmTrial, limits: Limits) -> None:
-    """Within limits, or where the arm stood beyond them as it began; a goal to stay is where a servo said it was."""
+    """Within limits, or where the arm stood beyond them as it began; a goal to stay is where a servo said it was, in the
+    cycle before or in its own."""
     beyond = -np.inf
     began = trial.cycles[0].state.positions
     stood = began
     for cycle in trial.cycles:
         if cycle.sent is not None:
             goals, own = cycle.sent.positions, began if cycle.mode is Mode.DRIVING else stood
-            high, low = np.maximum(limits.highest, own), np.minimum(limits.lowest, own)
+            said = own if cycle.mode is Mode.DRIVING else cycle.state.positions
+            high = np.maximum(limits.highest, np.maximum(own, said))
+            low = np.minimum(limits.lowest, np.minimum(own, said))
             beyond = max(beyond, float(np.maximum(goals - high, low - goals).max()))
         stood = cycle.state.positions
     if np.isfinite(beyond):

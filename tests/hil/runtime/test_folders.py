@@ -58,7 +58,7 @@ ENDINGS = {
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
 READ = {
     *("simulate --data", "simulate --rig-file", "simulate --limits", "simulate --estop"),
-    *("simulate --registration", "simulate --camera", "bench locked --model"),
+    *("simulate --calibration", "simulate --camera", "bench locked --model"),
     *("train data", "evaluate paths", "evaluate --windows", "classify-style paths", "observe paths"),
     *("serve file", "view recording", "track file", "track --subject", "calibrate subject file"),
     *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),
@@ -68,7 +68,8 @@ READ = {
     *("simulate --headset", "simulate --latencies", "calibrate event recording"),
     *("calibrate extrinsics --plate", "calibrate extrinsics --limits", "calibrate extrinsics --rig-file"),
     *("calibrate extrinsics --estop", "experiment analyse --counts", "experiment analyse --trials"),
-    *("experiment plan file", "experiment forget --study"),
+    *("experiment plan file", "experiment forget --study", "experiment run --simulate-participant"),
+    *("experiment analyse study", "rig play --calibration"),
 }
 # A folder or a file, as the format has it, or given by what is read: tested where the command is.
 ELSEWHERE = {
@@ -80,7 +81,10 @@ ELSEWHERE = {
 }
 LINKS = {"rig emulate --port-link"}
 # Read where they are there, made where they are not: tests/calibration/test_placement_file.py.
-KEPT = {"simulate --place"}
+KEPT = {"simulate --place", "experiment run --place"}
+
+# Added to, and nothing of it is ever replaced: tests/hil/experiments/test_trial_log.py.
+ADDED_TO = {"experiment run --study"}
 
 
 def commands(app: typer.Typer, above: str = "") -> Iterator[tuple[str, object]]:
@@ -111,7 +115,7 @@ def paths() -> Iterator[str]:
 
 
 def test_no_command_writes_where_this_file_does_not_look() -> None:
-    assert set(paths()) == READ | LINKS | KEPT | FOLDERS.keys() | FILES.keys() | ELSEWHERE.keys()
+    assert set(paths()) == READ | LINKS | KEPT | ADDED_TO | FOLDERS.keys() | FILES.keys() | ELSEWHERE.keys()
     for name, tested in ELSEWHERE.items():
         assert "overwrite" in (Path(__file__).parent.parent / tested).read_text(), name
     for command, callback in commands(cli.app):

@@ -47,8 +47,8 @@ def judge_commands(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -
 
 
 def _judge_positions(laws: Laws, trial: ArmTrial, limits: Limits) -> None:
-    """Within limits, or where the arm stood beyond them as it began; a goal to stay is where a servo said it was, in the
-    cycle before or in its own."""
+    """Within limits, or where the arm stood beyond them as it began; a goal to stay is where a servo said it was, in
+    its own cycle or the one before."""
     beyond = -np.inf
     began = trial.cycles[0].state.positions
     stood = began

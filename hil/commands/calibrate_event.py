@@ -128,8 +128,10 @@ def _of_lsl(messages: Sequence[RecordedMessage], channel: str | None) -> Array:
     if isinstance(first["values"][0], str):
         wanted = [channel is None or channel in m.data["values"] for m in messages]
         return times[np.array(wanted)]
-    labels, values = list(first["labels"]), np.array([m.data["values"] for m in messages], dtype=float)
-    return steps(times, values[:, _column(labels, channel, _contrast(values))])
+    labels = list(first["labels"])
+    same = np.array([list(m.data["labels"]) == labels for m in messages])  # until its channels change
+    values = np.array([m.data["values"] for m, fits in zip(messages, same, strict=True) if fits], dtype=float)
+    return steps(times[same], values[:, _column(labels, channel, _contrast(values))])
 
 
 def _of_person(recording: SessionRecording, marker: str | None) -> Array:

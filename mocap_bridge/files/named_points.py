@@ -18,8 +18,9 @@ MAX_BYTES = 1 << 28
 """Largest text file that is read, bytes."""
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 """m a unit."""
-PERSON_SPANS = {"m": (0.5, 3.0), "cm": (50.0, 300.0), "mm": (500.0, 3000.0)}
-"""A person's points extend so far along some axis, in each unit: the ranges do not meet."""
+PERSON_SPANS = {"m": (0.5, 3.0), "cm": (90.0, 300.0), "mm": (500.0, 3000.0)}
+"""A person's points extend so far along some axis, in each unit: the ranges do not meet, nor that of an adult in
+inches, 50 to 85."""
 UPS = ("y", "z")
 _UNEVEN = 0.3
 """Of a frame, by which a time stamp may be off."""

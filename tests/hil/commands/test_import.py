@@ -60,7 +60,12 @@ def test_tables_tell_unit_and_vertical_by_the_people(run, tmp_path, unit):
     scale = {"m": 1.0, "cm": 100.0, "mm": 1000.0}[unit]
     (tmp_path / "up_z.csv").write_text(table(markers().names, scale * unseen_as_nan(), 120.0))
     (tmp_path / "up_y.csv").write_text(table(markers().names, scale * y_up(unseen_as_nan()), 120.0, ";", ","))
-    assert run(tmp_path / "up_z.csv", tmp_path / "up_y.csv", "--to", tmp_path / "data")[0] == 0
+    words = (tmp_path / "up_z.csv", tmp_path / "up_y.csv", "--to", tmp_path / "data")
+    if unit == "cm":  # arm and head alone extend over 70 cm, a whole person over 70 inches
+        code, _, said = run(*words)
+        assert code == 2 and "in doubt" in said
+        words = (*words, "--units", "cm")
+    assert run(*words)[0] == 0
     for name in ("up_z.c3d", "up_y.c3d"):
         found = read_c3d(tmp_path / "data" / name)
         np.testing.assert_allclose(found.points[found.valid], markers().points[found.valid], atol=2e-6)

@@ -17,7 +17,12 @@ def points(values, names=("a", "b", "c"), unit=None):
 def test_a_person_of_any_size_tells_the_unit(size, unit):
     body = size * BODY / {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[unit]
     found = unit_by_size(points(np.tile(body, (4, 1, 1))))
-    assert found == (unit if 0.5 <= size * 0.9 <= 3.0 else None)
+    assert found == (unit if (0.9 if unit == "cm" else 0.5) <= size * 0.9 <= 3.0 else None)
+
+
+@given(st.floats(1.3, 2.1))
+def test_a_person_in_inches_is_not_taken_for_a_small_one_in_centimetres(height):
+    assert unit_by_size(points(np.tile(height / 0.9 * BODY / 0.0254, (4, 1, 1)))) is None
 
 
 @pytest.mark.parametrize("size", [10.0, 30.0, 0.2, 5000.0, 0.0])

@@ -381,7 +381,7 @@ def test_an_interrupted_track_leaves_whole_files(
     for number in (signal.SIGINT, signal.SIGKILL):
         for after in (0.0, 0.02, 0.1, 0.4):
             code = stopped(number, after, out, *words, "--overwrite")
-            if any(visible(out)[name] != new[name] for name in new if name.endswith((".c3d", ".csv"))):
+            if any(visible(out)[name] != old[name] for name in old if name.endswith((".c3d", ".csv"))):
                 assert code == (1 if number == signal.SIGINT else -number)  # it was not done
             assert number != signal.SIGINT or not list(out.rglob(f"{UNFINISHED}*"))
             for name, content in visible(out).items():

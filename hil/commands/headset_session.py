@@ -50,7 +50,8 @@ def with_page(options: SimulateOptions) -> SimulateOptions:
     if options.arm is not None and not options.arm.emulated:
         raise HighFiveError(
             f"--rig {options.arm.port} may be a real arm: a headset's world begins where it is put on, so that nothing "
-            "says where the arm's base stands in it; use --rig emulated, or a motion capture system with --registration"
+            "says where the arm's base stands in it; use --rig emulated, or a motion capture system with --calibration "
+            "and no headset"
         )
     if options.arm is not None and hand_of(options) == "left":
         raise HighFiveError("a left hand is met by the avatar's mirror image; a servo arm has none: leave out --rig")

@@ -31,6 +31,11 @@ def check_live_options(options: SimulateOptions, live: bool) -> None:
         raise HighFiveError("--latency is of a live person's system; add --source ADDRESS")
     if not 0.0 <= options.latency_ms <= LONGEST_LATENCY_MS:
         raise HighFiveError(f"--latency {options.latency_ms:g} ms; expected 0 to {LONGEST_LATENCY_MS:g}")
+    if options.headset is not None and options.arm is not None and not options.arm.emulated:
+        raise HighFiveError(
+            f"--rig {options.arm.port} may be a real arm, which who wears a headset may not see, nor can she stop it: "
+            "leave out --headset, or use --rig emulated"
+        )
     if options.place is not None and options.arm is not None and options.arm.calibration is not None:
         raise HighFiveError("--place and --calibration both say where the person stands; give one")
 

@@ -1,11 +1,14 @@
 """What is asked of the live page reaches it, or is refused in one line, before anything is opened."""
 
 import socket
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.commands.headset_session import with_page
+from highfive.hil.commands.live_options import check_live_options
 from highfive.hil.commands.page_options import check_port, page_options
 from highfive.hil.commands.simulate import simulate
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
@@ -23,6 +26,13 @@ def test_what_is_asked_of_the_page_reaches_it(source: str | None) -> None:
 
 def test_a_headset_beside_a_lab_has_the_page() -> None:
     assert page_options(False, "vicon://lab", Path("headset.toml"), None, False, False) == PageOptions()
+
+
+@pytest.mark.parametrize(("port", "real"), [("emulated", False), ("virtual", False), ("/dev/ttyUSB0", True)])
+def test_nobody_in_a_headset_stands_before_a_real_arm(port: str, real: bool) -> None:
+    options = SimulateOptions(source="vicon://lab", headset=Path("headset.toml"), arm=ArmOptions(port=port))
+    with pytest.raises(HighFiveError, match=r"may be a real arm.*leave out --headset") if real else nullcontext():
+        check_live_options(options, True)
 
 
 @pytest.mark.parametrize("source", [None, "pair.c3d", "vicon://lab", "session.mcap"])

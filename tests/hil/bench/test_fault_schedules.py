@@ -146,6 +146,7 @@ def test_a_joint_that_is_held_is_excused_once_a_creep_is_not() -> None:
             box.goals[ms][0] = to
             box.positions[ms] = box.positions[ms].copy()
             box.positions[ms][0] = to - 0.005
+            box.said[ms] = box.positions[ms].copy()
         assert bool(broken_by(box, 500 * MS)) == creeps
 
 

@@ -267,7 +267,7 @@ class LiveTrial:
         self.trouble, self._reached = "", False
         self.newest: MarkerFrame | None = None
         self._time_ns = self._idle_since_ns = 0
-        self._resets = sum(part.stamps.resets for part in source.parts)  # of the clocks of its systems
+        self._resets = self._clocks_set()
 
     def begins(self) -> bool:
         """Whether there is a source to play with; if not, ``trouble`` says why.
@@ -331,10 +331,14 @@ class LiveTrial:
         self.late += self._clock.now() - ready > 1_000_000
         return frame
 
+    def _clocks_set(self) -> int:
+        """How often a clock of the source's systems was set so far."""
+        return sum(part.stamps.resets for part in self._source.parts)
+
     def _elapsed(self, before: MarkerFrame, frame: MarkerFrame, between_ns: int) -> int:
         """From frame to frame, ns, by the system's own clock, which does not jitter, as long as that is plausible."""
         own = frame.source_time_ns - before.source_time_ns
-        resets, self._resets = self._resets, sum(part.stamps.resets for part in self._source.parts)
+        resets, self._resets = self._resets, self._clocks_set()
         most = self._settings.clock_set_ns if resets == self._resets else self._settings.told_set_ns
         if own > 0 and abs(own - (frame.arrival_time_ns - before.arrival_time_ns)) < most:
             return own

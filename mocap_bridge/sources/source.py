@@ -41,7 +41,7 @@ class SourceHealth:
         arrived_ns: when the newest of the frames that were ``received`` arrived, whether it could be used or not, ns.
         impossible: markers of all frames that were left out for coordinates that cannot be meant.
         hopeless: ``trouble`` is not mended by waiting.
-        unlikely_latency_ns: what the system last said of its latency and cannot mean, ns; 0 where it can.
+        unlikely_latency_ns: what the system last said of its latency that it cannot mean, ns; 0 if it never did.
     """
 
     connection: Connection

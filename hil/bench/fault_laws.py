@@ -12,7 +12,7 @@ from highfive.hil.arm.loop import ArmTick
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.black_box import STANDS, BlackBox
 from highfive.hil.bench.laws import COUNT, PERSON_FIRST, ROUNDING, Laws
-from highfive.hil.bench.motion_laws import judge_wire_motion
+from highfive.hil.bench.motion_laws import judge_wire_motion, plates_as_known
 from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.values import JointCommand
 from highfive.hil.safety.envelope import LATE_TICK
@@ -121,9 +121,7 @@ def _judge_references(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     hands = np.array([none if it is None else it.position for it in palms])
     speeds = np.array([none if it is None else it.velocity for it in palms])
     points = np.array([arm.points(pose)[0] for pose in references])
-    said = np.array([it.begun_ns + it.took_ns for it in trial.cycles])  # the line begins where servos were said to be
-    newest = np.searchsorted(said, [it.report.time_ns for it in ticks], side="right") - 1
-    bodies = np.array([arm.points(trial.cycles[max(number, 0)].state.positions)[0][0] for number in newest])
+    bodies = plates_as_known(trial, arm, times)
     closing = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
     laws.judge_near("reference: closing speed near the hand, m/s", closing, limits.contact.speed * ROUNDING)
     face = face_speed(times, points, heads, limits.face)

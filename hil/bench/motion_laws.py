@@ -2,7 +2,7 @@
 
 What goes over the wire is whole counts of the servos (2π / 4096 rad), a cycle at a time: one count more or less in one
 cycle is 0.18 rad/s, and 22 rad/s². Speeds and accelerations are therefore taken over :data:`CYCLES` cycles, about as
-long as a servo of the arm lags, in which rounding is less than what is allowed for it.
+long as a servo of the arm lags. What rounding by half a count a joint can add at the most is taken off.
 
 The body is where the emulated plant has it, every ms, not what the servos say. It follows a lag later: a hand that
 turns meanwhile closes in faster than anybody commanded (docs/safety.md has by how much). What the arm owes is that the
@@ -22,7 +22,7 @@ from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.laws import COUNT, PERSON_FIRST, Laws
 from highfive.hil.drivers.bus.cycle_ring import Mode
-from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.limits import Contact, Limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import State
 from highfive.hil.session.session import RATE_HZ
@@ -31,19 +31,12 @@ from highfive.model.geometry.rotations import Array
 CYCLES = 4
 """Of the bus, over which the wire's speeds are taken."""
 
-LEVER = 0.75
-"""m, from a joint to the plate at the most: one count moves that by 1.2 mm."""
-
-COUNT_SPEED = 2.0 * LEVER * COUNT * RATE_HZ / CYCLES
-"""m/s of the plate that two counts make, over so many cycles: 0.07. Goals of six joints, each rounded by up to half a
-count at both ends, are so far off in one of ten thousand."""
-
 WIRE_ROUNDING = 1.05
 """Ticks between which an acceleration is taken are up to a tenth nearer or further than the cycles that sent them."""
 
-BODY_ACCELERATION, BODY_CLOSING, BODY_NEAR_HEAD = 1.5, 1.75, 1.25
+BODY_ACCELERATION, BODY_CLOSING, BODY_NEAR_HEAD = 1.5, 1.75, 1.5
 """Of what is allowed: a servo makes up for its lag by being faster than its goal, the more where a hand was hidden and
-seen again. The worst of 4,500 schedules were 1.44, 1.66 and 1.15; but for eleven of them 1.25 would do."""
+seen again. The worst of 10,000 schedules were 1.44, 1.66 and 1.30."""
 
 LAG_S, SPAN_MS = 0.03, 25
 """s: the body is where it was commanded to be so long ago; ms over which the body's acceleration is taken."""
@@ -95,6 +88,13 @@ class PersonAsKnown:
         return self.times[np.array(first)]
 
 
+def plates_as_known(trial: ArmTrial, arm: ServoArm, times: Array) -> Array:
+    """(N, 3) m, where the plate was as the servos had last said at ``times`` (N,), s: there a tick's line begins."""
+    said = 1e-9 * np.array([it.begun_ns + it.took_ns for it in trial.cycles])
+    newest = np.maximum(np.searchsorted(said, times, side="right") - 1, 0)
+    return np.array([arm.points(trial.cycles[int(number)].state.positions)[0][0] for number in newest])
+
+
 def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:
     """Goals as they went over the wire, while cycles came one after the other.
 
@@ -106,28 +106,28 @@ def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm
     """
     person = PersonAsKnown(trial)
     first, longest = person.person_first(), MISSED / RATE_HZ
-    for times, goals, bodies in _driven(trial):
+    for times, goals in _driven(trial):
         if len(times) <= CYCLES:
             continue
-        points = np.array([arm.points(goal)[0] for goal in goals])
-        was = np.array([arm.points(body)[0][0] for body in bodies])
-        palms, velocities, heads = person.at(times)
-        velocities = _averaged(_within(velocities, palms - was, limits.contact.speed))
+        places, jacobians = zip(*(arm.points(goal) for goal in goals), strict=True)
+        points, reach = np.array(places), 0.5 * COUNT * np.array(jacobians)
+        # A goal is of a tick that began before its cycle, now more, now less.
+        ages = person.ages(times)
+        told = times - np.where(np.isfinite(ages), ages, 0.0)
+        closing = _closing_speed(person, arm, limits.contact, times, told, points[:, 0], reach[:, 0])
+        laws.judge_near("wire: closing speed near the hand, m/s", closing, limits.contact.speed)
+        _, _, heads = person.at(told)
         for phase in range(CYCLES):
             at = slice(phase, None, CYCLES)
-            closing = closing_speed(times[at], points[at, 0], palms[at], limits.contact, was[at], velocities[at])
-            laws.judge_near("wire: closing speed near the hand, m/s", closing, limits.contact.speed + COUNT_SPEED)
-            face = face_speed(times[at], points[at], heads[at], limits.face)
-            laws.judge_near("wire: speed near the head, m/s", face, limits.face.speed + COUNT_SPEED)
+            face = face_speed(times[at], points[at], heads[at], limits.face, reach[at])
+            laws.judge_near("wire: speed near the head, m/s", face, limits.face.speed)
         spans = times[CYCLES:] - times[:-CYCLES]
         speeds = (goals[CYCLES:] - goals[:-CYCLES]) / spans[:, None]
         if len(speeds) <= CYCLES:
             continue
-        # A goal is of a tick that began before its cycle, now more, now less: its speed is that much uncertain.
-        ages = person.ages(times)
-        told = times - np.where(np.isfinite(ages), ages, 0.0)
         step = 0.5 * np.maximum(times[2 * CYCLES :] - times[: -2 * CYCLES], told[2 * CYCLES :] - told[: -2 * CYCLES])
         step = step[:, None]
+        # How long a goal was a tick's before its cycle makes its speed that much uncertain.
         jitter = np.abs(speeds) * (np.abs(ages[CYCLES:] - ages[:-CYCLES]) / spans)[:, None]
         unsure = 2.0 * COUNT / step**2 + (jitter[CYCLES:] + jitter[:-CYCLES]) / step
         change = np.abs(speeds[CYCLES:] - speeds[:-CYCLES]) / step - unsure
@@ -168,7 +168,7 @@ def judge_body_motion(laws: Laws, trial: ArmTrial, box: BlackBox, limits: Limits
         closing = closing_speed(seconds, points[:, 0], palms, limits.contact, None, velocities)
         laws.judge_near("body: closing speed near the hand, m/s", closing, BODY_CLOSING * limits.contact.speed)
         face = face_speed(seconds, points, heads, limits.face)
-        laws.judge_near("body: speed near the head, m/s", face, BODY_NEAR_HEAD * limits.face.speed + COUNT_SPEED)
+        laws.judge_near("body: speed near the head, m/s", face, BODY_NEAR_HEAD * limits.face.speed)
     followed = person.while_tracking(rows) & person.while_tracking(rows - LAG_S) & (rows < 1e-9 * until_ns)
     speeds = np.array(box.velocities)
     for at in _runs(followed):
@@ -176,39 +176,66 @@ def judge_body_motion(laws: Laws, trial: ArmTrial, box: BlackBox, limits: Limits
         laws.judge("body: acceleration, of what is allowed", _largest(change / limits.acceleration), BODY_ACCELERATION)
 
 
-def _driven(trial: ArmTrial) -> list[tuple[Array, Array, Array]]:
-    """Cycles that gave goals one after the other, without a gap: times (C,), s, goals and joints (C, J), rad.
+def _driven(trial: ArmTrial) -> list[tuple[Array, Array]]:
+    """Cycles that gave goals one after the other, without a gap: times (C,), s, and goals (C, J), rad.
 
     Where a cycle after a standstill repeats what was sent before it, cycles count from the next goal on.
     """
-    found, run, last = list[tuple[Array, Array, Array]](), list[tuple[float, Array, Array]](), None
+    found, run, last = list[tuple[Array, Array]](), list[tuple[float, Array]](), None
     for cycle in trial.cycles:
         begun, sent = 1e-9 * cycle.begun_ns, cycle.sent if cycle.mode is Mode.DRIVING else None
         if run and (sent is None or begun - run[-1][0] > MISSED / RATE_HZ):
             found.append(_columns(run))
             run = []
         if sent is not None and (run or last is None or (sent.positions != last).any()):
-            run.append((begun, sent.positions, cycle.state.positions))
+            run.append((begun, sent.positions))
         last = None if sent is None else sent.positions
     return [*found, _columns(run)] if run else found
 
 
-def _columns(run: list[tuple[float, Array, Array]]) -> tuple[Array, Array, Array]:
-    return np.array([it for it, _, _ in run]), np.array([it for _, it, _ in run]), np.array([it for _, _, it in run])
+def _columns(run: list[tuple[float, Array]]) -> tuple[Array, Array]:
+    return np.array([it for it, _ in run]), np.array([it for _, it in run])
 
 
-def _within(velocities: Array, apart: Array, most: float) -> Array:
-    """Velocities (N, 3), m/s, of hands ``apart`` (N, 3), m, from a plate, no faster than ``most`` towards it: what a
-    hand is faster by itself does not count in any cycle."""
-    line = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-9)[:, None]
-    own = np.maximum(0.0, -np.einsum("ti,ti->t", velocities, line) - most)
-    return velocities + own[:, None] * line
+def _closing_speed(
+    person: PersonAsKnown, arm: ServoArm, limits: Contact, times: Array, told: Array, plates: Array, reach: Array
+) -> float:
+    """Largest speed, m/s, at which plate and palm came nearer each other over :data:`CYCLES` cycles, near each other.
 
+    Each cycle counts along the line as its tick knew it: from where the servos were said to be then to where the palm
+    was believed to be. What the hand is faster than the limit by itself does not count, nor what rounding of the goals
+    may have added at the most. 0 where they never were near.
 
-def _averaged(rows: Array) -> Array:
-    """(N, 3), each with the :data:`CYCLES` - 1 before it."""
-    padded = np.concatenate([np.repeat(rows[:1], CYCLES - 1, axis=0), rows])
-    return np.lib.stride_tricks.sliding_window_view(padded, CYCLES, axis=0).mean(axis=-1)
+    Args:
+        person: as the ticks knew her.
+        arm: the arm's kinematics.
+        limits: ``near``, ``touching`` and ``speed``.
+        times, told: (C,) s, of the cycles, and of the ticks whose goals they sent.
+        plates: (C, 3) m, where the goals put the plate.
+        reach: (C, 3, J) m, by which rounding moves it, whichever way.
+    """
+    palms, velocities, _ = person.at(told)
+    apart = palms - plates_as_known(person.trial, arm, told)
+    distance = np.linalg.norm(apart, axis=1)
+    lines = (apart / np.maximum(distance, 1e-9)[:, None])[1:]
+    step = np.diff(times)
+    hand = -np.einsum("ti,ti->t", velocities[1:], lines)
+    nearer = np.einsum("ti,ti->t", np.diff(plates, axis=0), lines) + np.minimum(hand, limits.speed) * step
+    summed = np.convolve(nearer, np.ones(CYCLES), "valid")
+    weights = np.zeros((CYCLES + 1, len(summed), 3))  # with which the places of a window count in its sum
+    for number in range(CYCLES):
+        along = lines[number : len(summed) + number]
+        weights[number] -= along
+        weights[number + 1] += along
+    rounding = sum(
+        np.abs(np.einsum("ti,tij->tj", weight, reach[number : len(summed) + number])).sum(axis=1)
+        for number, weight in enumerate(weights)
+    )
+    spans = np.maximum(times[CYCLES:] - times[:-CYCLES], told[CYCLES:] - told[:-CYCLES])
+    nearest = np.minimum(distance, np.linalg.norm(palms - plates, axis=1))[CYCLES:]
+    apart_enough = np.lib.stride_tricks.sliding_window_view(distance[1:], CYCLES).min(axis=1) >= limits.touching
+    near = np.isfinite(summed) & (nearest <= limits.near) & apart_enough
+    return float(((summed - rounding) / spans)[near].max(initial=0.0))
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[slice]:

@@ -79,7 +79,7 @@ class Points:
 
     Attributes:
         commanded: (P, 3) m, where they are if the joints are where they were commanded to be.
-        jacobians: (P, 3, J) m/rad, of ``commanded``.
+        jacobians: (P, 3, J) m/rad, halfway through the step that begins at ``commanded``: points move on arcs.
         measured: (P, 3) m, where they are if the joints are where the servos say.
     """
 

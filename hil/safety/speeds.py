@@ -47,7 +47,7 @@ def closing_speed(
     return float((closing - own)[near].max(initial=0.0))
 
 
-def face_speed(times: Array, points: Array, heads: Array, limits: Face) -> float:
+def face_speed(times: Array, points: Array, heads: Array, limits: Face, reach: Array | None = None) -> float:
     """Largest speed, m/s, of any point of the arm inside the zone about the head; 0 where none ever was.
 
     Args:
@@ -55,10 +55,17 @@ def face_speed(times: Array, points: Array, heads: Array, limits: Face) -> float
         points: (T, P, 3) m.
         heads: (T, 3) m; NaN where the head is not known.
         limits: ``radius``.
+        reach: (T, P, 3, J) m, by which a point may be off for each joint, whichever way: what that may have added to a
+            step's speed at the most does not count. None is exact.
     """
     if len(times) < 2:
         return 0.0
     step = np.maximum(np.diff(times), 1e-9)[:, None]
-    speeds = np.linalg.norm(np.diff(points, axis=0), axis=2) / step
+    moved = np.diff(points, axis=0)
+    speeds = np.linalg.norm(moved, axis=2) / step
+    if reach is not None:
+        ways = moved / np.maximum(np.linalg.norm(moved, axis=2), 1e-12)[:, :, None]
+        off = [np.abs(np.einsum("tpi,tpij->tpj", ways, ends)).sum(axis=2) for ends in (reach[:-1], reach[1:])]
+        speeds = np.maximum(0.0, speeds - (off[0] + off[1]) / step)
     inside = np.linalg.norm(points - heads[:, None], axis=2) <= limits.radius  # NaN is not inside
     return float(speeds[inside[:-1] & inside[1:]].max(initial=0.0))

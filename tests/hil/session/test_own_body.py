@@ -229,7 +229,7 @@ def test_high_fives_whose_arm_the_model_leads_into_its_body(
 
 @pytest.mark.slow(30)
 @pytest.mark.contact
-@pytest.mark.parametrize("seed", [0, 7, 101, 202])
+@pytest.mark.parametrize("seed", [0, 101])
 def test_no_high_five_touches_the_own_body(seed: int, scene: Scene, model: HGPDM, session: Session) -> None:
     partners, data = simulated_partners(36, model.emotions, CELLS, seed), scene.make_data()
     found = {

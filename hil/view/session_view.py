@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -59,6 +60,10 @@ class ShowingPage(Protocol):
 
     def shown(self) -> list[PageShown]:
         """What pages have shown since the last call."""
+        ...
+
+    def said(self) -> list[str]:
+        """What the server has had to say since the last call."""
         ...
 
 
@@ -172,6 +177,8 @@ class SessionView:
     def _obey(self) -> None:
         for command in self._page.commands():
             self._follow(command)
+        for line in self._page.said():
+            say_aside(line, logging.WARNING)
         if self._page.alive:
             return
         self._paused = False  # nobody could let it go on

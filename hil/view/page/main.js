@@ -97,7 +97,7 @@ const heard = {
     document.body.classList.toggle("flipped", flipped);
     if (headset) headset.space = text.space || null;
     clear();
-    headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
+    headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms), () => connection.send({ kind: "headset", over: true }));
     if (text.webcam) openWebcam();
     if (text.mode === "experiment") openExperiment();
     motion.clear();

@@ -34,8 +34,9 @@ export class Headset {
     navigator.xr?.addEventListener("devicechange", () => this.offer());
   }
 
-  /** From now on what is tracked is sent: ``send(message)``, for a time ``host(ms)`` of the host's; null for not. */
-  track(send, host) { Object.assign(this, { send, host }); }
+  /** From now on what is tracked is sent: ``send(message)``, for a time ``host(ms)`` of the host's, and ``over()`` once
+   *  nobody wears it any more; null for not. */
+  track(send, host, over) { Object.assign(this, { send, host, over }); }
 
   /** A button for each way in that this browser has. */
   async offer() {
@@ -101,6 +102,7 @@ export class Headset {
 
   left() {
     this.session = null;
+    if (this.send) this.over();
     this.stage.renderer.xr.enabled = false;
     for (const hand of this.hands) hand.visible = false;
     this.spoken.visible = this.standing.visible = false;

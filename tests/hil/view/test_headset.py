@@ -222,8 +222,9 @@ def test_what_is_said_is_read_before_the_eyes_for_some_seconds_and_the_page_says
 
 
 SIGHT = """(() => {const {stage} = highfive, {standing} = highfive.headset, eyes = stage.renderer.xr.getCamera();
-return {text: standing.visible ? standing.text : "", opacity: standing.material.opacity, at: standing.position.toArray(),
-both: eyes.cameras.every(eye => standing.layers.test(eye.layers)), dark: stage.veil.visible ? stage.veil.material.opacity : 0}})()"""
+return {text: standing.visible ? standing.text : "", at: standing.position.toArray(),
+both: eyes.cameras.every(eye => standing.layers.test(eye.layers)),
+dark: stage.veil.visible ? stage.veil.material.opacity : 0}})()"""
 INK = "highfive.headset.standing.canvas.getContext('2d').getImageData(512, 300, 1, 1).data[3]"
 UNTIL = "new Promise(r => {{const t = setInterval(() => {{if ({}) {{clearInterval(t); r(true)}}}}, 30)}})"
 
@@ -408,6 +409,7 @@ def test_high_fives_in_four_emotions_and_a_second_headset_that_only_shows(emulat
             assert "Another headset is tracked already" in other.evaluate(
                 "document.getElementById('notice').textContent"
             )
+            told(other, "Another headset is tracked already: this one only shows.")
             other.close()
             code, out, said = session.end(300.0)
             assert not browser.console

@@ -59,8 +59,8 @@ if TYPE_CHECKING:
 RECORDING = "session.mcap"
 """In a session's folder."""
 PREPARING = (
-    "model, scene and people are prepared, then the page opens: some 15 s, and one to two minutes the first time after "
-    "installing, for then it compiles"
+    "model, scene and people are prepared, then the page's address follows; the first time after installing it takes "
+    "minutes, for then it compiles"
 )
 """Is said before that; simulated people take most of it."""
 

@@ -56,6 +56,8 @@ MOST_PAGES = 16
 NICE = 5
 """Less urgent by so much than what it shows: where cores are few, the tick goes first."""
 FULL = "too many pages look on already"
+CONTACTS = 12
+"""High fives that a new page is told: so many bars its chart has."""
 LIVE = "/live"
 KEPT = ("state", "contacts", "say", "experiment", "participant", "experimenter")
 """Kinds of texts of which a new page is told the newest."""
@@ -130,6 +132,7 @@ class _Server:
         self._came = 0  # pages so far
         self._newest: bytes | None = None
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
+        self._contacts: deque[str] = deque(maxlen=CONTACTS)
         self._done = asyncio.Event()
         self._made: asyncio.Task[dict[str, File]] | None = None
         self._files = dict(page_files())
@@ -183,6 +186,8 @@ class _Server:
                 return
             if kind in KEPT:
                 self._kept[kind] = text
+            if kind == "contact":
+                self._contacts.append(text)
             for page in self._pages:
                 if not (page.blind and kind in HIDDEN):
                     page.tell(text)
@@ -230,6 +235,8 @@ class _Server:
         for kind, text in self._kept.items():
             if not (page.blind and kind in HIDDEN):
                 page.tell(text)
+        for text in () if page.blind else self._contacts:
+            page.tell(text)
         self._pages.add(page)
         self._tell_count()
         sender = asyncio.create_task(self._send(page))

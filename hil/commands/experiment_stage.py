@@ -64,6 +64,10 @@ class StagePage:
         """See :class:`LivePage`."""
         return self._page.shown()
 
+    def said(self) -> list[str]:
+        """See :class:`LivePage`."""
+        return self._page.said()
+
     @property
     def alive(self) -> bool:
         """See :class:`LivePage`."""

@@ -39,6 +39,7 @@ def view(options: ViewOptions) -> None:
     """
     path = options.recording or SHIPPED_RECORDING
     path = path / "session.mcap" if path.is_dir() else path
+    say_aside(f"{path.name if options.recording else 'the high fives that come along'}: read, then the page's address")
     session = read_session(path)
     trials = RecordedTrials(session, build_scene())
     if not session.complete:

@@ -66,6 +66,7 @@ class LivePage:
         self.pages = 0
         """How many look on."""
         self._commands: list[Command] = []
+        self._said: list[str] = []
         self._shown: deque[PageShown] = deque(maxlen=_MOST_SHOWN)
         self._count = 0
         run = secrets.token_hex(8)
@@ -127,6 +128,12 @@ class LivePage:
         self._shown.clear()
         return told
 
+    def said(self) -> list[str]:
+        """Lines that the server has had for who runs the session since the last call: another headset is tracked."""
+        self._note_all()
+        told, self._said = self._said, []
+        return told
+
     def wait_for_page(self, seconds: float) -> bool:
         """Waits until somebody looks on; False if nobody does within ``seconds``."""
         end = self._clock.now() + round(1e9 * seconds)
@@ -169,6 +176,8 @@ class LivePage:
             self.pages = int(message["count"])
         elif message["kind"] == "command":
             self._commands.append(Command(message["name"], message["value"]))
+        elif message["kind"] == "said":
+            self._said.append(message["line"])
         elif message["kind"] == "shown":
             self._shown.extend(page_shown(message["page"], message["bound_ms"], message["pictures"]))
 

@@ -43,7 +43,7 @@ class RecordedTrial:
         weight: (T,) share of the correction.
         expected: (T,) s, time to contact as the model said; NaN where it was not sure.
         palms: (T,) m, from palm to palm.
-        forecasts: of the contact, a tick each, as they are drawn; None where there was none.
+        forecasts: of the contact, a tick each, as they are drawn; None where there was none, or it was not sure.
         contact: what was judged, as recorded; empty where nothing was.
     """
 
@@ -151,6 +151,7 @@ def _trial(high_five: RecordedHighFive, scene: Scene) -> RecordedTrial:
     if arm is not None:
         bodies = np.concatenate([bodies, arm], axis=1)
     span = high_five.span
+    expected = [_sure_contact_s(ticks[time], forecasts.get(time)) for time in times]
     points, seen = _markers([markers.get(time) for time in times])
     return RecordedTrial(
         title=span.text("title"),
@@ -161,9 +162,11 @@ def _trial(high_five: RecordedHighFive, scene: Scene) -> RecordedTrial:
         markers=points,
         seen=seen,
         weight=_numbers([ticks[time]["weight"] for time in times]),
-        expected=_numbers([_sure_contact_s(ticks[time], forecasts.get(time)) for time in times]),
+        expected=_numbers(expected),
         palms=palms,
-        forecasts=tuple(_forecast(forecasts.get(time)) for time in times),
+        forecasts=tuple(
+            None if sure is None else _forecast(forecasts.get(time)) for time, sure in zip(times, expected, strict=True)
+        ),
         contact=span.contact,
     )
 
@@ -221,7 +224,7 @@ def _sure_contact_s(tick: dict[str, Any], forecast: dict[str, Any] | None) -> fl
     """
     sure = tick.get("sure")
     if sure is None:
-        reaches = tick["phase"] in [phase.value for phase in REACHING]
+        reaches = not tick["phase"] or tick["phase"] in [phase.value for phase in REACHING]  # the shipped one has none
         sure = forecast is not None and reaches and float(forecast["time_deviation"]) <= SURE_S
     return (forecast["time"] if forecast is not None else tick["time_to_contact"]) if sure else None
 

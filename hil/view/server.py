@@ -38,6 +38,7 @@ from highfive.hil.view.pages import POLICY, TYPES, WEBCAM_POLICY, File, page_fil
 from highfive.hil.view.skin_file import skin_file
 from highfive.hil.view.webcam_files import net_files
 from highfive.hil.view.wire import LONGEST, POSES, VERSION, encode_text, number_of, stamped
+from highfive.hil.view.worn import Worn
 from highfive.mocap_bridge.wire import headset
 from highfive.mocap_bridge.wire.landmarks import KIND as LANDMARKS
 
@@ -55,9 +56,8 @@ MOST_PAGES = 16
 NICE = 5
 """Less urgent by so much than what it shows: where cores are few, the tick goes first."""
 FULL = "too many pages look on already"
-RELEASED_S = 2.0
-"""A headset that sends nothing for so long, s, is no longer the one that is tracked."""
-TAKEN = "Another headset is tracked already: this one only shows."
+CONTACTS = 12
+"""High fives that a new page is told: so many bars its chart has."""
 LIVE = "/live"
 KEPT = ("state", "contacts", "say", "experiment", "participant", "experimenter")
 """Kinds of texts of which a new page is told the newest."""
@@ -112,7 +112,6 @@ class _Page:
     news: asyncio.Event = field(default_factory=asyncio.Event)
     messages: Allowance = field(default_factory=lambda: Allowance(MOST_A_SECOND))
     shown: Allowance = field(default_factory=lambda: Allowance(SHOWN_A_SECOND))
-    refused: bool = False
     blind: bool = False  # a participant's, in an experiment: it is not told what is shown
 
     def tell(self, text: str) -> None:
@@ -128,12 +127,12 @@ class _Server:
 
     def __init__(self, options: ServerOptions, mailbox: Mailbox, estop: Latch | None, tracked: Mailbox | None) -> None:
         self._options, self._mailbox, self._estop, self._tracked = options, mailbox, estop, tracked
-        self._worn: _Page | None = None  # the headset that is tracked, and when it last sent something
-        self._worn_at = 0  # ns
+        self._worn = Worn()
         self._pages: set[_Page] = set()
         self._came = 0  # pages so far
         self._newest: bytes | None = None
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
+        self._contacts: deque[str] = deque(maxlen=CONTACTS)
         self._done = asyncio.Event()
         self._made: asyncio.Task[dict[str, File]] | None = None
         self._files = dict(page_files())
@@ -187,6 +186,8 @@ class _Server:
                 return
             if kind in KEPT:
                 self._kept[kind] = text
+            if kind == "contact":
+                self._contacts.append(text)
             for page in self._pages:
                 if not (page.blind and kind in HIDDEN):
                     page.tell(text)
@@ -234,6 +235,8 @@ class _Server:
         for kind, text in self._kept.items():
             if not (page.blind and kind in HIDDEN):
                 page.tell(text)
+        for text in () if page.blind else self._contacts:
+            page.tell(text)
         self._pages.add(page)
         self._tell_count()
         sender = asyncio.create_task(self._send(page))
@@ -246,8 +249,7 @@ class _Server:
             pass
         finally:
             self._pages.discard(page)
-            if self._worn is page:
-                self._worn = None
+            self._worn.gone(page.number, MACHINE.now())
             self._camera = None if self._camera is page else self._camera
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionClosed):
@@ -288,14 +290,7 @@ class _Server:
             elif message and self._tracked is not None:
                 self._track(page, message, self._tracked)
             return
-        if self._hear_shown(page, message):
-            return
-        if self._options.about.get("webcam") and (wants := _wants_camera(message)) is not None:
-            if not wants:  # it could not be opened
-                self._camera = None if self._camera is page else self._camera
-                return
-            self._camera = self._camera or page  # one at a time: two people's hands are never mixed
-            page.tell(encode_text("camera", granted=self._camera is page))
+        if self._hear_shown(page, message) or self._hear_wanted(page, message):
             return
         command = parse_command(message)
         if command is not None:
@@ -308,6 +303,19 @@ class _Server:
         asked = _asked(message)
         if asked is not None:
             page.tell(encode_text("time", asked=asked, now_ms=1e-6 * MACHINE.now()))
+
+    def _hear_wanted(self, page: _Page, message: str) -> bool:
+        """Whether a page says that it wants to be the one whose camera or headset counts, or no longer."""
+        if _wants(message, "headset") is False:  # who wore it is out of VR and AR
+            self._worn.gone(page.number, MACHINE.now())
+            return True
+        wants = _wants(message, "camera") if self._options.about.get("webcam") else None
+        if wants:
+            self._camera = self._camera or page  # one at a time: two people's hands are never mixed
+            page.tell(encode_text("camera", granted=self._camera is page))
+        elif wants is False:  # it could not be opened
+            self._camera = None if self._camera is page else self._camera
+        return wants is not None
 
     def _hear_shown(self, page: _Page, message: str) -> bool:
         """What a page has shown: whether it was that, or is too long for anything else.
@@ -329,22 +337,21 @@ class _Server:
             tracked.put_newest(message)
         if message[0] != headset.KIND or len(message) != headset.LENGTH:
             return
-        now = MACHINE.now()
-        if self._worn is None or now - self._worn_at > RELEASED_S * 1e9:
-            self._worn, page.refused = page, False
-        if self._worn is page:
-            self._worn_at = now
+        taken, before, told = self._worn.takes(page.number, MACHINE.now())
+        if taken:
             tracked.put_newest(message)
-        elif not page.refused:
-            page.refused = True
-            page.tell(encode_text("headset", message=TAKEN))
+        if told:
+            page.tell(encode_text("headset", message=told, refused=not taken))
+        if before:
+            line = f"the headset of page {page.number} is tracked now, in place of that of page {before}, which is gone"
+            self._mailbox.put(encode_text("said", line=line))
 
 
-def _wants_camera(message: str) -> bool | None:
-    """Whether the page wants to be the one whose camera counts, or no longer; None of any other message."""
+def _wants(message: str, kind: str) -> bool | None:
+    """Whether the page wants to be the one whose camera, or headset, counts, or no longer; None of other messages."""
     with suppress(ValueError, RecursionError, AttributeError):
         asked = json.loads(message)
-        return not asked.get("over") if asked.get("kind") == "camera" else None
+        return not asked.get("over") if asked.get("kind") == kind else None
     return None
 
 

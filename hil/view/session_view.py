@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -59,6 +60,10 @@ class ShowingPage(Protocol):
 
     def shown(self) -> list[PageShown]:
         """What pages have shown since the last call."""
+        ...
+
+    def said(self) -> list[str]:
+        """What the server has had to say since the last call."""
         ...
 
 
@@ -172,6 +177,8 @@ class SessionView:
     def _obey(self) -> None:
         for command in self._page.commands():
             self._follow(command)
+        for line in self._page.said():
+            say_aside(line, logging.WARNING)
         if self._page.alive:
             return
         self._paused = False  # nobody could let it go on
@@ -222,18 +229,20 @@ class SessionView:
 
     def _state(self, tick: Tick, distance: float) -> dict[str, Any]:
         response = tick.response
-        forecast = current_forecast(response)
+        forecast, sure_s = current_forecast(response), sure_contact_s(response, tick.target.phase)
         return {
             **self._trial,
             **self._standing(),
             "time_s": 1e-9 * tick.time_ns,
             "phase": tick.target.phase.value,
             "correction": tick.target.weight,
-            "time_to_contact_s": sure_contact_s(response, tick.target.phase),
+            "time_to_contact_s": sure_s,
             "palms_m": distance if tick.person.valid else None,
             "tracked": int(tick.markers.seen.sum()),
             "markers": len(tick.markers.seen),
             "forecast": None
-            if forecast is None or forecast.time < 0.0
+            if forecast is None
+            or sure_s is None  # only where its time is told
+            or forecast.time < 0.0
             else ellipsoid(forecast.point, forecast.covariance),
         }

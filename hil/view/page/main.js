@@ -22,6 +22,8 @@ const BROKEN = {  // at the top right, and across the picture
 const CUT = "This recording has no end: it was cut short.";
 const FROZEN_MS = 250, FRESH_MS = 600, JUDGED_MS = 2500, CHARTS_MS = 100, TOLD_MS = 250, MOST_TOLD = 128;
 
+const PAUSED = "Paused.", STALE = "No new poses come: what you see stands still.";
+
 let lasting = "";  // what holds for as long as the page is open
 const notice = (text) => { const place = byId("notice"); place.textContent = text || lasting; place.hidden = !(text || lasting); };
 const linkShown = (kind, text) => { const place = byId("link"); place.className = `link ${kind}`; place.lastElementChild.textContent = text; };
@@ -56,7 +58,7 @@ const strips = {
   correction: new Strip(byId("correction-strip"), { top: 1, colour: "#1f6f9c" }),
 };
 const contacts = new Contacts(byId("contacts-strip"));
-let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", why = "", arrived = 0, judgedAt = -Infinity, shownContact = null;
+let state = {}, bars = [], trials = [], frozen = false, behind = false, linked = "", said = "", why = "", refused = "", ended = "", arrived = 0, judgedAt = -Infinity, shownContact = null;
 
 /** The picture, whole, is turned round for who gives a webcam the left hand; its left is then the window's right. */
 let flipped = false, free = null;
@@ -67,7 +69,9 @@ const connection = new Connection({
   text(text) { (heard[text.kind] || panel)(text); },
   link(kind) {
     if (kind === linked) return;
+    const was = BROKEN[linked];
     linked = kind;
+    if (was && byId("notice").textContent === was[1]) notice("");  // a cable that was pulled is back: nobody says hello
     controls.stop.link(kind === "good");
     if (BROKEN[kind]) linkShown("bad", BROKEN[kind][0]);
     if (BROKEN[kind]?.[1]) notice(BROKEN[kind][1]);
@@ -85,6 +89,7 @@ const heard = {
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
     notice(text.cut ? CUT : "");
+    why = refused = "";
     hello = text;
     entrance();
     behind = Boolean(text.tracks) && text.hand === "left";
@@ -92,7 +97,7 @@ const heard = {
     document.body.classList.toggle("flipped", flipped);
     if (headset) headset.space = text.space || null;
     clear();
-    headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms));
+    headset?.track(text.tracks ? (bytes) => connection.sendNewest(bytes) : null, (ms) => connection.host(ms), () => connection.send({ kind: "headset", over: true }));
     if (text.webcam) openWebcam();
     if (text.mode === "experiment") openExperiment();
     motion.clear();
@@ -119,8 +124,22 @@ const heard = {
   experiment: (text) => ofExperiment(text), participant: (text) => ofExperiment(text), experimenter: (text) => ofExperiment(text),
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
-  over(text) { notice([why, text.message].filter(Boolean).join("\n")); linkShown("calm", "over"); linked = "over"; connection.close(); controls.end(); spoken(""); webcam?.end(); },
-  headset(text) { notice(text.message); },
+  over(text) {
+    notice([why, text.message].filter(Boolean).join("\n"));
+    linkShown("calm", "over");
+    linked = "over";
+    ended = text.line || text.message;
+    connection.close();
+    controls.end();
+    spoken("");
+    webcam?.end();
+    headset?.finish();
+  },
+  headset(text) {
+    notice(text.message);
+    refused = text.refused ? text.message : "";
+    if (!refused) headset?.spoken.say(text.message, performance.now());
+  },
   touch(text) {
     if (stage) stage.contact(behind ? mirroredPoint(text.where) : text.where, performance.now());
     headset?.touch();
@@ -142,6 +161,13 @@ function figures(text) {
 
 /** What is said to the person: large, and in the headset that she wears. */
 function spoken(message) { headset?.spoken.say(message, performance.now()); const place = byId("spoken"); place.textContent = message; place.hidden = !message; }
+
+/** What who wears a headset must know for as long as it holds; '' where all goes on. */
+function standing() {
+  if (linked === "over") return ended;
+  if (BROKEN[linked]) return [why, BROKEN[linked][1]].filter(Boolean).join(" ");
+  return why || refused || { paused: PAUSED, "no new poses": STALE }[said] || "";
+}
 
 let webcam = null;
 /** The camera's panel, and her view of the avatar. */
@@ -253,7 +279,10 @@ function frame(now, seen) {
   if (status && status !== said) linkShown({ live: "good", "no new poses": "" }[status] ?? "calm", status);
   said = status;
   frozen = stale;
-  if (seen && headset) headset.frame(seen);
+  if (seen && headset?.session) {
+    headset.standing.tell(standing(), performance.now());
+    headset.frame(seen);
+  }
   if (stage && stage.ready) stage.draw(now);
   if (stage && stage.values) document.body.classList.add("shown");
   drawn.frames += 1;

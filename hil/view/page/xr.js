@@ -1,15 +1,17 @@
 // In a headset: the avatar life-size before the person, floor on the floor; her own hands drawn, her own body hidden.
 
 import { Spoken } from "./spoken.js";
+import { Standing } from "./standing.js";
 import { LIMBS, Tracked } from "./tracked.js";
 import { CylinderGeometry, InstancedMesh, Matrix4, MeshStandardMaterial, Quaternion, SphereGeometry, Vector3 } from "./three.js";
 
 const FEATURES = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking", "body-tracking"] };
-const MODES = { "immersive-vr": "Enter VR", "immersive-ar": "Enter AR" };
+const MODES = { "immersive-vr": "Enter VR", "immersive-ar": "Enter AR" }, LEAVE = "Leave";
 const UP = new Vector3(0, 1, 0);
 // m between her eyes and the avatar where palms meet at an arm's length, for eyes at this height; with bounds for others.
 const STAND_OFF = 1.0, EYES = 1.674, NEAREST = 0.85, FURTHEST = 1.15;
-const FADE_MS = 600, PULSE = [0.8, 60];  // m; share of the strength, ms
+const FADE_MS = 600, PULSE = [0.8, 60];  // share of the strength, ms
+const READ_MS = 8000, DARK_MS = 1200;  // at the end: until she is let out, who reads why; and until it is dark
 const JOINTS = 25;
 // Bones from joint to joint, in the order of XRHand: the wrist, four joints of the thumb, five of each finger.
 const BONES = [[1, 2, 3, 4], ...[5, 10, 15, 20].map((first) => [0, 1, 2, 3, 4].map((i) => first + i))]
@@ -25,14 +27,16 @@ export class Headset {
   constructor(stage, place, say, changed) {
     Object.assign(this, { stage, place, say, changed, modes: null, session: null, send: null, space: null, places: 0, counts: { frames: 0, hands: 0, lost: 0, sent: 0 } });
     this.spoken = new Spoken();
-    stage.scene.add(this.spoken);
+    this.standing = new Standing();
+    stage.scene.add(this.spoken, this.standing);
     this.hands = ["left", "right"].map(() => this.hand());
     this.offer();
     navigator.xr?.addEventListener("devicechange", () => this.offer());
   }
 
-  /** From now on what is tracked is sent: ``send(message)``, for a time ``host(ms)`` of the host's; null for not. */
-  track(send, host) { Object.assign(this, { send, host }); }
+  /** From now on what is tracked is sent: ``send(message)``, for a time ``host(ms)`` of the host's, and ``over()`` once
+   *  nobody wears it any more; null for not. */
+  track(send, host, over) { Object.assign(this, { send, host, over }); }
 
   /** A button for each way in that this browser has. */
   async offer() {
@@ -42,14 +46,18 @@ export class Headset {
       if (!has) continue;
       const button = Object.assign(document.createElement("button"), { textContent: label });
       button.dataset.mode = mode;
-      button.onclick = () => this.enter(mode).catch((error) => this.say(`${label} failed: ${error.message}`));
+      button.onclick = () => (this.session ? this.leave(FADE_MS, FADE_MS) : this.enter(mode).catch((error) => this.say(`${label} failed: ${error.message}`)));
       buttons.push(button);
     }
     this.place.replaceChildren(...buttons);
     this.place.hidden = !buttons.length;
     this.modes = buttons.map((button) => button.textContent);
+    this.label();
     this.changed();
   }
+
+  /** While one is worn the button lets her out. */
+  label() { for (const button of this.place.children) button.textContent = this.session ? LEAVE : MODES[button.dataset.mode]; }
 
   /** What keeps a headset from being entered here; "" if nothing does, null as long as the browser has not answered. */
   get lacking() {
@@ -67,25 +75,50 @@ export class Headset {
     await stage.renderer.xr.setSession(session);
     this.session = session;
     this.began = performance.now();
+    this.ends = null;
     this.placed = false;
     stage.immerse(mode === "immersive-ar");
     session.addEventListener("end", () => this.left());
-    stage.renderer.xr.getReferenceSpace().addEventListener("reset", () => { this.placed = this.spoken.stands = false; });
+    stage.renderer.xr.getReferenceSpace().addEventListener("reset", () => { this.placed = this.spoken.stands = this.standing.stands = false; });
     this.spoken.say(this.spoken.text, this.began);
+    this.standing.stands = false;
+    this.label();
     this.changed();
+  }
+
+  /** It is over: she reads why, on the dark, and is let out. */
+  finish() { this.leave(DARK_MS, READ_MS); }
+
+  /** Lets her out after so long, ms; it is dark by ``dark``, but not where she sees her own room, in which she may walk. */
+  leave(dark, after) {
+    if (this.session && !this.ends) this.ends = { from: performance.now(), dark, after };
+  }
+
+  /** How light it is, 0 to 1: comfortable beginnings and ends. */
+  light(now) {
+    const begun = Math.min((now - this.began) / FADE_MS, 1);
+    return this.ends && !this.stage.passthrough ? Math.min(begun, Math.max(1 - (now - this.ends.from) / this.ends.dark, 0)) : begun;
   }
 
   left() {
     this.session = null;
+    if (this.send) this.over();
     this.stage.renderer.xr.enabled = false;
     for (const hand of this.hands) hand.visible = false;
-    this.spoken.visible = false;
+    this.spoken.visible = this.standing.visible = false;
     this.stage.emerge();
+    this.label();
     this.changed();
   }
 
   /** Before each picture of the headset. */
   frame(frame) {
+    const now = performance.now();
+    if (this.ends && now - this.ends.from > this.ends.after) {
+      this.ends.after = Infinity;
+      this.session.end();
+      return;
+    }
     const space = this.stage.renderer.xr.getReferenceSpace();
     const viewer = space && frame.getViewerPose(space);
     if (!viewer || this.session.visibilityState === "hidden") {  // tracking is lost: what was there stays, and is not seen
@@ -95,12 +128,11 @@ export class Headset {
     }
     this.counts.frames += 1;
     if (!this.placed) this.recentre(viewer.transform);
-    this.stage.dim(Math.min((performance.now() - this.began) / FADE_MS, 1), viewer.transform.position);
+    this.stage.dim(this.light(now), viewer.transform.position);
     const { position, orientation } = viewer.transform;
-    this.spoken.show(
-      new Vector3(position.x, position.y, position.z),
-      new Quaternion(orientation.x, orientation.y, orientation.z, orientation.w), performance.now(),
-    );
+    const eyes = new Vector3(position.x, position.y, position.z);
+    const turn = new Quaternion(orientation.x, orientation.y, orientation.z, orientation.w);
+    for (const panel of [this.spoken, this.standing]) panel.show(eyes, turn, now);
     let shown = 0;
     const seen = [null, null];
     for (const source of this.session.inputSources) {

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from page_address import page_address
 
 from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.wire import PoseMessage
 from highfive.mocap_bridge.wire.headset import HeadsetPose, decode_headset
 from highfive.model.geometry import rotations
 
@@ -219,6 +221,97 @@ def test_what_is_said_is_read_before_the_eyes_for_some_seconds_and_the_page_says
         assert browser.evaluate(notice).startswith("Put the headset on")
 
 
+SIGHT = """(() => {const {stage} = highfive, {standing} = highfive.headset, eyes = stage.renderer.xr.getCamera();
+return {text: standing.visible ? standing.text : "", at: standing.position.toArray(),
+both: eyes.cameras.every(eye => standing.layers.test(eye.layers)),
+dark: stage.veil.visible ? stage.veil.material.opacity : 0}})()"""
+INK = "highfive.headset.standing.canvas.getContext('2d').getImageData(512, 300, 1, 1).data[3]"
+UNTIL = "new Promise(r => {{const t = setInterval(() => {{if ({}) {{clearInterval(t); r(true)}}}}, 30)}})"
+
+
+def told(browser: Browser, text: str) -> dict[str, Any]:
+    """What she sees once the panel says ``text``, fully there."""
+    panel = "highfive.headset.standing"
+    assert browser.evaluate(
+        UNTIL.format(f"{panel}.visible === {json.dumps(bool(text))} && (!{json.dumps(text)} || "
+                     f"{panel}.text === {json.dumps(text)} && {panel}.material.opacity === 1)")
+    )  # fmt: skip
+    return browser.evaluate(SIGHT)
+
+
+def still(number: int = 0) -> PoseMessage:
+    """A pose of everybody at rest, of now."""
+    now, bodies = time.monotonic_ns(), np.zeros((59, 7))
+    bodies[:, 3] = 1.0
+    return PoseMessage(number, now, now, 0, 1.0, 0.5, bodies, np.zeros((0, 3)), np.zeros(0, dtype=bool))
+
+
+@pytest.mark.slow
+def test_she_is_told_in_the_headset_how_it_stands_and_let_out_of_the_dark_with_the_reason(emulator: str) -> None:
+    about = {"mode": "session", "title": "", "emotions": [], "cells": [], "tracks": True}
+    with LivePage(about, port=0, tracks=True) as page, Browser((640, 360)) as browser:
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source=emulator + DEVICE)
+        browser.go(page.address)
+        assert browser.evaluate(LOADED)
+        browser.evaluate("highfive.stage.renderer.render = () => {}")
+        page.show(still())
+        enter(browser, "immersive-vr")
+        assert browser.evaluate("document.querySelector('[data-mode=immersive-vr]').textContent") == "Leave"
+        stale = told(browser, "No new poses come: what you see stands still.")
+        # Eyes at (0.3, 1.62, 0.2) look along -z: it stands before her, under her eyes, nearer than the avatar.
+        assert stale["both"] and browser.evaluate(INK) > 200 and stale["dark"] == 0
+        assert stale["at"] == pytest.approx([0.3, 1.36, -0.55], abs=0.02)
+        page.tell("state", trial=0, trials=4, weights={}, paused=True, time_s=0.0)
+        told(browser, "Paused.")
+        page.tell("state", trial=0, trials=4, weights={}, paused=False, time_s=0.0)
+        told(browser, "No new poses come: what you see stands still.")
+        # Who turns round has it before her again; who only glances aside does not.
+        browser.evaluate("headset.quaternion.set(0, Math.SQRT1_2, 0, Math.SQRT1_2)")  # to the left
+        browser.evaluate(UNTIL.format("highfive.headset.standing.position.x < 0"))
+        assert told(browser, "No new poses come: what you see stands still.")["at"] == pytest.approx(
+            [-0.45, 1.36, 0.2], abs=0.02
+        )
+        page.tell("over", message="The session ended early: she left. The report: /x", line="The session ended early.")
+        over = told(browser, "The session ended early.")
+        assert browser.evaluate(
+            UNTIL.format("highfive.stage.veil.material.opacity === 1 && highfive.stage.veil.visible")
+        )
+        assert over["both"] and browser.evaluate(SIGHT)["text"] == "The session ended early."
+        assert browser.evaluate(UNTIL.format("!highfive.headset.session"))
+        assert browser.evaluate("[highfive.stage.veil.visible, highfive.headset.standing.visible]") == [False, False]
+        assert not browser.console
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["immersive-vr", "immersive-ar"])
+def test_a_connection_that_is_lost_is_told_in_the_headset_and_who_leaves_by_the_button_goes_through_the_dark(
+    emulator: str, mode: str
+) -> None:
+    about = {"mode": "session", "title": "", "emotions": [], "cells": []}
+    with Browser((640, 360)) as browser:
+        with LivePage(about, port=0) as page:
+            browser.call("Page.addScriptToEvaluateOnNewDocument", source=emulator + DEVICE)
+            browser.go(page.address)
+            assert browser.evaluate(LOADED)
+            browser.evaluate("highfive.stage.renderer.render = () => {}")
+            enter(browser, mode)
+            port, key = page.port, page.address.rpartition("=")[2]
+        told(browser, "The connection is lost; this page tries again by itself.")
+        with LivePage(about, port=port, key=key):
+            told(browser, "")
+            browser.evaluate(
+                "window.dark = 0; (look => look(look))(look => {const {veil} = highfive.stage;"
+                "window.dark = Math.max(window.dark, veil.visible ? veil.material.opacity : 0);"
+                "if (highfive.headset.session) setTimeout(look, 10, look)})"
+            )
+            browser.evaluate(f"document.querySelector('[data-mode={mode}]').click()")
+            assert browser.evaluate(UNTIL.format("!highfive.headset.session"))
+            dark = browser.evaluate("window.dark")
+            # In her own room, in which she may walk, it never goes dark.
+            assert dark > 0.6 if mode == "immersive-vr" else dark == 0
+            assert browser.evaluate("document.querySelector('[data-mode=immersive-vr]').textContent") == "Enter VR"
+
+
 def watch_messages(browser: Browser) -> None:
     """Keeps the newest message of the headset, decoded, as ``window.sent``."""
     browser.evaluate(
@@ -316,6 +409,7 @@ def test_high_fives_in_four_emotions_and_a_second_headset_that_only_shows(emulat
             assert "Another headset is tracked already" in other.evaluate(
                 "document.getElementById('notice').textContent"
             )
+            told(other, "Another headset is tracked already: this one only shows.")
             other.close()
             code, out, said = session.end(300.0)
             assert not browser.console

@@ -49,6 +49,12 @@ def test_bodies_are_where_forward_kinematics_has_them() -> None:
         assert np.linalg.norm(head[:3] - said["head"]) < 0.2
 
 
+def test_a_contact_is_drawn_only_where_its_time_is_told() -> None:
+    for trial in shipped():
+        drawn = np.array([forecast is not None for forecast in trial.forecasts])
+        assert drawn.any() and not np.isnan(trial.expected[drawn]).any()
+
+
 def test_the_forecast_closes_in_on_where_palms_meet() -> None:
     for trial in shipped():
         assert trial.contact_s is not None

@@ -84,6 +84,8 @@ def test_a_session_is_shown_and_does_what_the_page_asks(tmp_path: Path) -> None:
     assert all(one.holds_ns >= one.captured_ns > 0 for one in poses)
     forecasts = [state["forecast"] for state in states if state.get("forecast")]
     assert forecasts and all(len(one["axes"]) == 3 for one in forecasts)
+    # What is drawn of the contact is told, too: never a place where its time is not sure.
+    assert all(state["time_to_contact_s"] is not None for state in states if state.get("forecast"))
 
 
 @pytest.mark.slow

@@ -1,0 +1,49 @@
+"""Which headset is tracked: one at a time, for as long as it is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+HELD_BACK_NS = 1_500_000_000
+"""From one headset to another nothing is handed on for so long: who follows them takes that for a person who is gone,
+and two people's hands are never one movement."""
+TAKEN = "Another headset is tracked already: this one only shows."
+YOURS = "This headset is tracked now, in place of another one."
+
+
+@dataclass
+class Worn:
+    """The headset of one page.
+
+    Attributes:
+        page: number of the page whose headset is tracked; 0 for none.
+        refused: pages that were told that another one is.
+    """
+
+    page: int = 0
+    refused: set[int] = field(default_factory=set)
+    _last: int = 0
+    _free_ns: int = 0
+
+    def takes(self, page: int, now_ns: int) -> tuple[bool, int, str]:
+        """Something of a page's headset has come: whether it is tracked, whose place it has taken now (0 for nobody's),
+        and what the page is to be told, '' for nothing.
+        """
+        if self.page == page:
+            return True, 0, ""
+        if self.page:
+            told = "" if page in self.refused else TAKEN
+            self.refused.add(page)
+            return False, 0, told
+        if self._last not in (0, page) and now_ns - self._free_ns < HELD_BACK_NS:
+            return False, 0, ""
+        before, self.page = self._last, page
+        self.refused.discard(page)
+        self._last = page
+        return (True, before, YOURS) if before not in (0, page) else (True, 0, "")
+
+    def gone(self, page: int, now_ns: int) -> None:
+        """A page is gone, or nobody wears its headset any more."""
+        self.refused.discard(page)
+        if self.page == page:
+            self.page, self._free_ns = 0, now_ns

@@ -197,6 +197,36 @@ def calibrate_extrinsics(
         raise typer.Exit(1)
 
 
+@calibrate.command("latency", cls=ArmCommand)
+def calibrate_latency(
+    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm; virtual: emulated, not kept.")],
+    arm: Armed = False,
+    which_arm: WhichArm = None,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
+    ] = None,
+    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
+    estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The same with the lags in it.")] = Path("arm.toml"),
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Measure how late each joint is, by chirps below every limit (docs/calibration.md). THE ARM MOVES, slowly."""
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.calibrate_latency import (  # noqa: PLC0415
+        LatencyOptions,
+        calibrate_latency,
+        print_latency,
+    )
+
+    which = arm_options(port, arm, rig_file, limits, None, estop, calibration, False, True, None, which_arm)
+    assert which is not None
+    with progress_bars() as bar:
+        result = calibrate_latency(LatencyOptions(which, out, overwrite), bar)
+    print_result(result, json, print_latency)
+
+
 @calibrate.command("event")
 def calibrate_event(
     recording: Annotated[Path, typer.Argument(help="A session's session.mcap, or its folder, with taps or claps.")],

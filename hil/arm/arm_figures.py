@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from highfive.hil.arm.arm_trial import MISSED, MS, ArmTrial, percentiles
 from highfive.hil.arm.contact_outcome import ContactOutcome
-from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.safety.limits_file import load_limits
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.states import HALTED
 from highfive.hil.session.session import RATE_HZ
 from highfive.model.geometry.rotations import Array
@@ -58,20 +58,20 @@ class ArmFigures:
     acted: Counter[str]
 
 
-def arm_figures(number: int, trial: ArmTrial, lag: float) -> ArmFigures:
-    """Of the high five of a number, with joints that come a ``lag``, s, after they were planned."""
+def arm_figures(number: int, trial: ArmTrial, retarget: Retarget, limits: Limits) -> ArmFigures:
+    """Of the high five of a number, by the arm of ``retarget`` within ``limits``."""
     return ArmFigures(
         number,
         trial.met,
         trial.broken_off,
         next((tick.report.reason for tick in trial.ticks if tick.report.state in HALTED), ""),
-        trial.following_error(lag).astype(np.float32),
+        trial.following_error(retarget.settings.lag).astype(np.float32),
         trial.currents.astype(np.float32),
         trial.periods_ms,
         1e-6 * np.array([cycle.took_ns for cycle in trial.cycles], dtype=float),
         np.array([tick.retarget_ms for tick in trial.ticks]),
         np.array([tick.step_ms for tick in trial.ticks]),
-        trial.separation_speeds(default_arm(), load_limits()),
+        trial.separation_speeds(retarget.arm, limits),
         sum(not bool(cycle.state.answered.all()) for cycle in trial.cycles),
         trial.acted,
     )
@@ -93,9 +93,9 @@ class ArmResults:
     figures: list[ArmFigures] = field(default_factory=list)
     whole: dict[int, ArmTrial] = field(default_factory=dict)
 
-    def add(self, number: int, trial: ArmTrial, lag: float) -> None:
-        """The next high five; its joints come a ``lag``, s, after they were planned."""
-        self.figures.append(arm_figures(number, trial, lag))
+    def add(self, number: int, trial: ArmTrial, retarget: Retarget, limits: Limits) -> None:
+        """The next high five, by the arm of ``retarget`` within ``limits``."""
+        self.figures.append(arm_figures(number, trial, retarget, limits))
         if len(self.whole) < WHOLE:
             self.whole[number] = trial
 

@@ -42,7 +42,7 @@ def rig_of(folder: ArmFolder, file: Path | None = None, *, simulated: bool = Fal
     Args:
         folder: which arm.
         file: other than its own.
-        simulated: no bus is to be driven: servos that do not limit their current are taken, too.
+        simulated: no bus is to be driven: servos that cannot be driven together are taken, too.
 
     Raises:
         HighFiveError: as :func:`highfive.hil.drivers.bus.rig.load_rig`, or its servos do not fit the arm's joints.

@@ -44,7 +44,7 @@ def calibration_arm(options: ArmOptions, body: ServoArm, in_the_way: Callable[[]
         terminal = 0 if sys.stdin.isatty() else None
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
         stack.enter_context(answered_by_a_stop())
-        stack.callback(tell_torque, options.port, rig, options.rig)
+        stack.callback(tell_torque, options.port, rig, options.rig, options.arm)
         arm = ArmProcess(options.port, weakened(rig, limits), RATE_HZ, estop, ALLOWANCE_MS)
         stack.callback(arm.close)
         arm.wait_ready(START_S)

@@ -13,7 +13,7 @@ from highfive.hil.arm.free_postures import POSTURES
 from highfive.hil.arm.plate_watch import PlateWatch, StillMoves
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.posture_route import tour
-from highfive.hil.arm_model.servo_arm import READY, ServoArm
+from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -27,25 +27,25 @@ SIDES = 0.02
 """rad: a joint that came from nearer than this has no side of approach."""
 
 
-def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape) -> None:
-    """Turns one joint at a time, about where the arm waits.
+def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape, ready: Array) -> None:
+    """Turns one joint at a time, about where the arm waits: ``ready`` (J,), rad.
 
     Raises:
         HighFiveError: joints are reversed, all of them by name, or the plate is not seen.
     """
-    joints = len(READY)
+    joints = len(ready)
     lower, upper = np.empty(joints), np.empty(joints)
     seen = np.empty((joints, 2, len(shape.markers), 3))
     middle = np.zeros(joints)
     for joint in range(joints):
         for side, turn in enumerate((-TURN, TURN)):
-            target = READY.copy()
+            target = ready.copy()
             target[joint] += turn
             pose = _taken(drive, watch, target, drive.go(target))
             (lower if side == 0 else upper)[joint] = pose.encoders[joint]
             seen[joint, side] = np.where(pose.seen[:, None], pose.markers, np.nan)
             middle += pose.encoders / (2 * joints)
-        drive.go(READY)
+        drive.go(ready)
     if wrong := reversed_joints(shape, middle, lower, upper, seen):
         raise HighFiveError(
             f"{', '.join(wrong)}: turned the other way than the servos say; correct `reversed` in the rig's file, then "
@@ -75,9 +75,10 @@ def take_poses(
     """
     poses = list(before)
     new = [q for q in postures if not any(np.allclose(q, pose.asked, atol=1e-6) for pose in poses)]
-    for target in tour(arm, READY, np.array(new).reshape(-1, len(READY)), POSTURES.clearance, drive.seconds):
+    ready = arm.ready
+    for target in tour(arm, ready, np.array(new).reshape(-1, len(ready)), POSTURES.clearance, drive.seconds):
         sides = _sides(drive, target)
-        if target is not READY:
+        if target is not ready:
             poses.append(_taken(drive, watch, target, sides))
             kept(poses)
     return poses

@@ -12,13 +12,13 @@ from pathlib import Path
 
 from highfive.hil.arm.arm_files import rig_file, rig_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
-from highfive.hil.arm.calibrated import calibration_file, known_arm, known_rig, trusted_calibration
+from highfive.hil.arm.calibrated import calibration_file, known_arm, known_lags, known_rig, trusted_calibration
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.preconditions import check_arm, check_options, check_person, refuse_unless_ready, room
 from highfive.hil.arm.rig_planner import planner
-from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
@@ -102,7 +102,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
         stack.enter_context(answered_by_a_stop())
         if not options.emulated:
-            stack.callback(tell_torque, options.port, rig, options.rig)
+            stack.callback(tell_torque, options.port, rig, options.rig, options.arm)
         allowance = PATIENCE_MS if options.emulated else ALLOWANCE_MS
         arm = ArmProcess(port, weakened(rig, limits), RATE_HZ, estop, allowance)
         stack.callback(arm.close)
@@ -161,7 +161,7 @@ def session_planner(options: ArmOptions, rig: Rig, limits: Limits) -> Retarget:
         HighFiveError: as :func:`highfive.hil.arm.calibrated.trusted_calibration`.
     """
     found = trusted_calibration(options, rig, datetime.now(UTC))
-    return planner(rig, limits, known_arm(find_arm(options.arm), found))
+    return planner(rig, limits, known_arm(find_arm(options.arm), found), None if found is None else known_lags(found))
 
 
 def emulator_options(options: ArmOptions) -> EmulatorOptions:
@@ -236,16 +236,18 @@ def _posture(arm: ArmHost, body: ServoArm, limits: Limits, clock: Clock, *, held
     return found
 
 
-def tell_torque(port: str, rig: Rig, file: Path | None) -> None:
+def tell_torque(port: str, rig: Rig, file: Path | None, arm: str = DEFAULT_ARM) -> None:
     """Says in one line that an arm is left with torque on, how to let it go; read from its servos. One that does not
     answer may hold.
 
     Args:
         port: of the arm; nobody else has it open.
         rig: the arm.
-        file: of the rig; None for the one that comes with the project.
+        file: of the rig; None for the arm's own.
+        arm: its name, or folder.
     """
     words = ["highfive", "rig", "release", port, *(["--rig", str(file)] if file else [])]
+    words += ["--arm", arm] if arm != DEFAULT_ARM else []
     how = f"to let it go, hold the arm, then: {shlex.join(words)}"
     try:
         bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
@@ -267,11 +269,17 @@ def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
     for servo, joint in rig.servos.items():
         table, own = load_table(joint.model), held[servo]
         speed, current, heat, watchdog = (
-            to_si(table[name], own[name])
-            for name in ("velocity_limit", "current_limit", "temperature_limit", "bus_watchdog")
+            to_si(register, own[register.name])
+            for register in (
+                table["velocity_limit"],
+                table.ampere("current_limit"),
+                table["temperature_limit"],
+                table["bus_watchdog"],
+            )
         )
         torque = bool(own["torque_enable"])
-        found.append(ServoLimits(joint.name, own["operating_mode"], speed, current, heat, watchdog, torque))
+        mode = own["operating_mode"]
+        found.append(ServoLimits(joint.name, mode, speed, current, heat, watchdog, torque, table.limits_current))
     return found
 
 

@@ -147,7 +147,7 @@ class ArmLoop:
             estop: the emergency stop.
             clock: of the driver.
         """
-        self._arm, self.retarget, self._limits = arm, retarget, limits
+        self._arm, self.retarget, self.limits = arm, retarget, limits
         self._checked, self.estop, self.clock = checked, estop, clock
         self._human: Human | None = None
         self._estimated_ns = self._frame_ns = self._at_ns = self._before_ns = clock.now()
@@ -170,7 +170,7 @@ class ArmLoop:
         self._check = self._checked()
         if self._check.mismatches:
             raise HighFiveError(first_of(self._check.mismatches))
-        self._standing = standing(self._check.time_ns, len(self._limits.joints), self._standing.feed_forward)
+        self._standing = standing(self._check.time_ns, len(self.limits.joints), self._standing.feed_forward)
         self._state = self._reference = None
         self._arm.unread()
 
@@ -246,7 +246,7 @@ class ArmLoop:
             feed_forward=self._feed_forward(step),
         )  # fmt: skip
         self._standing, command, report = envelope.step(
-            self._limits, self.retarget.arm.points, self._standing, inputs, begun
+            self.limits, self.retarget.arm.points, self._standing, inputs, begun
         )
         if command is not None:
             self._arm.drive(command)
@@ -270,7 +270,7 @@ class ArmLoop:
         self.begin()
         ticks: list[ArmTick] = []
         cycles: list[Cycle] = []
-        due, period = self.clock.now(), round(1e9 * self._limits.timing.period_s)
+        due, period = self.clock.now(), round(1e9 * self.limits.timing.period_s)
         for goal in goals:
             self.clock.wait_until(due)
             if (
@@ -303,7 +303,7 @@ class ArmLoop:
             if back is not None:
                 back.ticks.append(tick)
                 back.cycles.extend(self.cycles())
-            due += round(1e9 * self._limits.timing.period_s)
+            due += round(1e9 * self.limits.timing.period_s)
             self.clock.wait_until(due)
 
     def _person(self, goal: PalmGoal, now_ns: int) -> Human | None:

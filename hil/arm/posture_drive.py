@@ -9,7 +9,7 @@ import numpy as np
 
 from highfive.hil.arm.loop import Driver, first_of
 from highfive.hil.arm_model.servo_arm import ServoArm
-from highfive.hil.drivers.bus.cycle_ring import Mode
+from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.clock import Clock
 from highfive.hil.safety import envelope
@@ -126,6 +126,23 @@ class PostureDrive:
             self.tick(self._reference)
             encoders += [cycle.state.positions for cycle in self._arm.unread()]
             look()
+
+    def follow(self, course: Callable[[float], Array], seconds: float) -> list[Cycle]:
+        """Leads the arm along a course, (J,) rad at s from now on, and returns the bus's cycles meanwhile.
+
+        Raises:
+            HighFiveError: the arm was stopped, or somebody is in the way.
+        """
+        period, done, cycles = self._limits.timing.period_s, 0.0, []
+        self._arm.unread()
+        while done < seconds:
+            if why := self._in_the_way():
+                raise HighFiveError(why)
+            done += period
+            self.moving_s += period
+            self.tick(course(done))
+            cycles += self._arm.unread()
+        return cycles
 
     def rest(self, longest_s: float = 30.0) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands."""

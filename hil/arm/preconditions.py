@@ -13,6 +13,7 @@ from highfive.hil.arm.emergency_stop import check_pipe
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.loop import first_of
 from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.servo_arm import mounted
 from highfive.hil.drivers.bus.ports import too_slow
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.rig_setup import differences, missing_servos, shadow_gaps
@@ -88,7 +89,10 @@ def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
         limits = lowered(limits, {"motion.point_speed": min(limits.motion.point_speed, limits.face.speed)})
     rig = rig_of(folder, options.rig)
     if not options.emulated and not options.armed:
-        raise HighFiveError(f"{options.port} may be a real arm: it moves, up to 0.8 m from its base, only with --arm")
+        reach = mounted(folder).reach
+        raise HighFiveError(
+            f"{options.port} may be a real arm: it moves, up to {reach:.1f} m from its base, only with --arm"
+        )
     now = datetime.now(UTC)
     if troubles := room_unknown(not options.emulated, room(options, rig, now)):
         raise HighFiveError(f"{options.port}: {first_of(troubles)}")

@@ -115,6 +115,17 @@ class ServoArm:
         """How many."""
         return len(self.folder.joints)
 
+    @property
+    def ready(self) -> Array:
+        """(J,) rad, where it waits."""
+        return np.array(self.folder.ready)
+
+    @property
+    def reach(self) -> float:
+        """m, from the middle of its base to its plate when stretched out."""
+        packed = self.packed
+        return float(np.linalg.norm(packed.offsets, axis=1).sum() + np.linalg.norm(packed.plate))
+
     def plate_at(self, joints: Array) -> PlatePose:
         """Forward kinematics of joints (J,), rad."""
         return PlatePose(*kinematics.plate_pose(self.packed, np.ascontiguousarray(joints, float)))
@@ -158,8 +169,6 @@ def solve(arm: ServoArm, position: Array, normal: Array, start: Array, steps: in
 
 DEFAULT_MOUNT = find_arm().mount
 """Of the arm that a session has unless it is told otherwise."""
-READY = np.array(find_arm().ready)
-"""(J,) rad, where that arm waits on its mount."""
 
 
 def default_arm() -> ServoArm:

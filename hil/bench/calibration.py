@@ -24,7 +24,7 @@ from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.rigid_fit import rigid_fit
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.free_postures import free_postures
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, READY, default_arm, solve
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm, solve
 from highfive.hil.bench.calibrated_contact import bench_calibrated_contact
 from highfive.hil.bench.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth, drawn_truth
 from highfive.hil.runtime.console import STDOUT, Bar
@@ -150,7 +150,7 @@ def contact_postures(count: int = CONTACTS) -> Array:
         place += np.append(0.0, rng.uniform(-AROUND_M, AROUND_M, 2))
         yaw, rise = rng.uniform(-TURNED, TURNED, 2)
         normal = np.array([np.cos(yaw) * np.cos(rise), np.sin(yaw) * np.cos(rise), np.sin(rise)])
-        joints, left = solve(arm, place, normal, READY)
+        joints, left = solve(arm, place, normal, arm.ready)
         if left < 0.002:
             found.append(joints)
     return np.array(found)

@@ -135,7 +135,7 @@ def bench_long_session(options: LongSessionOptions, model: HGPDM, bar: Bar) -> d
                 if trial is not None:
                     judge_commands(laws, trial, limits, planner.arm)
                     judge_body_motion(laws, trial, box, limits, planner.arm, box.times[-1])
-                    trials.append(arm_figures(len(trials), trial, planner.settings.lag))
+                    trials.append(arm_figures(len(trials), trial, planner, limits))
                 box.clear()
                 seconds = min(round(1e-9 * (clock.now() - start)), round(60.0 * options.minutes))
                 for _ in range(seconds - shown):

@@ -17,7 +17,20 @@ from highfive.hil.cli import files as cli_files
 from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
-from highfive.hil.cli.options import Cells, Https, Interrupted, Json, NoOpen, Overwrite, Port, Seed, refuse_two_people
+from highfive.hil.cli.options import (
+    ArmCommand,
+    Armed,
+    Cells,
+    Https,
+    Interrupted,
+    Json,
+    NoOpen,
+    Overwrite,
+    Port,
+    Seed,
+    WhichArm,
+    refuse_two_people,
+)
 from highfive.hil.runtime.console import STDERR, escape, print_json, print_result, progress_bars, show_log
 from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 from highfive.model.errors import HighFiveError
@@ -57,7 +70,7 @@ def begin(
     show_log()
 
 
-@app.command()
+@app.command(cls=ArmCommand)
 def simulate(
     trials: Annotated[int | None, typer.Option(min=1, help="Number of high fives (default: emotions × cells).")] = None,
     emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
@@ -108,7 +121,8 @@ def simulate(
             "one, which MOVES (with --arm)."
         ),
     ] = None,
-    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    arm: Armed = False,
+    which_arm: WhichArm = None,
     rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
     limits: cli_rig.LimitsFile = None,
     lower: cli_rig.Lower = None,
@@ -183,7 +197,7 @@ def simulate(
         place=place,
         latency_ms=latency,
         latencies=latencies,
-        arm=arm_options(rig, arm, rig_file, limits, lower, estop, calibration, nobody_near, slow, faults),
+        arm=arm_options(rig, arm, rig_file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm),
         view=page_options(view, source, headset, port, no_open, https),
         headset=headset,
         webcam=WebcamOptions(height, fov, camera),

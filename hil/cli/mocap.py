@@ -7,7 +7,19 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import AnySet, Https, Json, Overwrite, OverwriteFile, Person, Port, Seed
+from highfive.hil.cli.options import (
+    AnySet,
+    ArmCommand,
+    Armed,
+    Https,
+    Json,
+    Overwrite,
+    OverwriteFile,
+    Person,
+    Port,
+    Seed,
+    WhichArm,
+)
 from highfive.hil.runtime.console import print_json, print_result, progress_bars, say, say_aside
 
 app = typer.Typer()
@@ -148,12 +160,13 @@ def calibrate_headset(
     print_result(result, json, print_headset)
 
 
-@calibrate.command("extrinsics")
+@calibrate.command("extrinsics", cls=ArmCommand)
 def calibrate_extrinsics(
     port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm (highfive rig scan).")],
     source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
     plate: Annotated[Path, typer.Option(metavar="FILE.toml", help="The plate's template (docs/calibration.md).")],
-    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    arm: Armed = False,
+    which_arm: WhichArm = None,
     rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
     limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
     estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
@@ -174,7 +187,7 @@ def calibrate_extrinsics(
         print_extrinsics,
     )
 
-    which = arm_options(port, arm, rig_file, limits, None, estop, None, False, True, None)
+    which = arm_options(port, arm, rig_file, limits, None, estop, None, False, True, None, which_arm)
     assert which is not None
     options = ExtrinsicsOptions(which, source, plate, poses, seed, note, out, overwrite)
     with progress_bars() as bar:
@@ -182,6 +195,36 @@ def calibrate_extrinsics(
     print_result(result, json, print_extrinsics)
     if result["mismatches"]:
         raise typer.Exit(1)
+
+
+@calibrate.command("latency", cls=ArmCommand)
+def calibrate_latency(
+    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm; virtual: emulated, not kept.")],
+    arm: Armed = False,
+    which_arm: WhichArm = None,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
+    ] = None,
+    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
+    estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The same with the lags in it.")] = Path("arm.toml"),
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Measure how late each joint is, by chirps below every limit (docs/calibration.md). THE ARM MOVES, slowly."""
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.calibrate_latency import (  # noqa: PLC0415
+        LatencyOptions,
+        calibrate_latency,
+        print_latency,
+    )
+
+    which = arm_options(port, arm, rig_file, limits, None, estop, calibration, False, True, None, which_arm)
+    assert which is not None
+    with progress_bars() as bar:
+        result = calibrate_latency(LatencyOptions(which, out, overwrite), bar)
+    print_result(result, json, print_latency)
 
 
 @calibrate.command("event")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated
 
 import typer
+from typer.core import TyperCommand
 
 from highfive.model.errors import HighFiveError
 
@@ -55,6 +57,36 @@ def refuse_two_people(words: Sequence[str]) -> None:
                 said[value] = f"{name} {value}"
         if len(said) > 1:
             raise HighFiveError(f"{' and '.join(said.values())} are one option, the same person's; give one of them")
+
+
+WHICH_ARM = "--which-arm"
+"""What ``--arm NAME`` becomes."""
+
+
+class ArmCommand(TyperCommand):
+    """A command whose ``--arm`` alone lets a real arm move, and whose ``--arm NAME`` says which arm it is."""
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:
+        """As the base class, where a name or a folder behind ``--arm`` belongs to it."""
+        from highfive.hil.commands.arm_options import names_arm  # noqa: PLC0415
+
+        end = [*args, "--"].index("--")
+        words = [word.replace("--arm=", f"{WHICH_ARM}=", 1) if n < end else word for n, word in enumerate(args)]
+        for place, (word, name) in enumerate(pairwise(words[:end])):
+            if word == "--arm" and names_arm(name):
+                words[place] = WHICH_ARM
+        return super().parse_args(ctx, words)
+
+
+Armed = Annotated[
+    bool,
+    typer.Option(
+        "--arm",
+        help="Yes, the real arm on that port may move. With a name or folder behind it: which arm that is, no more "
+        "(docs/arm.md).",
+    ),
+]
+WhichArm = Annotated[str | None, typer.Option(WHICH_ARM, hidden=True)]
 
 
 class Interrupted(Exception):

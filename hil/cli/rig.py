@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import Json, Overwrite, OverwriteFile, Seed
+from highfive.hil.cli.options import ArmCommand, Armed, Json, Overwrite, OverwriteFile, Seed, WhichArm
 from highfive.hil.runtime.console import STDERR, print_result, progress_bars, say, say_aside
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
@@ -100,18 +100,20 @@ def scan(
 
 
 @app.command()
-def check(port: Port, file: RigFile = None, json: Json = False) -> None:
+def check(port: Port, file: RigFile = None, arm: ArmName = DEFAULT_NAME, json: Json = False) -> None:
     """Read everything back from the servos and compare it with the rig. Nothing moves; exit code 1 on any mismatch."""
     from highfive.hil.commands.rig.service import check, print_check  # noqa: PLC0415
 
-    result = check(port, file)
+    result = check(port, file, arm=arm)
     print_result(result, json, print_check)
     if not result["ready"]:
         raise typer.Exit(1)
 
 
 @app.command()
-def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = False) -> None:
+def configure(
+    port: Port, file: RigFile = None, arm: ArmName = DEFAULT_NAME, yes: Yes = False, json: Json = False
+) -> None:
     """Show in what the servos differ from the rig, ask, and set them. Nothing moves; torque has to be off."""
     from highfive.hil.commands.rig.service import configure_rig, print_configured  # noqa: PLC0415
 
@@ -120,7 +122,7 @@ def configure(port: Port, file: RigFile = None, yes: Yes = False, json: Json = F
             say_aside(f"  {line}")
         return yes or typer.confirm("Write these?", default=False, err=True)
 
-    result = configure_rig(port, file, agreed)
+    result = configure_rig(port, file, agreed, arm)
     print_result(result, json, print_configured)
     if result["differences"] and not result["written"]:
         raise typer.Exit(1)
@@ -142,7 +144,7 @@ def reach(
     print_result(result | {"picture": str(picture)}, json, print_rig_reach)
 
 
-@app.command()
+@app.command(cls=ArmCommand)
 def play(
     session: Annotated[Path, typer.Argument(metavar="SESSION", help="Folder of a session, or its session.mcap.")],
     port: Annotated[
@@ -151,7 +153,8 @@ def play(
             help="Serial port of a real arm, which MOVES (with --arm); emulated; or virtual: emulated in virtual time."
         ),
     ] = "emulated",
-    arm: Annotated[bool, typer.Option("--arm", help="Yes, the real arm on that port may move.")] = False,
+    arm: Armed = False,
+    which_arm: WhichArm = None,
     trial: Annotated[list[int] | None, typer.Option(min=1, help="Only this trial, from 1; may be given again.")] = None,
     begin: Annotated[int | None, typer.Option("--from", metavar="TRIAL", min=1, help="Begin with this trial.")] = None,
     trials: Annotated[int | None, typer.Option(min=1, help="Play so many at most.")] = None,
@@ -167,15 +170,14 @@ def play(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Play a recorded session's high fives on the arm. THE ARM MOVES, up to 0.8 m from its base. Nobody is tracked: a
+    """Play a recorded session's high fives on the arm. THE ARM MOVES, as far as it reaches. Nobody is tracked: a
     real arm needs --nobody-near or --slow beside --arm. Space or Esc stops it."""
-    from highfive.hil.commands.rig.play import ArmOptions, PlayOptions, play, print_played  # noqa: PLC0415
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.rig.play import PlayOptions, play, print_played  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
-    which = ArmOptions(
-        port, file, limits, tuple(lower or ()), arm, estop, tuple(faults or ()),
-        calibration=calibration, nobody_near=nobody_near, slow=slow,
-    )  # fmt: skip
+    which = arm_options(port, arm, file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm)
+    assert which is not None
     chosen, first = tuple(number - 1 for number in trial or ()), None if begin is None else begin - 1
     options = PlayOptions(session, which, chosen, first, trials, overwrite)
     folder = out or next_folder("play")
@@ -192,14 +194,16 @@ def play(
 
 
 @app.command()
-def release(port: Port, file: RigFile = None, yes: Yes = False, json: Json = False) -> None:
+def release(
+    port: Port, file: RigFile = None, arm: ArmName = DEFAULT_NAME, yes: Yes = False, json: Json = False
+) -> None:
     """Switch torque off. THE ARM FALLS: it has no brakes. Hold it, and keep hands from between its links."""
     from highfive.hil.commands.rig.service import print_released, release  # noqa: PLC0415
 
     if not yes and not typer.confirm("The arm will fall. Is somebody holding it?", default=False, err=True):
         say_aside(f"torque stays as it was on {port}")
         raise typer.Exit(1)
-    result = release(port, file)
+    result = release(port, file, arm)
     print_result(result, json, print_released)
     if result["failed"]:
         raise typer.Exit(1)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,8 @@ from highfive.hil.arm.free_postures import free_postures
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
-from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm
+from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.servo_arm import ServoArm, mounted
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import check_file
@@ -76,7 +78,11 @@ class Calibrated:
     options: ExtrinsicsOptions
     rig: Rig
     template: PlateTemplate
-    body: ServoArm = field(default_factory=default_arm)
+
+    @cached_property
+    def body(self) -> ServoArm:
+        """The arm as drawn."""
+        return mounted(find_arm(self.options.arm.arm))
 
     @property
     def shape(self) -> ArmShape:
@@ -86,7 +92,7 @@ class Calibrated:
     @property
     def arm(self) -> str:
         """Fingerprint."""
-        return fingerprint(self.rig)
+        return fingerprint(self.rig, self.body.folder)
 
     @property
     def half_done(self) -> Path:
@@ -147,8 +153,8 @@ def measured(run: Calibrated, drive: PostureDrive, watch: PlateWatch, bar: Bar) 
     postures = chosen_postures(run)
     advance = bar("poses", len(postures))
     advance("", len(before))
-    drive.go(READY.copy())
-    check_directions(drive, watch, shape)
+    drive.go(run.body.ready)
+    check_directions(drive, watch, shape, run.body.ready)
 
     def keep(poses: list[TakenPose]) -> None:
         save_poses(run.half_done, run.arm, names, poses)

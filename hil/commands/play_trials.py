@@ -95,7 +95,7 @@ def play(
         try:
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
             advance = bar("high fives", len(partners))
-            view = None if page is None else _view(page, session, playout, scene, watch, recorder)
+            view = None if page is None else _view(options, page, session, playout, scene, watch, recorder)
             programme = Programme(options, partners, view, () if replay is None else replay.styles)
             # What was built until now is not garbage: a collection in the tick need not look at it.
             gc.collect()
@@ -127,7 +127,7 @@ def play(
                 arm = None if watch is None else _arm_of(number, watch, result.style, partner, recorder)
                 results.append(result if len(results) < WHOLE else result.condensed())
                 if watch is not None and arm is not None and played.arm is not None:
-                    played.arm.add(number, arm, watch.loop.retarget.settings.lag)
+                    played.arm.add(number, arm, watch.loop.retarget, watch.loop.limits)
                 advance()
                 if watch is not None and watch.loop.trouble:
                     recorder.record_event("fault", trial=number, detail=watch.loop.trouble)
@@ -207,13 +207,14 @@ class Kept:
 
 
 def _view(
-    page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None,
+    options: SimulateOptions, page: LivePage, session: Session, playout: PlayOut, scene: Scene, watch: ArmWatch | None,
     recorder: SessionOutputs,
 ) -> SessionView:  # fmt: skip
     from highfive.hil.view.session_view import SessionView  # noqa: PLC0415
 
     view = SessionView(
         page, session, playout, scene, arm=None if watch is None else watch.joints,
+        rig="" if options.arm is None else options.arm.arm,
         halted=lambda: watch is not None and bool(watch.loop.trouble),
         shown=lambda told: recorder.record_shown(told.page, told.shown, told.bound_ns),
     )  # fmt: skip

@@ -232,7 +232,8 @@ def _page(
         assert person is not None
         about |= {"tracks": True, "space": space_in_world(kept, person.placement)}
     estop = None if watch is None else watch.loop.estop
-    about |= {"arm": estop is not None, "rig": estop is not None, "webcam": webcam}
+    rig = "" if options.arm is None else options.arm.arm
+    about |= {"arm": estop is not None, "rig": rig, "webcam": webcam}
     opened = None
     if webcam and options.webcam.video is not None:
         from highfive.hil.commands.webcam_session import watch_video  # noqa: PLC0415
@@ -297,6 +298,7 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
         physics=options.physics,
         source=_shown(options.source),
         arm="" if options.arm is None else options.arm.port,
+        arm_name="" if options.arm is None else options.arm.arm,
         command=shlex.join(["highfive", *sys.argv[1:]]),
     )
 
@@ -311,14 +313,17 @@ def _pictures(
         none = NoPictures("pictures left out: " + ("no trial was finished" if options.pictures else "--no-pictures"))
         return none, none
     try:
-        from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT  # noqa: PLC0415
+        from highfive.hil.arm_model.arm_folder import find_arm  # noqa: PLC0415
         from highfive.hil.report.film import Arms, make_film, picture_strips  # noqa: PLC0415
         from highfive.hil.report.report import FILM  # noqa: PLC0415
         from highfive.hil.sim.arm_body import arm_in_scene  # noqa: PLC0415
 
         visible = build_scene(visible=True)
         whole = {} if played.arm is None else played.arm.whole
-        arms = Arms(arm_in_scene(DEFAULT_MOUNT, avatar=False, visible=True), whole) if whole else None
+        arms = None
+        if options.arm is not None and whole:
+            which = find_arm(options.arm.arm)
+            arms = Arms(arm_in_scene(which.mount, avatar=False, visible=True, folder=which), whole)
         film = folder / FILM
         return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
     except KeyboardInterrupt:

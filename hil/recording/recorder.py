@@ -20,6 +20,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.recording import messages, schemas, viewer_messages
 from highfive.hil.recording.early_samples import EarlySamples
 from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
@@ -106,7 +107,7 @@ class SessionRecorder:
         self._zero_ns: int | None = None  # of the session's clock, where the recording's has its 0
         self._head: TrialHead | None = None  # of a high five that has not begun yet
         self._start = self._end = self._count = 0
-        self._transforms = viewer_messages.Transforms()
+        self._transforms = viewer_messages.Transforms(settings.arm_name or DEFAULT_ARM)
         self._early = EarlySamples()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

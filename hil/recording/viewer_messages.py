@@ -18,8 +18,7 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from highfive.hil.arm_model.mount import Mount
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.sim.arm_body import PREFIX, arm_alone
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.mocap_bridge.frames import HumanArm, TrackedMarkers
@@ -46,9 +45,9 @@ class Transforms:
     servo arm takes part, its bodies (``arm/…``), in the world.
     """
 
-    def __init__(self, mount: Mount = DEFAULT_MOUNT) -> None:
-        """Of the avatar, a person and an arm on its column."""
-        self._mount, self._twin, self._arm_data = mount, None, None
+    def __init__(self, arm: str = DEFAULT_ARM) -> None:
+        """Of the avatar, a person and an arm (its name or folder) on its column."""
+        self._arm, self._twin, self._arm_data = arm, None, None
         skeleton = avatar_skeleton()
         names = [f"avatar/{name}" for name in skeleton.names]
         self._offsets = np.array(skeleton.offsets)
@@ -68,7 +67,8 @@ class Transforms:
     def arm(self, time_ns: int, joints: Array) -> FrameTransforms:
         """Of the servo arm, as measured: ``joints`` (J,), rad."""
         if self._twin is None or self._arm_data is None:
-            self._twin = arm_alone(self._mount)
+            folder = find_arm(self._arm)
+            self._twin = arm_alone(folder.mount, folder)
             self._arm_data = mujoco.MjData(self._twin.model)
         model, data, message = self._twin.model, self._arm_data, FrameTransforms()
         data.qpos[self._twin.qpos] = joints

@@ -11,6 +11,9 @@ from highfive.hil.safety.limits import Limits
 CURRENT_BASED_POSITION = 5
 """The operating mode in which a servo yields (the maker's manual, register Operating Mode)."""
 
+POSITION = 3
+"""The same of a servo that cannot limit its current: its goal PWM limits the duty, and so what it gives at rest."""
+
 WATCHDOG_S = (0.06, 0.1)
 """Shortest and longest watchdog, s."""
 
@@ -49,6 +52,7 @@ class ServoLimits:
         temperature: °C, at which it switches itself off.
         watchdog_s: s without a command after which it stops; 0 where it never does.
         torque: it holds its joint.
+        limits_current: it can hold its current to what it is told; else its duty, in plain position mode.
     """
 
     joint: str
@@ -58,6 +62,7 @@ class ServoLimits:
     temperature: float
     watchdog_s: float
     torque: bool
+    limits_current: bool = True
 
 
 def register_mismatches(required: Registers, found: Registers) -> list[str]:
@@ -179,8 +184,9 @@ def start_up_check(
 def _mismatches(limits: Limits, servo: ServoLimits) -> list[str]:
     own = limits.joints[limits.names.index(servo.joint)]
     lines = [watchdog_mismatch(limits, servo)]
-    if servo.operating_mode != CURRENT_BASED_POSITION:
-        lines.append(f"its operating mode is {servo.operating_mode}, it has to be {CURRENT_BASED_POSITION}")
+    mode = CURRENT_BASED_POSITION if servo.limits_current else POSITION
+    if servo.operating_mode != mode:
+        lines.append(f"its operating mode is {servo.operating_mode}, it has to be {mode}")
     if not servo.torque:
         lines.append("its torque is off")
     if servo.speed > math.pi + SPEED_STEP:

@@ -37,6 +37,7 @@ class SessionSettings:
         physics: the pose was played through actuators.
         source: the recording that the person came from, '' for simulated people.
         arm: the servo arm that takes part: ``emulated``, or its port; '' for none.
+        arm_name: which one: its name, or its folder; '' for the one that a session has unless it is told otherwise.
         command: the command line that does it again; in report and recording, not among the figures.
     """
 
@@ -48,6 +49,7 @@ class SessionSettings:
     physics: bool = False
     source: str = ""
     arm: str = ""
+    arm_name: str = ""
     command: str = ""
 
 

@@ -8,8 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from highfive.hil.arm_model.mount import Mount
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.sim.arm_body import PREFIX, arm_alone
 from highfive.hil.view.cast import drawn_geoms
 from highfive.model.geometry.rotations import Array
@@ -21,15 +20,25 @@ GHOST = "wanted_"
 class ArmCast:
     """Bodies of the arm, twice: as measured, then as wanted."""
 
-    def __init__(self, mount: Mount = DEFAULT_MOUNT) -> None:
-        """On its column."""
-        self._twin = arm_alone(mount)
+    def __init__(self, arm: str = DEFAULT_ARM) -> None:
+        """An arm, by its name or folder, on its column.
+
+        Raises:
+            HighFiveError: there is none.
+        """
+        folder = find_arm(arm)
+        self._twin = arm_alone(folder.mount, folder)
         self._data = mujoco.MjData(self._twin.model)
 
     @cached_property
     def _own(self) -> tuple[str, ...]:
         model = self._twin.model
         return tuple(name for i in range(model.nbody) if (name := model.body(i).name).startswith(PREFIX))
+
+    @property
+    def joints(self) -> int:
+        """How many."""
+        return len(self._twin.qpos)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader, read_session
 from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.session.contact_time import REACHING, SURE_S
@@ -89,9 +90,11 @@ class RecordedTrials(Sequence[RecordedTrial]):
         _ = self[0]  # one of another version is refused before the page is opened
 
     @property
-    def rig(self) -> bool:
-        """A servo arm took part."""
-        return any({"/safety", "/arm"} <= span.topics for span in self.spans)
+    def rig(self) -> str:
+        """Which servo arm took part, its name or folder; '' where none did."""
+        arm = self._session.settings.get("arm_name")
+        there = any({"/safety", "/arm"} <= span.topics for span in self.spans)
+        return (arm if isinstance(arm, str) and arm else DEFAULT_ARM) if there else ""
 
     def __len__(self) -> int:
         """Of the high fives."""
@@ -114,7 +117,7 @@ class RecordedTrials(Sequence[RecordedTrial]):
     def _trial(self, place: int) -> RecordedTrial:
         span = self.spans[place]
         try:
-            return _trial(self._session.read(span, _TOPICS), self._scene)
+            return _trial(self._session.read(span, _TOPICS), self._scene, self.rig)
         except (KeyError, ValueError, TypeError, IndexError, AttributeError):
             raise HighFiveError(
                 f"{self._session.path} is a recording of another version, or damaged: high five {span.number + 1} "
@@ -135,7 +138,7 @@ def recorded_trials(path: Path, scene: Scene) -> RecordedTrials:
     return RecordedTrials(read_session(path), scene)
 
 
-def _trial(high_five: RecordedHighFive, scene: Scene) -> RecordedTrial:
+def _trial(high_five: RecordedHighFive, scene: Scene, rig: str) -> RecordedTrial:
     people, poses, ticks, markers, forecasts = (
         {message.time_ns: message.data for message in high_five.of(topic)}
         for topic in ("/person", "/avatar", "/tick", "/markers", "/forecast")
@@ -147,7 +150,7 @@ def _trial(high_five: RecordedHighFive, scene: Scene) -> RecordedTrial:
         Pose.from_quaternions(np.array(poses[time]["root"]), np.array(poses[time]["quaternions"])) for time in times
     ]
     bodies, palms = placed_bodies(scene, played, [person_of(people[time], time) for time in times])
-    arm = _arm(high_five, times)
+    arm = _arm(high_five, times, rig)
     if arm is not None:
         bodies = np.concatenate([bodies, arm], axis=1)
     span = high_five.span
@@ -196,7 +199,7 @@ def placed_bodies(scene: Scene, poses: Sequence[Pose], people: Sequence[HumanArm
     return bodies, palms
 
 
-def _arm(high_five: RecordedHighFive, times: Sequence[int]) -> Array | None:
+def _arm(high_five: RecordedHighFive, times: Sequence[int], rig: str) -> Array | None:
     """(T, 2 A, 7) of the servo arm; None where none took part."""
     wanted, measured = (
         [(message.time_ns, message.data[name]) for message in high_five.of(topic)]
@@ -204,13 +207,15 @@ def _arm(high_five: RecordedHighFive, times: Sequence[int]) -> Array | None:
     )
     if not wanted or not measured:
         return None
-    cast = ArmCast()
+    cast = ArmCast(rig)
     joints = [
         np.array(
             [np.interp(times, [time for time, _ in rows], joint) for joint in np.array([row for _, row in rows]).T]
         ).T
         for rows in (measured, wanted)
     ]
+    if {one.shape[1] for one in joints} != {cast.joints}:
+        raise ValueError("the arm has other joints")
     return np.array([cast.poses(here, there) for here, there in zip(*joints, strict=True)])
 
 

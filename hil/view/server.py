@@ -224,7 +224,7 @@ class _Server:
     async def _make(self, path: str) -> File | None:
         """Skin and scene, made once and off the loop: it takes seconds."""
         if self._made is None:
-            self._made = asyncio.create_task(asyncio.to_thread(_make_scene, bool(self._options.about.get("rig"))))
+            self._made = asyncio.create_task(asyncio.to_thread(_make_scene, str(self._options.about.get("rig") or "")))
         return (await asyncio.shield(self._made)).get(path)
 
     async def _look_on(self, connection: ServerConnection) -> None:
@@ -365,11 +365,11 @@ def _asked(message: str) -> float | None:
     return None
 
 
-def _make_scene(rig: bool) -> dict[str, File]:
+def _make_scene(rig: str) -> dict[str, File]:
     cast = Cast.of(build_scene(visible=True).model)
     found = cast.description()
     if rig:
-        arm = ArmCast()
+        arm = ArmCast(rig)
         found["geoms"] += arm.geoms(len(cast.names))
         found["bodies"] += arm.names
     description = json.dumps(found, separators=(",", ":")).encode()

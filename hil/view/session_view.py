@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.contact_time import sure_contact_s
@@ -77,19 +78,20 @@ class SessionView:
 
     def __init__(
         self, page: ShowingPage, session: Session, playout: PlayOut, scene: Scene, *,
-        arm: Callable[[], tuple[Array, Array] | None] | None = None, clock: Clock = MACHINE,
+        arm: Callable[[], tuple[Array, Array] | None] | None = None, rig: str = DEFAULT_ARM, clock: Clock = MACHINE,
         shown: Callable[[PageShown], None] = lambda picture: None, halted: Callable[[], bool] = lambda: False,
     ) -> None:  # fmt: skip
         """Of a session that plays in ``playout``; ``shown`` is given each picture that a page says it has shown, and
         ``halted`` says whether the arm is stopped.
 
-        With an ``arm``, of which it gives the joints (J,), rad, as measured and as wanted, a high five is never broken
+        With an ``arm`` (``rig`` is its name or folder), of which it gives the joints (J,), rad, as measured and as
+        wanted, a high five is never broken
         off for a wish.
         """
         self._page, self._session, self._playout, self._scene = page, session, playout, scene
         self._cast, self._arm, self._clock, self._shown = Cast.of(scene.model), arm, clock, shown
         self._halted = halted
-        self._arm_cast = None if arm is None else ArmCast()
+        self._arm_cast = None if arm is None else ArmCast(rig)
         self.weights: dict[str, float] | None = None
         self.cell: str | None = None
         self.corrects = session.corrects

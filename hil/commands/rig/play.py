@@ -89,7 +89,7 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     if absent := [number for number in chosen if number not in recorded]:
         known = ", ".join(str(number + 1) for number in recorded)
         raise HighFiveError(f"{path} has no high five {absent[0] + 1} in which the palms met; there are {known}")
-    about = _settings(session, len(chosen))
+    about = _settings(session, len(chosen), options.arm)
     say_aside(f"{counted(len(chosen), 'high five')}, {_duration([recorded.ticks[number] for number in chosen])}")
     with uninterrupted() as from_now_on:
         results, lag, end = _played(recorded, chosen, about, options.arm, folder, bar, from_now_on)
@@ -162,7 +162,7 @@ def _played(
                     raise
                 trial, stopped = None, str(error)
             if trial is not None:
-                results.add(number, trial, lag)
+                results.add(number, trial, loop.retarget, loop.limits)
                 try:
                     recorder.record_played(trial)
                 except HighFiveError as error:  # a full disk; there is still a report to try
@@ -180,11 +180,17 @@ def _played(
     return results, lag, _End(stopped, remedy, whole)
 
 
-def _settings(session: SessionReader, trials: int) -> SessionSettings:
+def _settings(session: SessionReader, trials: int, arm: ArmOptions) -> SessionSettings:
     seed, model = session.settings.get("seed"), session.settings.get("model")
     command = shlex.join(["highfive", *sys.argv[1:]])
     return SessionSettings(
-        seed if isinstance(seed, int) else 0, str(model or ""), trials, source=str(session.path), command=command
+        seed if isinstance(seed, int) else 0,
+        str(model or ""),
+        trials,
+        source=str(session.path),
+        arm=arm.port,
+        arm_name=arm.arm,
+        command=command,
     )
 
 

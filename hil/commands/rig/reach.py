@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
-from highfive.hil.arm_model.servo_arm import READY
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.sim.people.grid import CELLS
 
@@ -106,7 +105,7 @@ def print_rig_reach(result: dict[str, Any]) -> None:
 
 def _chosen() -> BaseReach:
     arm, normal = CHOSEN.arm(), facing()
-    return from_ready(CHOSEN, arm, READY, [postures(arm, cell_point(cell), normal) for cell in CELLS])
+    return from_ready(CHOSEN, arm, arm.ready, [postures(arm, cell_point(cell), normal) for cell in CELLS])
 
 
 def _described(reach: BaseReach) -> dict[str, Any]:

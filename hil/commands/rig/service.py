@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from highfive.hil.arm.arm_files import limits_of
+from highfive.hil.arm.arm_files import rig_file as own_rig
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.drivers.bus.control_table import to_si
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports, too_slow
@@ -21,7 +24,6 @@ from highfive.hil.drivers.bus.servo_bus import Found, ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS, PortError
 from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED, hardware_errors
 from highfive.hil.runtime.console import counted
-from highfive.hil.safety.limits_file import load_limits
 from highfive.model.errors import HighFiveError
 
 PROBED_IDS = range(1, 21)
@@ -119,13 +121,15 @@ def opened(port: str, rig: Rig, wiring: Wiring = MACHINE_WIRING) -> Iterator[Ser
         bus.close()
 
 
-def check(port: str, rig_file: Path | None, wiring: Wiring = MACHINE_WIRING) -> dict[str, Any]:
+def check(port: str, rig_file: Path | None, wiring: Wiring = MACHINE_WIRING, arm: str = DEFAULT_ARM) -> dict[str, Any]:
     """Everything that the rig's servos hold, against what it wants; ``ready`` says whether they may be used.
+
+    The rig is the ``arm``'s own unless another file is named.
 
     Raises:
         HighFiveError: the rig's file or the port cannot be used.
     """
-    rig = load_rig(rig_file)
+    rig = load_rig(rig_file or own_rig(find_arm(arm)))
     with opened(port, rig, wiring) as bus:
         slow = too_slow(port)
         troubles = missing_servos(bus, rig)
@@ -135,7 +139,7 @@ def check(port: str, rig_file: Path | None, wiring: Wiring = MACHINE_WIRING) -> 
             wrong = differences(bus, rig)
             servos = [_health(bus, rig, servo) for servo in rig.servos]
             if not wrong:
-                troubles = shadow_gaps(bus, rig, load_limits().servo.shadow_rest)
+                troubles = shadow_gaps(bus, rig, limits_of(find_arm(arm)).servo.shadow_rest)
         troubles += [
             f"servo {row['id']} ({row['joint']}): {', '.join(row['errors'])}" for row in servos if row["errors"]
         ] + ([slow] if slow else [])
@@ -165,13 +169,15 @@ def _health(bus: ServoBus, rig: Rig, servo: int) -> dict[str, Any]:
     }
 
 
-def configure_rig(port: str, rig_file: Path | None, agreed: Callable[[list[str]], bool]) -> dict[str, Any]:
+def configure_rig(
+    port: str, rig_file: Path | None, agreed: Callable[[list[str]], bool], arm: str = DEFAULT_ARM
+) -> dict[str, Any]:
     """Sets the servos as the rig wants them, if ``agreed`` says yes to the differences.
 
     Raises:
         HighFiveError: a servo is missing, of another model or does not keep what is written; torque is on.
     """
-    rig = load_rig(rig_file)
+    rig = load_rig(rig_file or own_rig(find_arm(arm)))
     with opened(port, rig) as bus:
         if troubles := missing_servos(bus, rig):
             raise HighFiveError(troubles[0] + (f" ({len(troubles) - 1} more)" if len(troubles) > 1 else ""))
@@ -183,13 +189,13 @@ def configure_rig(port: str, rig_file: Path | None, agreed: Callable[[list[str]]
     return {"port": port, "rig": rig.name, "differences": [vars(one) for one in wrong], "written": written}
 
 
-def release(port: str, rig_file: Path | None) -> dict[str, Any]:
+def release(port: str, rig_file: Path | None, arm: str = DEFAULT_ARM) -> dict[str, Any]:
     """Switches torque off: the arm falls. ``failed`` are servos that did not confirm it.
 
     Raises:
         HighFiveError: the rig's file or the port cannot be used.
     """
-    rig = load_rig(rig_file)
+    rig = load_rig(rig_file or own_rig(find_arm(arm)))
     with opened(port, rig) as bus:
         return {"port": port, "rig": rig.name, "failed": JointBus(bus, rig).release()}
 

@@ -10,7 +10,7 @@ import math
 import struct
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from types import MappingProxyType
@@ -68,6 +68,25 @@ class Register:
         return self.address < RAM_START
 
 
+GOALS = ("goal_current", "goal_position")
+"""What is written in every cycle; :meth:`Table.ampere` says where."""
+
+ANSWERS = (
+    "present_current",
+    "present_velocity",
+    "present_position",
+    "hardware_error_status",
+    "present_temperature",
+    "present_input_voltage",
+    "bus_watchdog",
+    "realtime_tick",
+)
+"""What is read in every cycle."""
+
+_BY_DUTY = {"goal_current": "goal_pwm", "current_limit": "pwm_limit", "present_current": "present_load"}
+"""What stands for a register of the current in a servo that has none."""
+
+
 @dataclass(frozen=True)
 class Motor:
     """A servo's motor behind its gears, at ``voltage`` V: N·m and A when it stands, rad/s when it runs free."""
@@ -112,6 +131,22 @@ class Table:
                 f"{self.model} has no register {name!r}; it has {', '.join(sorted(self.registers))}"
             ) from None
 
+    def ampere(self, name: str) -> Register:
+        """``goal_current``, ``current_limit`` or ``present_current``, in A.
+
+        A servo that has none of them limits its duty instead: a share of it draws that share of the stall current where
+        the motor stands, and less where it turns as it pushes; pushed back it draws more (docs/safety.md).
+        """
+        if name in self:
+            return self[name]
+        register = self[_BY_DUTY[name]]
+        return replace(register, si="A", scale=register.scale * self.motor.stall_current)
+
+    @property
+    def limits_current(self) -> bool:
+        """It holds its current to what it is told, and not its duty."""
+        return "goal_current" in self
+
     def __contains__(self, name: str) -> bool:
         """Whether this model has it."""
         return name in self.registers
@@ -119,6 +154,16 @@ class Table:
     def __iter__(self) -> Iterator[Register]:
         """The registers by address."""
         return iter(self.registers.values())
+
+    @property
+    def goals(self) -> tuple[Register, ...]:
+        """What is written in every cycle."""
+        return tuple(self.ampere(name) if "current" in name else self[name] for name in GOALS)
+
+    @property
+    def answers(self) -> tuple[Register, ...]:
+        """What is read in every cycle, in the order of :data:`ANSWERS`."""
+        return tuple(self.ampere(name) if "current" in name else self[name] for name in ANSWERS)
 
     @property
     def end(self) -> int:

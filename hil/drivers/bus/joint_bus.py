@@ -13,28 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from highfive.hil.drivers.bus.control_table import Table, encode, packing, to_raw, to_si
+from highfive.hil.drivers.bus.control_table import ANSWERS, Table, encode, packing, to_raw, to_si
 from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, required_registers
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus, ServoError
 from highfive.hil.drivers.bus.servo_clock import ServoClock
 from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED
 from highfive.hil.drivers.values import Array, JointCommand, JointHealth, JointState
 from highfive.model.errors import HighFiveError
-
-GOALS = ("goal_current", "goal_position")
-"""What is written in every cycle."""
-
-ANSWERS = (
-    "present_current",
-    "present_velocity",
-    "present_position",
-    "hardware_error_status",
-    "present_temperature",
-    "present_input_voltage",
-    "bus_watchdog",
-    "realtime_tick",
-)
-"""What is read in every cycle."""
 
 DEAD_AFTER = 3
 """Questions in a row, put to it alone, without an answer, after which a servo is not asked any more."""
@@ -66,8 +51,8 @@ class JointBus:
         self._bus, self._rig, self._clock = bus, rig, bus.clock.now
         self._servos = {servo: _Servo() for servo in rig.servos}
         tables = {servo: bus.table(servo) for servo in self._servos}
-        self._goal_registers = {joint.id: [tables[joint.id][name] for name in GOALS] for joint in rig.joints}
-        self._packings = {servo: packing(table[name] for name in ANSWERS) for servo, table in tables.items()}
+        self._goal_registers = {joint.id: tables[joint.id].goals for joint in rig.joints}
+        self._packings = {servo: packing(table.answers) for servo, table in tables.items()}
         self._goals_at, self._answers_at = _blocks(next(iter(tables.values())))
         self._answers_size = next(iter(self._packings.values())).size
         self._fast = True
@@ -106,7 +91,7 @@ class JointBus:
     def _required(self, servo: int) -> dict[str, int]:
         """What is set at the start of a session: raw, by the register's name."""
         table, own = self._bus.table(servo), required_registers(self._rig)[servo]
-        shown = [table[name].address + byte for name in (*GOALS, *ANSWERS) for byte in range(table[name].size)]
+        shown = [one.address + byte for one in (*table.goals, *table.answers) for byte in range(one.size)]
         addresses = {f"indirect_address_{number}": address for number, address in enumerate(shown, 1)}
         return addresses | {name: own[name] for name in SET_AT_START}
 
@@ -341,7 +326,7 @@ class JointBus:
         )
 
     def _mean(self, name: str, of: list[list[_Servo]]) -> Array:
-        registers = [self._bus.table(joint.id)[name] for joint in self._rig.joints]
+        registers = [self._bus.table(joint.id).answers[ANSWERS.index(name)] for joint in self._rig.joints]
         return np.array(
             [
                 sum(to_si(register, servo.values[name]) for servo in own) / len(own)
@@ -374,5 +359,5 @@ def _bits(own: list[_Servo]) -> int:
 
 def _blocks(table: Table) -> tuple[int, int]:
     """Where the servos show goals and answers: addresses of the first byte of each."""
-    goals = sum(table[name].size for name in GOALS)
+    goals = sum(register.size for register in table.goals)
     return table.indirect[0].data, table.indirect[0].data + goals

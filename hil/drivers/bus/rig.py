@@ -26,6 +26,9 @@ COUNTS = 4096
 LAST_ID = 252
 """Largest ID that a servo can have."""
 
+POSITION, CURRENT_POSITION = 3, 5
+"""Operating modes: to a goal with a largest duty, and with a largest current."""
+
 REVERSE = 1
 """Bit of the drive mode: the servo counts the other way."""
 
@@ -157,7 +160,7 @@ def load_rig(path: str | Path | None = None, *, simulated: bool = False) -> Rig:
 
     Args:
         path: of the file.
-        simulated: no bus is to be driven: servos that do not limit their current are taken, too.
+        simulated: no bus is to be driven: servos that cannot be driven together are taken, too.
 
     Raises:
         HighFiveError: there is no such file, it is no TOML, or it makes no sense; one line says what.
@@ -176,17 +179,17 @@ def load_rig(path: str | Path | None = None, *, simulated: bool = False) -> Rig:
 def _required(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:
     joint = replace(joint, astray=0.0)  # what the servos are set to goes by their own counts
     table, settings = load_table(joint.model), rig.settings
-    shadow = servo == joint.shadow_id
+    shadow, limit = servo == joint.shadow_id, table.ampere("current_limit")
     return {
         "id": servo,
         "baud_rate": baud_index(rig.baud_rate),
         "return_delay_time": to_raw(table["return_delay_time"], settings.return_delay),
         "drive_mode": REVERSE if joint.reversed != shadow else 0,
-        "operating_mode": settings.operating_mode,
+        "operating_mode": settings.operating_mode if table.limits_current else POSITION,
         "shadow_id": joint.id if shadow else 255,
         "homing_offset": settings.homing_offset + (joint.shadow_offset if shadow else 0),
         "temperature_limit": to_raw(table["temperature_limit"], settings.temperature_limit),
-        "current_limit": to_raw(table["current_limit"], joint.current_limit),
+        limit.name: to_raw(limit, joint.current_limit),
         "velocity_limit": settings.velocity_limit,
         "max_position_limit": min(count(joint, joint.upper), COUNTS - 1),
         "min_position_limit": count(joint, joint.lower),
@@ -202,7 +205,7 @@ def _rig(document: Mapping[str, Any], simulated: bool, folder: Path) -> Rig:
     entries = document["joints"]
     if not isinstance(entries, list) or not entries:
         raise HighFiveError("joints: expected one table [[joints]] a joint")
-    joints = tuple(_joint(entry, n, simulated) for n, entry in enumerate(entries, 1))
+    joints = tuple(_joint(entry, n) for n, entry in enumerate(entries, 1))
     _once("joint", [joint.name for joint in joints])
     _once("ID", [str(servo) for joint in joints for servo in joint.ids])
     rig = Rig(
@@ -212,10 +215,26 @@ def _rig(document: Mapping[str, Any], simulated: bool, folder: Path) -> Rig:
         joints,
         folder / typed(document, "", "calibration", str) if "calibration" in document else None,
     )
-    for joint in joints:
-        if not simulated and rig.settings.operating_mode not in load_table(joint.model).operating_modes:
-            raise HighFiveError(f"settings: a {joint.model} has no operating mode {rig.settings.operating_mode}")
+    if not simulated:
+        _check_servos(rig)
     return rig
+
+
+def _check_servos(rig: Rig) -> None:
+    """Refuses servos that cannot be driven together."""
+    mode, shown = rig.settings.operating_mode, load_table(rig.joints[0].model).indirect[0].data
+    for joint in rig.joints:
+        table = load_table(joint.model)
+        by_duty = mode == CURRENT_POSITION and not table.limits_current  # in position mode, with a largest duty
+        if mode not in table.operating_modes and not by_duty:
+            raise HighFiveError(f"settings: a {joint.model} has no operating mode {mode}")
+        block = table.indirect[0]
+        needed = sum(register.size for register in (*table.goals, *table.answers))
+        if block.data != shown or block.count < needed:
+            raise HighFiveError(
+                f"joint {joint.name!r}: a {joint.model} shows {block.count} bytes in one block from address "
+                f"{block.data}; expected {needed} or more from {shown}: one packet names all servos"
+            )
 
 
 def _once(what: str, values: list[str]) -> None:
@@ -238,7 +257,7 @@ def _settings(entry: Mapping[str, Any]) -> RigSettings:
     return RigSettings(*values)
 
 
-def _joint(entry: Mapping[str, Any], n: int, simulated: bool) -> RigJoint:
+def _joint(entry: Mapping[str, Any], n: int) -> RigJoint:
     where = f"joint {n}"
     check_keys(
         entry,
@@ -254,8 +273,6 @@ def _joint(entry: Mapping[str, Any], n: int, simulated: bool) -> RigJoint:
     zero = number(entry, f"{where}: ", "zero", int, 0, COUNTS - 1)
     lower, upper = _limits(entry, where, zero)
     table = load_table(model)
-    if "current_limit" not in table and not simulated:
-        raise HighFiveError(f"{where}: a {model} does not limit its current; take an XM430-W350 or an XM540-W270")
     highest = table.motor.stall_current
     return RigJoint(
         name=name,

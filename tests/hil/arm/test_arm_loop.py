@@ -23,7 +23,7 @@ from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm.rig_planner import full_errors, retarget_settings
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
-from highfive.hil.arm_model.servo_arm import READY, default_arm, solve
+from highfive.hil.arm_model.servo_arm import default_arm, solve
 from highfive.hil.bench.contact import contact_figures, played, played_by, twin_loop
 from highfive.hil.drivers.bus.cycle_ring import Mode
 from highfive.hil.drivers.bus.rig import load_rig
@@ -38,6 +38,8 @@ from highfive.hil.safety.states import State
 from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.errors import HighFiveError
+
+READY = default_arm().ready
 
 RATE_HZ = 120.0
 TICK_NS = round(1e9 / RATE_HZ)
@@ -278,7 +280,7 @@ def test_a_source_whose_clock_stands_still_does_not_make_a_measurement_younger(p
 
 def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
-    summary = arm_summary([arm_figures(n, trial, loop.retarget.settings.lag) for n, trial in enumerate(trials, 3)])
+    summary = arm_summary([arm_figures(n, trial, loop.retarget, LIMITS) for n, trial in enumerate(trials, 3)])
     assert summary["trials"] == 2
     assert summary["missed"] == 0
     assert summary["missed_cycles"] == 0
@@ -302,7 +304,7 @@ def test_a_long_session_keeps_figures_of_every_high_five_and_ticks_of_the_first(
     lag, results = loop.retarget.settings.lag, ArmResults()
     trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
     for number, trial in enumerate(trials):
-        results.add(number, trial, lag)
+        results.add(number, trial, loop.retarget, LIMITS)
     assert list(results.whole) == [0] and results.whole[0] is trials[0]
     for figures, trial in zip(results.figures, trials, strict=True):
         np.testing.assert_allclose(figures.following, trial.following_error(lag), atol=1e-6)
@@ -325,7 +327,7 @@ def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet
         ticks.append(loop.tick(goal))
         twin.wait_until(twin.now() + TICK_NS)
     trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.relaxation)
-    summary = arm_summary([arm_figures(0, trial, loop.retarget.settings.lag)])
+    summary = arm_summary([arm_figures(0, trial, loop.retarget, LIMITS)])
     assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
     assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0
     assert (summary["error_mm"]["median"] is None) == broken_off

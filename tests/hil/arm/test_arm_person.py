@@ -17,7 +17,7 @@ from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.preconditions import check_person
 from highfive.hil.arm.rig_planner import full_errors, retarget_settings
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
-from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.latch import Latch
@@ -33,6 +33,8 @@ from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model
+
+READY = default_arm().ready
 
 
 @pytest.mark.parametrize("part", ["hand", "head"])

@@ -22,7 +22,7 @@ from highfive.hil.arm.rig_planner import planner
 from highfive.hil.arm.simulated_driver import mounted_arm
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.mount import Mount
-from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.hidden_arm import TEMPLATE
 from highfive.hil.drivers.bus.rig import DEFAULT_RIG, angle, count, load_rig, required_registers
 from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
@@ -32,6 +32,8 @@ from highfive.hil.sim.arm_as_calibrated import correct
 from highfive.hil.sim.arm_body import arm_alone
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
+
+READY = default_arm().ready
 
 NOW = DATE + timedelta(days=1)
 

@@ -13,13 +13,15 @@ from highfive.hil.arm.planner_settings import PlanSettings, RetargetSettings
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal, RetargetState
 from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm_model import dynamics
-from highfive.hil.arm_model.servo_arm import READY, ServoArm, default_arm, solve
+from highfive.hil.arm_model.servo_arm import ServoArm, default_arm, solve
 from highfive.hil.safety.people import speed_near_face
 from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
 from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 from highfive.model.online.contact_forecast import ContactForecast
+
+READY = default_arm().ready
 
 TICK = 1.0 / 120.0
 UP = np.array([0.0, 0.0, 1.0])

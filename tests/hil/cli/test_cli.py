@@ -29,6 +29,21 @@ def highfive(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     return lambda *words: run(monkeypatch, capsys, *words)
 
 
+def test_arm_says_which_arm_where_a_name_follows_and_else_that_a_real_one_may_move(highfive: Any) -> None:
+    """Which arm it is lets nothing move."""
+    refused = highfive("simulate", "--rig", "/dev/ttyUSB99", "--arm", "wx250s")
+    assert_one_line(refused, "only with --arm", "up to 0.8 m")
+    assert_one_line(highfive("simulate", "--rig", "/dev/ttyUSB99", "--arm=wx250s"), "only with --arm")
+    assert_one_line(highfive("rig", "play", "absent", "--port", "/dev/ttyUSB99", "--arm", "absent2"), "unexpected")
+    # Said twice it is both: now the port is looked at.
+    both = ("--arm", "openmanipulator_x", "--arm", "--nobody-near")
+    assert_one_line(highfive("rig", "play", "absent", "--port", "/dev/ttyUSB99", *both), "absent")
+    assert_one_line(highfive("simulate", "--rig", "emulated", "--arm=nonsense"), "no arm 'nonsense'")
+    assert_one_line(highfive("simulate", "--arm", "wx250s"), "--arm is about an arm, and none takes part")
+    assert_one_line(highfive("rig", "check", "/dev/ttyUSB99", "--arm", "nonsense"), "no arm 'nonsense'")
+    assert_one_line(highfive("rig", "check", "/dev/ttyUSB99", "--arm", "wx250s"), "/dev/ttyUSB99")
+
+
 def errors(err: str) -> list[str]:
     return [line for line in err.splitlines() if line.startswith("error:")]
 

@@ -13,7 +13,7 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibration_arm import virtual_calibration_arm
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
-from highfive.hil.arm_model.servo_arm import READY, default_arm
+from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
 from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
 from highfive.hil.commands.calibrate_extrinsics import (
@@ -29,6 +29,8 @@ from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
 from highfive.model.errors import HighFiveError
+
+READY = default_arm().ready
 
 ARM = ArmOptions("virtual", slow=True)
 TEXT = "\n".join(

@@ -16,12 +16,14 @@ from mcap_protobuf.decoder import DecoderFactory
 from recorded_trials import record_trial
 from trial_results import some_results
 
-from highfive.hil.arm_model.servo_arm import default_arm
+from highfive.hil.arm_model.arm_folder import find_arm, shipped
+from highfive.hil.arm_model.servo_arm import default_arm, mounted
 from highfive.hil.recording import schemas
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.viewer_messages import Transforms, joints_of
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.summary import SessionSettings
+from highfive.hil.view.arm_cast import GHOST, ArmCast
 from highfive.model.geometry import rotations
 
 FOXGLOVE = "@foxglove/studio-base@1.48.0"
@@ -104,6 +106,23 @@ def test_the_arm_is_drawn_where_its_joints_are() -> None:
         turn = np.array([by.w, by.x, by.y, by.z])
         for axis, wanted in ((_PLATE_NORMAL, plate.normal), (_PLATE_FINGERS, plate.fingers)):
             np.testing.assert_allclose(rotations.rotate(turn, np.array(axis)), wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_each_arm_is_drawn_and_shown_where_its_own_kinematics_have_its_plate(name: str) -> None:
+    arm = mounted(find_arm(name))
+    drawn, cast, rng = Transforms(name), ArmCast(name), np.random.default_rng(6)
+    low, high = arm.packed.low, arm.packed.high
+    assert cast.joints == arm.joints
+    for joints in [arm.ready, *rng.uniform(low, high, (5, arm.joints))]:
+        bodies = {one.child_frame_id: one for one in drawn.arm(7, joints).transforms}
+        at = bodies["arm/plate"].translation
+        shown = dict(zip(cast.names, cast.poses(joints, arm.ready), strict=True))
+        for pose, place in ((joints, shown["arm_plate"]), (arm.ready, shown[GHOST + "arm_plate"])):
+            np.testing.assert_allclose(place[:3], arm.plate_at(pose).position, atol=2e-3)
+        np.testing.assert_allclose([at.x, at.y, at.z], shown["arm_plate"][:3], atol=1e-6)
+        away = np.linalg.norm(arm.plate_at(joints).position - np.array(arm.mount.position))
+        assert away < arm.reach
 
 
 def test_markers_are_points_and_words_are_a_log(recorded: Path) -> None:

@@ -43,6 +43,7 @@ FILES = {
     "train --out": ["train", "absent"],
     "calibrate subject --out": ["calibrate", "subject", "absent.c3d"],
     "calibrate headset --out": ["calibrate", "headset", "--source", "vicon://127.0.0.1:9"],
+    "calibrate latency --out": ["calibrate", "latency", "/dev/ttyUSB99", "--arm"],
     "calibrate extrinsics --out": [
         *("calibrate", "extrinsics", "absent", "--source", "vicon://127.0.0.1:9", "--plate", "absent.toml")
     ],
@@ -52,7 +53,7 @@ FILES = {
 }
 ENDINGS = {
     "train --out": ".safetensors", "calibrate subject --out": ".toml", "calibrate headset --out": ".toml",
-    "calibrate extrinsics --out": ".toml",
+    "calibrate extrinsics --out": ".toml", "calibrate latency --out": ".toml",
     "stream --record": ".c3d",
 }  # fmt: skip
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
@@ -67,7 +68,13 @@ READ = {
     *("rig play session", "rig play --limits", "rig play --estop", "export session", "import files"),
     *("simulate --headset", "simulate --latencies", "calibrate event recording"),
     *("calibrate extrinsics --plate", "calibrate extrinsics --limits", "calibrate extrinsics --rig-file"),
-    *("calibrate extrinsics --estop", "experiment analyse --counts", "experiment analyse --trials"),
+    *("calibrate latency --calibration", "calibrate latency --limits", "calibrate latency --rig-file"),
+    *(
+        "calibrate latency --estop",
+        "calibrate extrinsics --estop",
+        "experiment analyse --counts",
+        "experiment analyse --trials",
+    ),
     *("experiment plan file", "experiment forget --study", "experiment run --simulate-participant"),
     *("experiment analyse study", "rig play --calibration"),
 }

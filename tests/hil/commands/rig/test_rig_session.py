@@ -62,6 +62,17 @@ def played(recorded: Path, out: Path, *faults: str) -> dict[str, Any]:
     return play(PlayOptions(recorded, ArmOptions(VIRTUAL, faults=faults)), out, quiet)
 
 
+def test_another_arm_plays_a_recording_and_is_shown_as_itself(recorded: Path, tmp_path: Path) -> None:
+    """A WidowX, whose last joint limits its duty and not its current."""
+    options = PlayOptions(recorded, ArmOptions(VIRTUAL, arm="wx250s"), most=1)
+    summary = play(options, out := tmp_path / "widow", quiet)
+    assert summary["stopped"] == "" and summary["trials"] == 1 and summary["missed"] == 0, summary
+    assert summary["error_mm"]["max"] < 10.0 and summary["unanswered"] == 0
+    assert 0.0 < summary["closing_speed"]["wire"] < 0.8
+    arm = read_session(out / "arm.mcap")
+    assert (arm.settings["arm"], arm.settings["arm_name"]) == (VIRTUAL, "wx250s")
+
+
 def test_a_recording_is_played_whole_and_to_the_same_bits_each_time(recorded: Path, tmp_path: Path) -> None:
     switching = []
 

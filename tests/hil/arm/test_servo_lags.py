@@ -1,0 +1,124 @@
+"""How late joints are, at the wire: servos that act on their goals later than others by a time that nobody reads."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_calibration import hidden_calibration
+
+from highfive.calibration.arm_file import load_arm, save_arm
+from highfive.calibration.chirp import ChirpSettings
+from highfive.calibration.servo_lag import ServoLag
+from highfive.hil.arm.arm_files import limits_of
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.calibrated import LAG, known_lags
+from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.lifecycle import session_planner
+from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
+from highfive.hil.arm.preconditions import check_options
+from highfive.hil.arm.rig_planner import ON_THE_WAY
+from highfive.hil.arm.servo_lags import servo_lags
+from highfive.hil.arm_model.servo_arm import default_arm
+from highfive.hil.bench.hidden_arm import drawn_truth
+from highfive.hil.bench.perturbed_arm import drawn_perturbation, perturbed_bus
+from highfive.hil.commands.calibrate_latency import LatencyOptions, calibrate_latency
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
+from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.mocap_bridge.frames import PalmPose
+from highfive.model.errors import HighFiveError
+
+ARM = default_arm()
+SLOW = ArmOptions("virtual", slow=True)
+JOINTS = ("elbow", "wrist_angle")
+
+
+def measured(late_s: tuple[float, float]) -> dict[str, ServoLag]:
+    """Lags of two joints whose servos act on goals so much later than the others do."""
+    as_drawn = replace(drawn_perturbation(3), delay_s=0.0)
+    with VirtualClock(3) as clock:
+        bus, rig = perturbed_bus(as_drawn, load_rig()), load_rig()
+        late = dict(zip(JOINTS, late_s, strict=True))
+        for servo in bus.servos:
+            servo.delay_ns = round(1e9 * late.get(rig.servos[servo.id].name, 0.0))  # type: ignore[attr-defined]
+        with virtual_calibration_arm(VirtualRig(clock, bus), SLOW, ARM, lambda: "") as drive:
+            return servo_lags(drive, ARM, limits_of(ARM.folder), JOINTS, settings=ChirpSettings(seconds=6.0))
+
+
+@pytest.mark.slow
+def test_what_a_servo_is_late_by_is_found_joint_by_joint() -> None:
+    plain, late = measured((0.0, 0.0)), measured((0.012, 0.006))
+    for name, truth in zip(JOINTS, (0.012, 0.006), strict=True):
+        # By what both fits say of themselves; an emulated servo looks for goals once a millisecond.
+        sure = float(np.hypot(plain[name].lag_error, late[name].lag_error)) + 1e-3
+        assert sure < 4e-3 and late[name].lag - plain[name].lag == pytest.approx(truth, abs=sure), name
+        assert 0.015 < plain[name].lag < 0.09 and plain[name].gain == pytest.approx(1.0, abs=0.05)
+
+
+def lagged(folder: Path) -> tuple[Path, dict[str, float]]:
+    file = folder / "arm.toml"
+    found = hidden_calibration(drawn_truth(5), file)
+    lags = dict(zip(ARM.folder.names, (0.03, 0.034, 0.034, 0.031, 0.031, 0.06), strict=True))
+    save_arm(file, replace(found, latency={name + LAG: lag for name, lag in lags.items()}), replace=True)
+    return file, lags
+
+
+def test_a_session_leads_each_joint_by_its_own_lag(tmp_path: Path) -> None:
+    """A joint that is later than the plan's lag is commanded to where it will be so much later, at the plan's speed."""
+    file, lags = lagged(tmp_path)
+    assert known_lags(load_arm(file)) == pytest.approx(lags)
+    options = ArmOptions("virtual", calibration=file)
+    limits, rig = check_options(options)
+    plan = session_planner(options, rig, limits)
+    own, usual = np.array(list(lags.values())), float(np.median(list(lags.values())))
+    assert plan.settings.lag == pytest.approx(usual + ON_THE_WAY)
+    assert np.array(plan.settings.behind) == pytest.approx(own - usual)
+    plain = Retarget(plan.arm, plan.ready, replace(plan.settings, behind=()))
+    goal = reaching(plan)
+    here, there = plan.start(), plain.start()
+    for _ in range(40):
+        here, ours = plan.step(here, goal)
+        there, theirs = plain.step(there, goal)
+    np.testing.assert_array_equal(ours.joints, theirs.joints)
+    lead = ours.speeds * (own - usual)
+    assert np.abs(lead).max() > 1e-4
+    np.testing.assert_allclose(ours.positions - theirs.positions, lead, atol=1e-12)
+
+
+def reaching(plan: Retarget) -> PalmGoal:
+    """A hand that is awaited in front of the arm, half a second from now on."""
+    away = plan.arm.plate_at(plan.ready).position + np.array([0.1, 0.05, 0.1])
+    palm = PalmPose(away, np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3))
+    return PalmGoal(palm, palm, None, ExpectedContact(away, 1e-6 * np.eye(3), np.array([1.0, 0.0, 0.0]), 0.5))
+
+
+def test_lags_of_some_joints_are_none(tmp_path: Path) -> None:
+    file, _ = lagged(tmp_path)
+    found = load_arm(file)
+    some = {name: lag for name, lag in found.latency.items() if not name.startswith("waist")}
+    assert known_lags(replace(found, latency=some)) == {}
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (ArmOptions("emulated", slow=True), "no measure of an emulated arm"),
+        (ArmOptions("/dev/ttyUSB99", slow=True), "only with --arm"),
+        (ArmOptions("/dev/ttyUSB99", slow=True, armed=True), "give it with --calibration"),
+    ],
+)
+def test_bad_input_of_the_latency_is_one_line(tmp_path: Path, options: ArmOptions, says: str) -> None:
+    with pytest.raises(HighFiveError, match=says):
+        calibrate_latency(LatencyOptions(options, tmp_path / "out.toml"), lambda *_: lambda *_, **__: None)
+    assert not (tmp_path / "out.toml").exists()
+
+
+def test_a_calibration_that_is_there_is_kept(tmp_path: Path) -> None:
+    file, _ = lagged(tmp_path)
+    before = file.read_bytes()
+    real = ArmOptions("/dev/ttyUSB99", slow=True, armed=True, calibration=file)
+    with pytest.raises(HighFiveError, match="--overwrite"):
+        calibrate_latency(LatencyOptions(real, file), lambda *_: lambda *_, **__: None)
+    assert file.read_bytes() == before

@@ -79,6 +79,51 @@ def plan(
 
 
 @app.command()
+def power(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE.toml", help="An experiment, for its trials (default: --trials).")
+    ] = None,
+    trials: Annotated[
+        int | None, typer.Option(min=1, max=100_000, help="A condition and person (default: the source study's 36).")
+    ] = None,
+    difference: Annotated[
+        list[float] | None,
+        typer.Option(help="Of the rate of right answers, such as .05; may be given again (default: .05, .08, .12)."),
+    ] = None,
+    shift: Annotated[
+        list[float] | None, typer.Option(help="Of the PSE, for morphs; may be given again (default: .04, .06, .10).")
+    ] = None,
+    people: Annotated[
+        list[int] | None, typer.Option(help="So many take part; may be given again (default: 5 to 48).")
+    ] = None,
+    wanted: Annotated[float, typer.Option(min=0.01, max=0.999, help="How often the effect is to be found.")] = 0.8,
+    rate: Annotated[float, typer.Option(min=0.01, max=0.99, help="Right answers in replay.")] = 0.75,
+    people_spread: Annotated[float, typer.Option(min=0.0, max=5.0, help="Of their rates, sd in logit.")] = 0.58,
+    effect_spread: Annotated[float, typer.Option(min=0.0, max=5.0, help="Of the effect over people, logit.")] = 0.25,
+    shift_spread: Annotated[float, typer.Option(min=0.0, max=5.0, help="Of the PSE's shift over people.")] = 0.05,
+    pse_error: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=5.0, help="Standard error of a PSE (default: of the experiment's trials, else .05)."),
+    ] = None,
+    studies: Annotated[int, typer.Option(min=100, max=1_000_000, help="Simulated ones.")] = 4000,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Tell how many people a study needs, by simulated studies."""
+    from highfive.hil.commands.experiment_power import PowerOptions, power, print_power  # noqa: PLC0415
+    from highfive.hil.experiments.analysis.power import PowerSettings  # noqa: PLC0415
+
+    settings = PowerSettings(
+        rate=rate, people_spread=people_spread, effect_spread=effect_spread, shift_spread=shift_spread, studies=studies
+    )
+    effects = tuple(difference or ()), tuple(shift or ())
+    options = PowerOptions(file, trials, *effects, tuple(people or ()), wanted, settings, pse_error, seed)
+    with progress_bars() as bar:
+        result = power(options, bar)
+    print_result(result, json, print_power)
+
+
+@app.command()
 def run(
     study: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")],
     participant: Annotated[str, typer.Option(metavar="CODE", help="Who takes part, such as P07.")],

@@ -69,7 +69,7 @@ READ = {
     *("calibrate extrinsics --plate", "calibrate extrinsics --limits", "calibrate extrinsics --rig-file"),
     *("calibrate extrinsics --estop", "experiment analyse --counts", "experiment analyse --trials"),
     *("experiment plan file", "experiment forget --study", "experiment run --simulate-participant"),
-    *("experiment analyse study", "rig play --calibration"),
+    *("experiment analyse study", "experiment power file", "rig play --calibration"),
 }
 # A folder or a file, as the format has it, or given by what is read: tested where the command is.
 ELSEWHERE = {

@@ -40,7 +40,7 @@ def constant_error(shown: Sequence[float], seed: int, settings: MorphObserverSet
     errors = []
     for pse in _pses(rng, settings):
         second = rng.random(len(weights)) < p_second(weights, pse, settings.width, settings.lapse)
-        errors.append(fit(weights, second).pse.value - pse)
+        errors.append(fit(weights, second.tolist()).pse.value - pse)
     return float(np.sqrt(np.mean(np.square(errors))))
 
 

@@ -112,8 +112,7 @@ def power(
     json: Json = False,
 ) -> None:
     """Tell how many people a study needs, by simulated studies."""
-    from highfive.hil.commands.experiment_power import PowerOptions, power, print_power  # noqa: PLC0415
-    from highfive.hil.experiments.analysis.power import PowerSettings  # noqa: PLC0415
+    from highfive.hil.commands.experiment_power import PowerOptions, PowerSettings, power, print_power  # noqa: PLC0415
 
     settings = PowerSettings(
         rate=rate, people_spread=people_spread, effect_spread=effect_spread, shift_spread=shift_spread, studies=studies

@@ -279,6 +279,17 @@ def bench_webcam(
     _run(json, lambda bar: bench.webcam(every, latency, hold, bar))
 
 
+@app.command("studies")
+def bench_studies(
+    studies: Annotated[int, typer.Option(min=1, help="Of each kind: with an effect, of morphs, without one.")] = 200,
+    people: Annotated[int, typer.Option(min=2, max=99, help="In each.")] = 5,
+    first: Annotated[int, typer.Option(min=0, help="Seed of the first one.")] = 0,
+    json: Json = False,
+) -> None:
+    """Plan, run, break off, resume and analyse simulated studies: do the intervals hold what was put in?"""
+    _run(json, lambda bar: bench.studies(studies, people, first, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,

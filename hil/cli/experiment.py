@@ -32,6 +32,7 @@ def analyse(
     emotions: Annotated[
         int | None, typer.Option(min=2, max=99, help="Answers to choose from (default: those given, or three).")
     ] = None,
+    level: Annotated[float, typer.Option(min=0.5, max=0.999, help="Of all intervals.")] = 0.95,
     out: Annotated[Path | None, typer.Option(help="Folder for a page, figures for print and a tidy table.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -39,7 +40,8 @@ def analyse(
     """Tell whether interaction helps to see emotions: the source study's table, and calibrated estimates beside it."""
     from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis  # noqa: PLC0415
 
-    print_result(analyse(AnalyseOptions(counts, trials, emotions, out, overwrite, study)), json, print_analysis)
+    options = AnalyseOptions(counts, trials, emotions, out, overwrite, study, level)
+    print_result(analyse(options), json, print_analysis)
 
 
 @app.command()
@@ -76,6 +78,50 @@ def plan(
     with progress_bars() as bar:
         result = command.plan(options, bar)
     print_result(result, json, command.print_plan)
+
+
+@app.command()
+def power(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE.toml", help="An experiment, for its trials (default: --trials).")
+    ] = None,
+    trials: Annotated[
+        int | None, typer.Option(min=1, max=100_000, help="A condition and person (default: the source study's 36).")
+    ] = None,
+    difference: Annotated[
+        list[float] | None,
+        typer.Option(help="Of the rate of right answers, such as .05; may be given again (default: .05, .08, .12)."),
+    ] = None,
+    shift: Annotated[
+        list[float] | None, typer.Option(help="Of the PSE, for morphs; may be given again (default: .04, .06, .10).")
+    ] = None,
+    people: Annotated[
+        list[int] | None, typer.Option(help="So many take part; may be given again (default: 5 to 48).")
+    ] = None,
+    wanted: Annotated[float, typer.Option(min=0.01, max=0.999, help="How often the effect is to be found.")] = 0.8,
+    rate: Annotated[float, typer.Option(min=0.01, max=0.99, help="Right answers in replay.")] = 0.75,
+    people_spread: Annotated[float, typer.Option(min=0.0, max=5.0, help="Of their rates, sd in logit.")] = 0.58,
+    effect_spread: Annotated[float, typer.Option(min=0.0, max=5.0, help="Of the effect over people, logit.")] = 0.25,
+    shift_spread: Annotated[float, typer.Option(min=0.0, max=5.0, help="Of the PSE's shift over people.")] = 0.05,
+    pse_error: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=5.0, help="Standard error of a PSE (default: of the experiment's trials, else .05)."),
+    ] = None,
+    studies: Annotated[int, typer.Option(min=100, max=1_000_000, help="Simulated ones.")] = 4000,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Tell how many people a study needs, by simulated studies."""
+    from highfive.hil.commands.experiment_power import PowerOptions, PowerSettings, power, print_power  # noqa: PLC0415
+
+    settings = PowerSettings(
+        rate=rate, people_spread=people_spread, effect_spread=effect_spread, shift_spread=shift_spread, studies=studies
+    )
+    effects = tuple(difference or ()), tuple(shift or ())
+    options = PowerOptions(file, trials, *effects, tuple(people or ()), wanted, settings, pse_error, seed)
+    with progress_bars() as bar:
+        result = power(options, bar)
+    print_result(result, json, print_power)
 
 
 @app.command()

@@ -197,6 +197,13 @@ def publish(pairs: int, seed: int, bar: Bar) -> Measured:
     return Measured(bench_publish(PublishBenchOptions(pairs, seed), bar), print_publish)
 
 
+def studies(count: int, people: int, first: int, bar: Bar) -> Measured:
+    """Simulated studies; see :mod:`highfive.hil.bench.studies`."""
+    from highfive.hil.bench.studies import StudiesOptions, bench_studies, print_studies
+
+    return Measured(bench_studies(StudiesOptions(count, people, first), bar), print_studies)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked

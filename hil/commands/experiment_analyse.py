@@ -40,6 +40,7 @@ class AnalyseOptions:
         emotions: answers to choose from; None for as many as occur in the trials, or the source study's three.
         out: folder for page, figures and tidy table.
         overwrite: write there though something is there.
+        level: of all intervals.
     """
 
     counts: Path | None
@@ -48,6 +49,7 @@ class AnalyseOptions:
     out: Path | None = None
     overwrite: bool = False
     study: Path | None = None
+    level: float = 0.95
 
 
 def analyse(options: AnalyseOptions) -> dict[str, Any]:
@@ -125,22 +127,22 @@ def _read(options: AnalyseOptions) -> tuple[Sequence[PersonCounts], Sequence[Ans
 
 def _study(options: AnalyseOptions, people: Sequence[PersonCounts], answers: Sequence[Answer]) -> dict[str, Any]:
     source = options.counts or options.trials
-    result: dict[str, Any] = {"source": str(source)}
-    matrices, fits = confusions_of(answers), fits_of(answers)
+    result: dict[str, Any] = {"source": str(source), "level": options.level}
+    matrices, fits = confusions_of(answers), fits_of(answers, options.level)
     if people:
         labels = {label for matrix in matrices.values() for label in matrix.emotions}
         if options.emotions is not None and options.emotions < len(labels):
             there = f"{len(labels)} ({', '.join(sorted(labels))})"
             raise HighFiveError(f"--emotions {options.emotions}: {source} has {there}; give that many or more")
-        result |= recognition(people, options.emotions or len(labels) or EMOTIONS)
+        result |= recognition(people, options.emotions or len(labels) or EMOTIONS, options.level)
     if matrices:
-        result["confusion"] = {condition: _confusion(matrix) for condition, matrix in matrices.items()}
+        result["confusion"] = {condition: _confusion(matrix, options.level) for condition, matrix in matrices.items()}
     if fits:
-        result["psychometric"] = _psychometric(fits)
+        result["psychometric"] = _psychometric(fits, options.level)
     return result
 
 
-def recognition(people: Sequence[PersonCounts], emotions: int) -> dict[str, Any]:
+def recognition(people: Sequence[PersonCounts], emotions: int, level: float = 0.95) -> dict[str, Any]:
     """Table and hierarchical estimate of right answers.
 
     Raises:
@@ -150,7 +152,7 @@ def recognition(people: Sequence[PersonCounts], emotions: int) -> dict[str, Any]
         raise HighFiveError(
             f"a participant is called {OVERALL}, as the table's last row is; give that one another code"
         )
-    effects = over_people(*logit_differences(people))
+    effects = over_people(*logit_differences(people), level)
     return {
         "people": len(people),
         "emotions": emotions,
@@ -228,8 +230,8 @@ def _table(table: SourceTable) -> dict[str, Any]:
     return rows | {OVERALL: table.overall}
 
 
-def _confusion(matrix: Confusion) -> dict[str, Any]:
-    rates = {rate.emotion: _plain(asdict(rate)) for rate in emotion_rates(matrix)}
+def _confusion(matrix: Confusion, level: float) -> dict[str, Any]:
+    rates = {rate.emotion: _plain(asdict(rate)) for rate in emotion_rates(matrix, level)}
     return {
         "labels": list(matrix.emotions),
         "counts": matrix.counts.tolist(),
@@ -239,19 +241,20 @@ def _confusion(matrix: Confusion) -> dict[str, Any]:
     }
 
 
-def _psychometric(fits: Mapping[str, Mapping[str, Psychometric]]) -> dict[str, Any]:
+def _psychometric(fits: Mapping[str, Mapping[str, Psychometric]], level: float) -> dict[str, Any]:
     conditions: dict[str, Any] = {}
     for condition, found in fits.items():
         here: dict[str, Any] = {"people": {person: _plain(asdict(one)) for person, one in found.items()}}
         if len(found) > 1:
             together = list(found.values())
-            here |= {"pooled_pse": _effects(pooled_pse(together)), "pooled_log_jnd": _effects(pooled_log_jnd(together))}
+            here["pooled_pse"] = _effects(pooled_pse(together, level))
+            here["pooled_log_jnd"] = _effects(pooled_log_jnd(together, level))
         conditions[condition] = here
     both = [person for person in fits.get(CONDITIONS[0], {}) if person in fits.get(CONDITIONS[1], {})]
     result: dict[str, Any] = {"conditions": conditions}
     if len(both) > 1:
         first, second = ([fits[condition][person] for person in both] for condition in CONDITIONS)
-        result["pse_shift"] = _effects(pse_shift(first, second))
+        result["pse_shift"] = _effects(pse_shift(first, second, level))
     return result
 
 

@@ -146,6 +146,7 @@ def print_plan(result: dict[str, Any]) -> None:
         say(note)
     say(f"{result['experiment']}: {counted(result['trials'], 'trial')} a participant, practice included")
     say(f"plans: {result['study']}, picture: {result['picture']}")
+    say(f"whether that is enough people: highfive experiment power {Path(result['study']) / PROTOCOL}")
 
 
 def print_template(result: dict[str, Any]) -> None:

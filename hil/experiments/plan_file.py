@@ -38,9 +38,10 @@ def plan_csv(plan: Plan) -> bytes:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["participant", "digest", *_TRIAL])
+    digest = plan.digest
     for trial in asdict(plan)["trials"]:
         cells = (json.dumps(value) if isinstance(value, dict) else value for value in trial.values())
-        table.writerow([plan.participant, plan.digest, *cells])
+        table.writerow([plan.participant, digest, *cells])
     return text.getvalue().encode()
 
 

@@ -226,13 +226,16 @@ def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -
         told = [] if free else [f"{study} is on a file system without locks: see to it that no other run writes there"]
         try:
             content = _looked_at(path, told)
-            path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise HighFiveError(f"cannot open the trial log {path}: {error.strerror or error}") from None
         _check_begun(content, plan, head, resume, path)
         for other in sorted(participant_folder(study, head.participant).glob(f"session-*/{LOG}")):
             _check_plan(read_log(_whole(other), str(other)), plan, other)
         missing = missing_sources(study, plan)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)  # after all that may refuse: no empty session stays
+        except OSError as error:
+            raise HighFiveError(f"cannot open the trial log {path}: {error.strerror or error}") from None
         log = TrialLog(path, plan, head, missing, clock, told)
         try:
             yield log

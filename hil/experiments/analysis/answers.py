@@ -103,7 +103,7 @@ def confusions_of(answers: Sequence[Answer]) -> dict[str, Confusion]:
     return found
 
 
-def fits_of(answers: Sequence[Answer]) -> dict[str, dict[str, Psychometric]]:
+def fits_of(answers: Sequence[Answer], level: float = 0.95) -> dict[str, dict[str, Psychometric]]:
     """Condition → person → psychometric function of the answers to morphs, where there are such."""
     found: dict[str, dict[str, Psychometric]] = {}
     for condition in CONDITIONS:
@@ -111,7 +111,7 @@ def fits_of(answers: Sequence[Answer]) -> dict[str, dict[str, Psychometric]]:
         for person in dict.fromkeys(one.participant for one in here):
             own = [(one.weight, one.agrees) for one in here if one.participant == person and one.weight is not None]
             weights, seconds = zip(*own, strict=True)
-            found.setdefault(condition, {})[person] = fit(weights, seconds)
+            found.setdefault(condition, {})[person] = fit(weights, seconds, level=level)
     return found
 
 

@@ -25,7 +25,7 @@ class EmotionRate:
     Attributes:
         correct, shown, answered: right answers, times shown and times answered.
         mean: of the posterior Beta(k + 1, n − k + K − 1): a pseudo-count for each possible answer.
-        interval: its central 95 %.
+        interval: its central part, by default 95 %.
         unbiased: Wagner's (1993) unbiased hit rate k² / (shown × answered); 0 where it was never answered, None where
             it was never shown.
         answer_bias: share of all answers minus share of all that was shown: above 0, it is answered too often.
@@ -74,15 +74,15 @@ def confusion(shown: Sequence[str], answered: Sequence[str]) -> Confusion:
     return Confusion(emotions, np.array([[pairs[row, column] for column in emotions] for row in emotions]))
 
 
-def emotion_rates(matrix: Confusion) -> list[EmotionRate]:
-    """Each emotion's recognition, in the matrix's order."""
+def emotion_rates(matrix: Confusion, level: float = 0.95) -> list[EmotionRate]:
+    """Each emotion's recognition, in the matrix's order; intervals hold ``level`` of the posterior."""
     choices, trials = len(matrix.emotions), matrix.trials
     rows, columns = matrix.counts.sum(axis=1), matrix.counts.sum(axis=0)
     found = []
     for place, emotion in enumerate(matrix.emotions):
         k, n, said = int(matrix.counts[place, place]), int(rows[place]), int(columns[place])
         a, b = k + 1.0, n - k + choices - 1.0
-        low, high = betaincinv(a, b, [0.025, 0.975])
+        low, high = betaincinv(a, b, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
         unbiased = None if n == 0 else 0.0 if said == 0 else k**2 / (n * said)
         bias = (said - n) / trials
         found.append(EmotionRate(emotion, k, n, said, a / (a + b), (float(low), float(high)), unbiased, bias))

@@ -56,7 +56,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A posterior's centre, standard deviation and central 95 % (of lapses: 95 % from nought)."""
+    """A posterior's centre, standard deviation and central part, by default 95 % (of lapses: from nought)."""
 
     value: float
     sd: float
@@ -112,14 +112,16 @@ def log_likelihood(p: Array, second: bool) -> Array:
 
 
 def fit(
-    weights: Sequence[float] | Array, second: Sequence[bool] | Array, settings: PsychometricSettings | None = None
-) -> Psychometric:
+    weights: Sequence[float] | Array, second: Sequence[bool] | Array, settings: PsychometricSettings | None = None,
+    level: float = 0.95,
+) -> Psychometric:  # fmt: skip
     """The function of one person from her answers.
 
     Args:
         weights: (T,) shares of B shown.
         second: (T,) whether B was answered.
         settings: beliefs beforehand.
+        level: of the intervals.
 
     Raises:
         HighFiveError: no answer, or weights that are none.
@@ -134,35 +136,35 @@ def fit(
     seconds = np.bincount(place, weights=said, minlength=len(levels))
     firsts = np.bincount(place, minlength=len(levels)) - seconds
     log, p = grid.log_prior.copy(), p_on_grid(grid, levels)
-    for level in range(len(levels)):
-        log += seconds[level] * log_likelihood(p[level], True) + firsts[level] * log_likelihood(p[level], False)
-    return summary(grid, log, len(shown))
+    for at in range(len(levels)):
+        log += seconds[at] * log_likelihood(p[at], True) + firsts[at] * log_likelihood(p[at], False)
+    return summary(grid, log, len(shown), level)
 
 
-def summary(grid: Grid, log_posterior: Array, trials: int) -> Psychometric:
+def summary(grid: Grid, log_posterior: Array, trials: int, level: float = 0.95) -> Psychometric:
     """PSE, JND and lapses of a posterior (M, S, L) on the grid."""
     p = np.exp(log_posterior - log_posterior.max())
     p /= p.sum()
-    pse = _estimate(grid.pse, p.sum(axis=(1, 2)))
-    log_jnd = _estimate(grid.log_width + np.log(JND_OF_WIDTH), p.sum(axis=(0, 2)))
+    pse = _estimate(grid.pse, p.sum(axis=(1, 2)), level)
+    log_jnd = _estimate(grid.log_width + np.log(JND_OF_WIDTH), p.sum(axis=(0, 2)), level)
     jnd = Estimate(
         float(np.exp(log_jnd.value)),
         log_jnd.sd,
         (float(np.exp(log_jnd.interval[0])), float(np.exp(log_jnd.interval[1]))),
     )
-    return Psychometric(pse, jnd, _estimate(grid.lapse, p.sum(axis=(0, 1)), one_sided=True), trials)
+    return Psychometric(pse, jnd, _estimate(grid.lapse, p.sum(axis=(0, 1)), level, one_sided=True), trials)
 
 
-def pooled_pse(people: Sequence[Psychometric]) -> Effects:
+def pooled_pse(people: Sequence[Psychometric], level: float = 0.95) -> Effects:
     """The mean PSE over people, and how far they differ (``p_positive`` says nothing here).
 
     Raises:
         HighFiveError: fewer than two people.
     """
-    return _pooled([one.pse.value for one in people], [one.pse.sd for one in people], centre=0.5, spread=0.35)
+    return _pooled([one.pse.value for one in people], [one.pse.sd for one in people], level, centre=0.5, spread=0.35)
 
 
-def pooled_log_jnd(people: Sequence[Psychometric]) -> Effects:
+def pooled_log_jnd(people: Sequence[Psychometric], level: float = 0.95) -> Effects:
     """The mean ln JND over people, and how far they differ.
 
     Raises:
@@ -170,10 +172,10 @@ def pooled_log_jnd(people: Sequence[Psychometric]) -> Effects:
     """
     centre = float(np.log(JND_OF_WIDTH * PsychometricSettings().width))
     values = [float(np.log(one.jnd.value)) for one in people]
-    return _pooled(values, [one.jnd.sd for one in people], centre=centre, spread=0.8, between=0.5)
+    return _pooled(values, [one.jnd.sd for one in people], level, centre=centre, spread=0.8, between=0.5)
 
 
-def pse_shift(first: Sequence[Psychometric], second: Sequence[Psychometric]) -> Effects:
+def pse_shift(first: Sequence[Psychometric], second: Sequence[Psychometric], level: float = 0.95) -> Effects:
     """The mean over people of the first condition's PSE minus the second's, person by person.
 
     Raises:
@@ -181,22 +183,22 @@ def pse_shift(first: Sequence[Psychometric], second: Sequence[Psychometric]) -> 
     """
     shifts = [one.pse.value - other.pse.value for one, other in zip(first, second, strict=True)]
     sds = [float(np.hypot(one.pse.sd, other.pse.sd)) for one, other in zip(first, second, strict=True)]
-    return _pooled(shifts, sds, centre=0.0, spread=0.35)
+    return _pooled(shifts, sds, level, centre=0.0, spread=0.35)
 
 
 def _pooled(
-    values: Sequence[float], sds: Sequence[float], *, centre: float, spread: float, between: float = 0.1
+    values: Sequence[float], sds: Sequence[float], level: float, *, centre: float, spread: float, between: float = 0.1
 ) -> Effects:
     settings = HierarchySettings(centre=centre, spread=spread, between=between)
-    return over_people(np.array(values), np.array(sds) ** 2, settings=settings)
+    return over_people(np.array(values), np.array(sds) ** 2, level, settings)
 
 
-def _estimate(values: Array, p: Array, *, one_sided: bool = False) -> Estimate:
+def _estimate(values: Array, p: Array, level: float, *, one_sided: bool = False) -> Estimate:
     mean = float(p @ values)
     sd = float(np.sqrt(p @ (values - mean) ** 2))
     # A node stands for what lies around it, half a step to either side.
     step = values[1] - values[0]
     edges = np.clip(np.append(values - 0.5 * step, values[-1] + 0.5 * step), values[0], values[-1])
     below = np.append(0.0, np.cumsum(p))
-    low, high = np.interp((0.0, 0.95) if one_sided else (0.025, 0.975), below, edges)
+    low, high = np.interp((0.0, level) if one_sided else (0.5 - 0.5 * level, 0.5 + 0.5 * level), below, edges)
     return Estimate(mean, sd, (float(low), float(high)))

@@ -147,9 +147,10 @@ def test_another_ones_trials_are_needed_and_the_broken_off_ones_left_out(tmp_pat
 def test_what_cannot_be_opened_is_said_in_a_line(tipping: Path, resume: bool, who, message: str) -> None:
     with open_log(tipping, head(), resume=False) as log:
         answer(log, 5)
-    before = log_path(tipping).read_bytes()
+    before, there = log_path(tipping).read_bytes(), sorted(tipping.rglob("*"))
     with pytest.raises(HighFiveError, match=message) as told, open_log(tipping, who, resume):
         pass
+    assert sorted(tipping.rglob("*")) == there  # no empty session stays behind
     assert "\n" not in str(told.value)
     assert log_path(tipping).read_bytes() == before
 

@@ -79,6 +79,15 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     assert np.sqrt(np.mean([(f.pse.value - t) ** 2 for t, f in zip(truths, found, strict=True)])) < 0.056
 
 
+def test_a_smaller_level_has_a_smaller_interval_that_holds_so_much_less() -> None:
+    said = answers(np.random.default_rng(5), 0.5, 0.15)
+    narrow, wide = fit(WEIGHTS, said, level=0.5).pse, fit(WEIGHTS, said).pse
+    assert narrow.value == wide.value
+    # of a nearly normal posterior: 0.674 and 1.96 standard deviations to either side
+    for found, deviations in ((narrow, 0.674), (wide, 1.96)):
+        assert found.interval[1] - found.interval[0] == pytest.approx(2.0 * deviations * found.sd, rel=0.06)
+
+
 def test_people_together() -> None:
     rng = np.random.default_rng(5)
     _, interactive = observers(rng, 30, 0.45, 0.05)

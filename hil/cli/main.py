@@ -17,7 +17,20 @@ from highfive.hil.cli import files as cli_files
 from highfive.hil.cli import mocap as cli_mocap
 from highfive.hil.cli import model as cli_model
 from highfive.hil.cli import rig as cli_rig
-from highfive.hil.cli.options import Cells, Https, Interrupted, Json, NoOpen, Overwrite, Port, Seed, refuse_two_people
+from highfive.hil.cli.options import (
+    Cells,
+    Https,
+    Interrupted,
+    Json,
+    NoOpen,
+    Overwrite,
+    Port,
+    Publish,
+    PublishNetwork,
+    RecordLsl,
+    Seed,
+    refuse_two_people,
+)
 from highfive.hil.runtime.console import STDERR, escape, print_json, print_result, progress_bars, show_log
 from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
 from highfive.model.errors import HighFiveError
@@ -127,20 +140,9 @@ def simulate(
     port: Port = None,
     no_open: NoOpen = False,
     https: Https = False,
-    publish: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WAYS",
-            help="Let other programs hear it: lsl, vmc or vmc://HOST:PORT, foxglove; several with commas between.",
-        ),
-    ] = None,
-    publish_network: Annotated[
-        bool, typer.Option("--publish-network", help="With --publish: also programs on other computers.")
-    ] = False,
-    record_lsl: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Record this LSL stream beside the session; may be given again."),
-    ] = None,
+    publish: Publish = None,
+    publish_network: PublishNetwork = False,
+    record_lsl: RecordLsl = None,
     camera: Annotated[
         Path | None,
         typer.Option(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -28,6 +29,10 @@ RIGHT_MS = 1.0
 """A step is found once the time of the stream is, and stays, so near the truth."""
 STEPS = tuple((40.3 + 40.0 * k, 10.0 * (-1.0) ** k) for k in range(9))
 """When a clock is set, s, and by how much, ms: there and back."""
+FOLLOWS_S = 5.0
+"""A reset is of a step that was at most so long before."""
+FIRST_S = 30.0
+"""Of a stream, in which its line still has less to rest on than later."""
 ASKED_HZ = 68.0
 """Of a renderer."""
 BEHIND_MS = 30.0
@@ -96,14 +101,31 @@ def _one_way(host: Host, network: Network, came: Heard) -> dict[str, Any]:
             bounds.append(min(stream.bound_ns, S) / MS)
             times.append((true - BEGAN_NS) / S)
         before = time
-    resets = sum(event.happened is Happened.RESYNCHRONISED for event in events)
+    resets = [(event.time_ns - BEGAN_NS) / S for event in events if event.happened is Happened.RESYNCHRONISED]
+    wrong, missed = unmatched([when for when, _ in host.steps], resets)
+    early = np.array(times) < FIRST_S
     return {
         **_of_errors(np.array(errors), np.array(bounds)),
-        "resets": resets,
-        "wrong_resets": resets - len(host.steps),
+        "first_half_minute": _of_errors(np.array(errors)[early], np.array(bounds)[early]),
+        "resets": len(resets),
+        "wrong_resets": wrong,
+        "missed_steps": missed,
         "found_step_s": _found(host.steps, np.array(times), np.array(errors)),
         "seconds": round(times[-1] + 1.0 / host.rate_hz),
     }
+
+
+def unmatched(steps: Sequence[float], resets: Sequence[float]) -> tuple[int, int]:
+    """Resets that no step called for, and steps that no reset followed within :data:`FOLLOWS_S`; times in order, s."""
+    left = list(resets)
+    missed = 0
+    for step in steps:
+        mine = next((reset for reset in left if 0.0 <= reset - step <= FOLLOWS_S), None)
+        if mine is None:
+            missed += 1
+        else:
+            left.remove(mine)
+    return len(left), missed
 
 
 def _found(steps: tuple[tuple[float, float], ...], times: Array, errors: Array) -> float | None:
@@ -131,6 +153,7 @@ def _peer(seconds: float, rng: np.random.Generator) -> dict[str, Any]:
         **_of_errors(np.array(errors), np.array(bounds)),
         "resets": clock.resets,
         "wrong_resets": clock.resets,
+        "missed_steps": 0,
         "found_step_s": None,
         "seconds": round(seconds),
     }
@@ -155,24 +178,27 @@ def _three_streams(seconds: float, seed: int, rng: np.random.Generator) -> dict[
     Each one's least delay is known, as a system says it or an event shows it.
     """
     truth = Wrist(seed)
-    server, networks = Synchroniser(), (WIRED, WIRELESS, WIRELESS)
+    events = list[SyncEvent]()
+    server, networks = Synchroniser(events.append), (WIRED, WIRELESS, WIRELESS)
     hosts = (Host(120.0, 50.0), Host(90.0, -80.0), Host(60.0, 20.0))
     streams = [server.open(f"{host.rate_hz:g} Hz", VECTORS, StampClock()) for host in hosts]
-    sent = list[tuple[int, int, Stream[Array], Array, int]]()
+    sent = list[tuple[int, int, Stream[Array], Array, int, int]]()
     for host, network, stream in zip(hosts, networks, streams, strict=True):
         came = heard(host, network, seconds, rng)
         points, known = truth(1e-9 * (came.true - BEGAN_NS)), round(MS * network.least_ms)
-        rows = zip(came.arrivals.tolist(), came.stamps.tolist(), points, strict=True)
-        sent += [(arrival, stamp, stream, point, known) for arrival, stamp, point in rows]
+        rows = zip(came.arrivals.tolist(), came.stamps.tolist(), points, came.true.tolist(), strict=True)
+        sent += [(arrival, stamp, stream, point, known, true) for arrival, stamp, point, true in rows]
     sent.sort(key=lambda row: row[0])
     behind = {"now": 0, f"{BEHIND_MS:g} ms ago": round(MS * BEHIND_MS)}
     errors: dict[str, list[float]] = {name: [] for name in behind}
+    off_ms = list[float]()
     invalid, row = 0, 0
     for at in np.arange(5.0, seconds, 1.0 / ASKED_HZ):
         now = BEGAN_NS + round(S * at)
         while row < len(sent) and sent[row][0] <= now:
-            arrival, stamp, stream, point, known = sent[row]
+            arrival, stamp, stream, point, known, made = sent[row]
             stream.add(stamp, point, arrival, latency_ns=known)
+            off_ms.append(abs((stream.newest_ns or 0) - made) / MS)
             row += 1
         for name, back_ns in behind.items():
             moment = server.at(now - back_ns)
@@ -183,7 +209,11 @@ def _three_streams(seconds: float, seed: int, rng: np.random.Generator) -> dict[
                 if one.valid:
                     errors[name].append(1e3 * float(np.linalg.norm(one.value - true)))
     asked = sum(map(len, errors.values())) + invalid
+    resets = sum(event.happened is Happened.RESYNCHRONISED for event in events)
     return {
+        "error_ms": _spread(np.array(off_ms), 4),
+        "resets": resets,
+        "found_step_s": None,
         "wrist_error_mm": {name: _spread(np.array(values), 3) for name, values in errors.items()},
         "not_valid": round(invalid / asked, 5),
         "seconds": round(seconds),
@@ -198,12 +228,16 @@ def _two_systems(seed: int) -> dict[str, Any]:
     ]
     found: dict[str, Any] = {}
     for name, address in (("merged", BOTH), ("one_system", ALONE)):
-        markers, palms = zip(*(followed(person, address, seed) for person in persons), strict=True)
-        found[name] = {
-            "marker_error_mm": _spread(np.concatenate(markers), 3),
-            "palm_error_mm": _spread(np.concatenate(palms), 3),
+        runs = [followed(person, address, seed) for person in persons]
+        figures = {
+            "marker_error_mm": _spread(np.concatenate([run.markers_mm for run in runs]), 3),
+            "palm_error_mm": _spread(np.concatenate([run.palm_mm for run in runs]), 3),
+            "error_ms": _spread(np.concatenate([run.off_ms for run in runs]), 4),
+            "resets": sum(run.resets for run in runs),
         }
-    return found
+        found[name] = figures
+    both = {name: found["merged"][name] for name in ("error_ms", "resets")}
+    return {**both, "found_step_s": None, **found}
 
 
 class Wrist:
@@ -223,9 +257,16 @@ class Wrist:
         return self._spline(np.minimum(turn, 2.0 * self._lasts - turn))
 
 
+def _early(row: dict[str, Any]) -> str:
+    return f"{100.0 * row['first_half_minute']['within_bound']:6.2f} %" if "first_half_minute" in row else "-"
+
+
 def print_sync(result: dict[str, Any]) -> None:
     """The figures, for people."""
-    print("scenario        error p50 / p95 / max, ms    bound p50    within    anew (wrongly)    step found")
+    print(
+        "scenario        error p50 / p95 / max, ms    bound p50    within    anew (wrongly)    missed  step found    "
+        "within, first 30 s"
+    )
     for name, row in result.items():
         if name in ("three_streams", "two_systems"):
             continue
@@ -234,11 +275,13 @@ def print_sync(result: dict[str, Any]) -> None:
         anew = f"{row['resets']:>4} ({row['wrong_resets']})"
         print(
             f"{name:<12} {error}    {row['bound_ms']['p50']:6.3f} ms   {100.0 * row['within_bound']:6.2f} %  "
-            f"{anew:<16}  {step}"
+            f"{anew:<16}  {row['missed_steps']:>4}    {step:<10}    {_early(row)}"
         )
     for when, error in result["three_streams"]["wrist_error_mm"].items():
         shown = " / ".join(f"{value:.2f}" for value in error.values())
         print(f"three streams at one time, {when}: wrist {shown} mm from the true one (p50 / p95 / max)")
-    for name, row in result["two_systems"].items():
-        marker, palm = (" / ".join(f"{value:.2f}" for value in one.values()) for one in row.values())
+    for name in ("merged", "one_system"):
+        row = result["two_systems"][name]
+        shown = (row["marker_error_mm"], row["palm_error_mm"])
+        marker, palm = (" / ".join(f"{value:.2f}" for value in one.values()) for one in shown)
         print(f"one person, {name.replace('_', ' ')}: markers {marker} mm, palm {palm} mm from the true ones")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -15,11 +15,14 @@ from highfive.hil.bench.sync_hosts import S
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.session.session import RATE_HZ
+from highfive.hil.session.session_streams import SessionStreams
+from highfive.hil.session.sync_events import Happened, SyncEvent
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import LiveWiring
 from highfive.hil.trials.partners import Partner
 from highfive.mocap_bridge.frames import MarkerFrame
-from highfive.mocap_bridge.sources.live import Link
+from highfive.mocap_bridge.sources.address import parse_address
+from highfive.mocap_bridge.sources.live import Link, LiveSource
 from highfive.mocap_bridge.sources.merged_address import merged_part
 from highfive.mocap_bridge.sources.scheme import Address
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
@@ -41,8 +44,26 @@ WARM_UP_S = 1.0
 """Of the stream, that does not count: clocks and tracker begin."""
 
 
-def followed(person: Partner, address: str, seed: int) -> tuple[Array, Array]:
-    """Distances (N,) of all seen markers, and (M,) of the tracked palm of each frame, from the true ones, mm."""
+@dataclass(frozen=True)
+class Followed:
+    """How far off a person was who was followed.
+
+    Attributes:
+        markers_mm: (N,) all seen markers from the true ones.
+        palm_mm: (M,) the tracked palm of each frame from the true one.
+        off_ms: (K,) the time of each frame of each system, from the first on, from when it was made, beyond the delays
+            that a system says of itself.
+        resets: how often a system's time began anew.
+    """
+
+    markers_mm: Array
+    palm_mm: Array
+    off_ms: Array
+    resets: int
+
+
+def followed(person: Partner, address: str, seed: int) -> Followed:
+    """Follows a person from a first frame on to the end of the high five."""
     with VirtualClock(seed) as clock:
         begins = clock.now() + S // 10
         links = {
@@ -58,11 +79,26 @@ def followed(person: Partner, address: str, seed: int) -> tuple[Array, Array]:
         end = zero + round(S * (len(person.recording) - 2) / RATE_HZ)
         with closing(live_source(address, None, wiring)) as source:
             found, frame = list[tuple[int, MarkerFrame]](), None
+            off_ms, events = list[float](), list[SyncEvent]()
+            for part in source.parts:
+                part.hear(_timed(part, begins, off_ms))
+            SessionStreams(events.append).follow(source)
             while clock.now() < end:
                 frame = source.wait(frame, 0.1) or frame
                 if frame is not None and (not found or frame is not found[-1][1]):
                     found.append((source.captured(frame) - zero, frame))
-    return _beside_the_truth(person, found)
+    resets = sum(event.happened is Happened.RESYNCHRONISED for event in events)
+    return Followed(*_beside_the_truth(person, found), np.array(off_ms), resets)
+
+
+def _timed(part: LiveSource, begins: int, off_ms: list[float]) -> Callable[[MarkerFrame], None]:
+    rate_hz = SYSTEMS[parse_address(part.title).scheme].rate_hz
+
+    def take(frame: MarkerFrame) -> None:
+        made = begins + round(S * frame.number / rate_hz)
+        off_ms.append(1e-6 * abs(part.captured(frame) - made))
+
+    return take
 
 
 def _sent(person: Partner, system: str, address: str, begins: int, seed: int) -> list[MarkerFrame]:

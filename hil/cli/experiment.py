@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import Https, Interrupted, Json, NoOpen, Overwrite, Port, Seed
+from highfive.hil.cli.options import (
+    Https,
+    Interrupted,
+    Json,
+    NoOpen,
+    Overwrite,
+    Port,
+    Publish,
+    PublishNetwork,
+    RecordLsl,
+    Seed,
+)
 from highfive.hil.runtime.console import print_result, progress_bars
 from highfive.model.errors import HighFiveError
 
@@ -164,6 +175,9 @@ def run(
     port: Port = None,
     no_open: NoOpen = False,
     https: Https = False,
+    publish: Publish = None,
+    publish_network: PublishNetwork = False,
+    record_lsl: RecordLsl = None,
     json: Json = False,
 ) -> None:
     """Take one participant through the plan, every answer on the disk before the next trial begins."""
@@ -171,13 +185,17 @@ def run(
     from highfive.hil.commands.experiment_options import RunOptions  # noqa: PLC0415
 
     chain = None
+    if no_avatar and (publish or publish_network or record_lsl):
+        raise HighFiveError("--no-avatar plays nothing: leave out --publish and --record-lsl")
     if not no_avatar:
+        from highfive.hil.commands.session_outputs import published  # noqa: PLC0415
         from highfive.hil.commands.simulate import which_model  # noqa: PLC0415
         from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions  # noqa: PLC0415
 
         chain = SimulateOptions(
             source=source, human=person, marker_set=marker_set, model=which_model(model),
             seed=seed, place=place, latency_ms=latency, view=PageOptions(port, not no_open, https),
+            publish=published(publish), publish_network=publish_network, record_lsl=tuple(record_lsl or ()),
         )  # fmt: skip
     options = RunOptions(
         study, participant, session, resume, consent, language, simulate_participant, no_avatar, typed, chain

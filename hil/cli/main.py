@@ -27,6 +27,9 @@ from highfive.hil.cli.options import (
     NoOpen,
     Overwrite,
     Port,
+    Publish,
+    PublishNetwork,
+    RecordLsl,
     Seed,
     WhichArm,
     refuse_two_people,
@@ -141,20 +144,9 @@ def simulate(
     port: Port = None,
     no_open: NoOpen = False,
     https: Https = False,
-    publish: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WAYS",
-            help="Let other programs hear it: lsl, vmc or vmc://HOST:PORT, foxglove; several with commas between.",
-        ),
-    ] = None,
-    publish_network: Annotated[
-        bool, typer.Option("--publish-network", help="With --publish: also programs on other computers.")
-    ] = False,
-    record_lsl: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Record this LSL stream beside the session; may be given again."),
-    ] = None,
+    publish: Publish = None,
+    publish_network: PublishNetwork = False,
+    record_lsl: RecordLsl = None,
     camera: Annotated[
         Path | None,
         typer.Option(

@@ -98,3 +98,18 @@ NoOpen = Annotated[bool, typer.Option("--no-open", help="Open no browser.")]
 Https = Annotated[
     bool, typer.Option("--https", help="Serve the page to the network, encrypted, for a phone or a headset.")
 ]
+
+Publish = Annotated[
+    str | None,
+    typer.Option(
+        metavar="WAYS",
+        help="Let other programs hear it: lsl, vmc or vmc://HOST:PORT, foxglove; several with commas between.",
+    ),
+]
+PublishNetwork = Annotated[
+    bool, typer.Option("--publish-network", help="With --publish: also programs on other computers.")
+]
+RecordLsl = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="Record this LSL stream beside the session; may be given again."),
+]

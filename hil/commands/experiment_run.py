@@ -84,6 +84,10 @@ def _check(options: RunOptions, protocol: Protocol) -> None:
         raise HighFiveError(
             f"{protocol.name} shows clips, which no stage plays yet; --no-avatar tries plan, log and analysis"
         )
+    if options.chain is not None:
+        from highfive.hil.commands.session_outputs import check_output_options  # noqa: PLC0415 (session and MuJoCo)
+
+        check_output_options(options.chain)
     if options.chain is not None and options.chain.source == "headset" and protocol.replay.viewpoint == "recorded":
         raise HighFiveError(
             "a headset shows what its wearer looks at, so a recorded viewpoint cannot be shown; plan with "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING
 
 from highfive.hil.commands.experiment_options import RunOptions
@@ -14,6 +15,11 @@ from highfive.hil.commands.live_options import sees_webcam
 from highfive.hil.commands.live_session import live_person
 from highfive.hil.commands.page import open_page
 from highfive.hil.commands.page_options import check_port
+from highfive.hil.commands.session_outputs import (
+    open_outlets,
+    open_publishers,
+    session_outputs,
+)
 from highfive.hil.commands.session_partners import worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.commands.simulated_participant import participant_on_page
@@ -61,11 +67,13 @@ def open_stage(
     check_port(chain.view)
     stack.enter_context(interrupted_between_ticks())
     stack.enter_context(quick_switching())
+    publishers = open_publishers(chain, stack)
     model, scene = open_model(chain.model), build_scene()
     _check_styles(protocol, model.emotions)
     page = _page(chain, protocol, stack, participant, tracks=worn or webcam)
     person = _person(chain, page, stack, wiring)
     worn_markers = load_marker_set(PERSON_SET) if person is None else person.marker_set
+    publishers += open_outlets(chain, worn_markers.names, person, stack)
     session = Session(
         model, dict(protocol.styles[0].weights), worn_markers, scene,
         settings=UNSEEN_AT_REST if worn else None,
@@ -77,9 +85,10 @@ def open_stage(
         physics=False, source=chain.source or "", command=shlex.join(["highfive", *sys.argv[1:]]),
     )  # fmt: skip
     desk = Desk(page, MACHINE, TypedCommands() if options.typed else lambda: ())
+    outputs = partial(session_outputs, chain, publishers=publishers, person=person, clock=MACHINE)
     stage = stage_of(
         session, scene, page, desk, person, protocol, options.study, options.participant, options.session, settings,
-        MACHINE, stack,
+        outputs, MACHINE, stack,
     )  # fmt: skip
     return desk, stage
 

@@ -118,9 +118,13 @@ class AvatarStage:
 
     def __init__(
         self, session: Session, scene: Scene, page: LivePage, desk: Desk, person: LivePerson | None,
-        protocol: Protocol, folder: Path, settings: SessionSettings, clock: Clock,
+        protocol: Protocol, folder: Path, settings: SessionSettings,
+        outputs: Callable[[BackgroundRecorder], SessionOutputs], clock: Clock,
     ) -> None:  # fmt: skip
-        """Of a session that answers ``person``, or simulated people where there is none; records into ``folder``."""
+        """Of a session that answers ``person``, or simulated people where there is none; records into ``folder``.
+
+        ``outputs`` hands on what goes into a first recording; it is called once.
+        """
         self._session, self._person, self._protocol, self._clock = session, person, protocol, clock
         self._desk, self._folder, self._settings = desk, folder, settings
         self._playout = KinematicPlayOut(scene)
@@ -128,6 +132,7 @@ class AvatarStage:
         self._view = SessionView(
             StagePage(page, desk), session, self._playout, scene, clock=clock, shown=self._picture
         )  # fmt: skip
+        self._open_outputs = outputs
         self._outputs: SessionOutputs | None = None
         self._recorder: BackgroundRecorder | None = None
         self._block, self._file = "", ""
@@ -159,6 +164,7 @@ class AvatarStage:
 
     def close(self) -> None:
         """No more trials."""
+        self._block = ""
         if self._outputs is not None:
             self._outputs.record_event("session_end")
             self._outputs.__exit__(None, None, None)
@@ -234,21 +240,20 @@ class AvatarStage:
     def _record_block(self, asked: Asked) -> None:
         """A recording a block: one that is over is whole, whatever happens to those after it."""
         self._pictures.clear()
-        if asked.trial.block == self._block and self._outputs is not None:
+        if asked.trial.block == self._block:
             return
-        self.close()
-        self._block = asked.trial.block
-        number, name = 1, f"{self._block}.mcap"
+        number, name = 1, f"{asked.trial.block}.mcap"
         while (self._folder / name).exists():
             number += 1
-            name = f"{self._block}-{number}.mcap"
-        self._file = name
+            name = f"{asked.trial.block}-{number}.mcap"
         recorder = SessionRecorder(self._folder / name, self._settings, self._session.chain)
+        self._block, self._file = asked.trial.block, name
         self._recorder = BackgroundRecorder(recorder, paced=True)
-        self._outputs = SessionOutputs(self._recorder, clock=self._clock)
-        self._outputs.record_event("session_start")
-        if self._person is not None:
-            self._outputs.streams.follow(self._person.source)
+        if self._outputs is None:
+            self._outputs = self._open_outputs(self._recorder).__enter__()
+            self._outputs.record_event("session_start")
+        else:
+            self._outputs.go_on_in(self._recorder)
 
     def _picture(self, told: PageShown) -> None:
         if len(self._pictures) < _MOST_SHOWN:
@@ -268,10 +273,11 @@ def _title(trial: str, ask: int) -> str:
 
 def stage_of(
     session: Session, scene: Scene, page: LivePage, desk: Desk, person: LivePerson | None, protocol: Protocol,
-    study: Path, code: str, number: int, settings: SessionSettings, clock: Clock, stack: ExitStack,
+    study: Path, code: str, number: int, settings: SessionSettings,
+    outputs: Callable[[BackgroundRecorder], SessionOutputs], clock: Clock, stack: ExitStack,
 ) -> AvatarStage:  # fmt: skip
     """A run's stage, whose recording is closed with ``stack``."""
     folder = session_folder(study, code, number)
-    stage = AvatarStage(session, scene, page, desk, person, protocol, folder, settings, clock)
+    stage = AvatarStage(session, scene, page, desk, person, protocol, folder, settings, outputs, clock)
     stack.callback(stage.close)
     return stage

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from types import TracebackType
@@ -68,9 +69,18 @@ class SessionOutputs:
         self.streams = SessionStreams(self._synchronised, known)
         self.on_streams: Callable[[list[StreamState]], None] = lambda states: None
         self.stood: list[StreamState] = []
+        self._changing = threading.Lock()  # the recorder, to which other threads give, too
         self._trial: int | None = None
         self._look_ns: int | None = None  # when streams are looked at next
         self._end_ns = 0  # of the last tick
+
+    def go_on_in(self, recorder: BackgroundRecorder) -> None:
+        """Records into another file from now on, and closes the one before; who listens hears nothing of it."""
+        self._recorder.record_event("session_end")
+        with self._changing:
+            over, self._recorder = self._recorder, recorder
+        recorder.record_event("session_start")
+        over.close()
 
     @property
     def paced(self) -> bool:
@@ -102,7 +112,8 @@ class SessionOutputs:
 
     def record_event(self, event: str, at_ns: int | None = None, **about: Any) -> None:
         """See :meth:`BackgroundRecorder.record_event`; from any thread."""
-        self._recorder.record_event(event, at_ns, **about)
+        with self._changing:
+            self._recorder.record_event(event, at_ns, **about)
         self._publish(event, at_ns if at_ns is not None else self._end_ns or self._clock.now(), about)
 
     def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
@@ -114,11 +125,13 @@ class SessionOutputs:
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`BackgroundRecorder.record_log`; from any thread."""
-        self._recorder.record_log(level, text)
+        with self._changing:
+            self._recorder.record_log(level, text)
 
     def record_stream(self, samples: StreamSamples) -> None:
         """See :meth:`BackgroundRecorder.record_stream`; from any thread."""
-        self._recorder.record_stream(samples)
+        with self._changing:
+            self._recorder.record_stream(samples)
 
     def discard(self) -> None:
         """Leaves nothing of the recording."""

@@ -9,12 +9,14 @@ one ``Spine``.
 from __future__ import annotations
 
 import socket
+from logging import WARNING
 
 import numpy as np
 
 from highfive.hil.publish import osc
 from highfive.hil.publish.publisher import SessionEvent, ShownPicture
 from highfive.hil.recording.recorded_tick import RecordedTick
+from highfive.hil.runtime.console import say_aside
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
@@ -116,6 +118,7 @@ class VmcPublisher:
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._start_ns: int | None = None
+        self._trouble = ""
 
     def tick(self, tick: RecordedTick) -> None:
         """Sends the pose that was shown; what the network does not take at once is lost, as by UDP on the way."""
@@ -126,6 +129,19 @@ class VmcPublisher:
                 self._socket.sendto(datagram, self._to)
             except (BlockingIOError, ConnectionRefusedError):
                 continue
+            except OSError as error:  # a cable, or a network that is gone for a while
+                self._tell(error.strerror or str(error))
+                return
+        self._tell("")
+
+    def _tell(self, trouble: str) -> None:
+        """Once when nothing can be sent, and once when it can again."""
+        if bool(trouble) != bool(self._trouble):
+            self._trouble = trouble
+            if trouble:
+                say_aside(f"{self.name} cannot be reached ({trouble}); it is tried again with each pose", WARNING)
+            else:
+                say_aside(f"{self.name} can be reached again")
 
     def event(self, event: SessionEvent) -> None:
         """The protocol has none."""

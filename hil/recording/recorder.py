@@ -248,9 +248,10 @@ class SessionRecorder:
             return
         topic = f"{schemas.STREAMS}{samples.name}"
         key = f"{topic} {'text' if samples.text else 'numbers'}"
+        begins = samples.begins or key not in self._channels  # a stream may have begun in a recording before
         if key not in self._channels:
             self._channels[key] = self._register(topic, *schemas.stream_definition(text=samples.text))
-        labels = {"labels": list(samples.labels)} if samples.begins else {}
+        labels = {"labels": list(samples.labels)} if begins else {}
         for values, stamp, time_ns in zip(samples.values, samples.stamps, samples.times_ns, strict=True):
             row = list(values) if samples.text else [messages.number(value) for value in values]
             message = {"values": row, "stamp": stamp, "time_ns": time_ns, **labels}

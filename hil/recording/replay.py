@@ -185,8 +185,8 @@ def _differences(settings: Mapping[str, Any], model: str, corrected: bool) -> li
     found = []
     if settings.get("model") != model:
         found.append(f"model {settings.get('model')} then, {model} now")
-    if bool(settings.get("corrected", True)) != corrected:
-        found.append(f"correction {'on' if not corrected else 'off'} then, {'on' if corrected else 'off'} now")
+    if bool(settings.get("corrected", True)) and not corrected:  # the other way each is answered as it was
+        found.append("correction on then, off now")
     before = settings.get("versions")
     for name, version in versions().items():
         if (then := before.get(name) if isinstance(before, dict) else None) != version:

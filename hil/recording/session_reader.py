@@ -93,7 +93,7 @@ class SessionReader(Sequence[RecordedHighFive]):
         Raises:
             HighFiveError: there is no such file, it holds no session, or it is of a newer version.
         """
-        self.path = Path(path)
+        self.path = _one_recording(Path(path))
         self._file, self._malformed, self._said = McapFile(self.path), set[Place](), (0, 0)
         decode = Decoder(("/session",))
         for found in self._file.messages():
@@ -168,10 +168,26 @@ class SessionReader(Sequence[RecordedHighFive]):
             say_what_is_left_out(self._file, self._malformed)
 
 
+def _one_recording(path: Path) -> Path:
+    """Of a folder the recording in it."""
+    if not path.is_dir():
+        return path
+    # What a killed command left has no name of its own.
+    found = sorted(one for one in path.rglob("*.mcap") if not one.name.startswith("."))
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise HighFiveError(f"{path} is a folder without a recording; expected an .mcap file in it")
+    several = ", ".join(str(one.relative_to(path)) for one in found[:3])
+    more = ", …" if len(found) > 3 else ""
+    raise HighFiveError(f"{path} is a folder of {len(found)} recordings; give one of them: {several}{more}")
+
+
 def read_session(path: Path | str) -> SessionReader:
-    """A recorded session, a high five at a time; also one whose end is missing.
+    """A recorded session, a high five at a time; also one whose end is missing. ``path`` may be a folder with one.
 
     Raises:
-        HighFiveError: there is no such file, it holds no session, or it is of a newer version.
+        HighFiveError: the folder holds none, or several; there is no such file, it holds no session, or it is of a
+            newer version.
     """
     return SessionReader(path)

@@ -29,6 +29,8 @@ VERSION = "1.10.0"
 """Of the specification."""
 TASK = "highfive"
 NO_DATE = datetime(1900, 1, 1)
+SIMULATED = "The person is simulated: nobody took part."
+SOME_SIMULATED = "In some runs the person is simulated; their motion.json says so (Simulated)."
 _SUBJECT = "sub-01"
 _WORLD, _PARENT = "world", "parent"
 _DESCRIPTION = (
@@ -51,11 +53,16 @@ class Channel:
 
 def bids_files(trials: Sequence[ExportTrial], source: str) -> list[ExportFile]:
     """All files of the data set; ``source`` names the recording in its README."""
+    simulated = {trial.span.about.get("simulated") is True for trial in trials}
+    said = SIMULATED if simulated == {True} else SOME_SIMULATED if True in simulated else ""
+    which = "n/a" if len(simulated) > 1 else str(int(True in simulated))
+    species = "n/a" if simulated == {True} else "homo sapiens"
+    people = [("participant_id", "species", "simulated"), (_SUBJECT, species, which)]
     files = [
-        of_bytes("dataset_description.json", partial(_json, _dataset(source))),
-        of_bytes("README.md", partial(_readme, source)),
-        of_bytes("participants.tsv", lambda: b"participant_id\tspecies\n" + f"{_SUBJECT}\thomo sapiens\n".encode()),
-        of_bytes("participants.json", partial(_json, {"species": {"Description": "Who raised the hand."}})),
+        of_bytes("dataset_description.json", partial(_json, _dataset(source, said))),
+        of_bytes("README.md", partial(_readme, source, said)),
+        of_bytes("participants.tsv", partial(_tsv, people)),
+        of_bytes("participants.json", partial(_json, _PARTICIPANTS)),
     ]
     scans = []
     numbers = [trial.span.number for trial in trials]
@@ -124,13 +131,15 @@ def _motion_files(
 
 def _motion(trial: TrialArrays, system: str, channels_of: Callable[[TrialArrays], list[Channel]]) -> dict[str, Any]:
     channels = channels_of(trial)
+    simulated = trial.span.about.get("simulated") is True
     kinds = [channel.kind for channel in channels]
     steps = np.diff(trial.times)
     nominal = round(1.0 / float(np.median(steps)), 3) if len(steps) else 120.0
     effective = float(1.0 / steps.mean()) if len(steps) else nominal
     return {
         "TaskName": TASK,
-        "TaskDescription": _DESCRIPTION,
+        "TaskDescription": f"{_DESCRIPTION} {SIMULATED}" if simulated else _DESCRIPTION,
+        "Simulated": simulated,
         "TrackingSystemName": system,
         "Manufacturer": "High Five",
         "RecordingType": "continuous",
@@ -185,18 +194,18 @@ def _json(value: Mapping[str, Any]) -> bytes:
     return (json.dumps(value, indent=2, ensure_ascii=False) + "\n").encode()
 
 
-def _dataset(source: str) -> dict[str, Any]:
+def _dataset(source: str, said: str) -> dict[str, Any]:
     return {
-        "Name": f"High fives of {source}",
+        "Name": f"High fives of {source}" + (" (simulated)" if said == SIMULATED else ""),
         "BIDSVersion": VERSION,
         "DatasetType": "raw",
-        "GeneratedBy": [{"Name": "High Five", "Description": "highfive export --to bids"}],
+        "GeneratedBy": [{"Name": "High Five", "Description": f"highfive export --to bids. {said}".rstrip()}],
     }
 
 
-def _readme(source: str) -> bytes:
+def _readme(source: str, said: str) -> bytes:
     return (
-        f"# High fives of {source}\n\n{_DESCRIPTION}\n\n"
+        f"# High fives of {source}\n\n{_DESCRIPTION}{said and ' '}{said}\n\n"
         "One run a high five, numbered as in the session's report. tracksys-person: what was tracked of the person, in "
         "metres (x from the avatar to the person, y to the avatar's left, z up; the floor is z = 0). tracksys-avatar: "
         "what the avatar did. acq_time in scans.tsv counts from 1 January 1900: the date was taken out.\n"
@@ -224,6 +233,13 @@ _FRAMES = {
             },
         },
     }
+}
+_PARTICIPANTS = {
+    "species": {"Description": "Of who raised the hand; n/a where nobody did."},
+    "simulated": {
+        "Description": "Whether the person is simulated; n/a where she is in some of the runs.",
+        "Levels": {"1": "yes", "0": "no"},
+    },
 }
 _MORE = ("trial", "emotion", "style", "cell", "met", "distance", "approach_speed")
 _EVENTS = {

@@ -10,20 +10,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import failing
 from helpers.experiments import study, written
+from lsl_company import Hearing, Stimuli
 
 from highfive.hil.commands.experiment_options import RunOptions
 from highfive.hil.commands.experiment_run import run
+from highfive.hil.commands.session_outputs import published
 from highfive.hil.commands.shown_again import RecordedMotion, recorded_motion
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
 from highfive.hil.commands.typed_commands import command_of
 from highfive.hil.experiments.study import stored_plan
 from highfive.hil.experiments.trial_log import read_session
+from highfive.hil.recording.recording import SessionRecording, read_recording
 from highfive.hil.view.commands import Command
+from highfive.mocap_bridge.sources.lsl import configure
 from highfive.model.errors import HighFiveError
 
 OBSERVER = "seed = 1\n[interactive]\nright = 0.8\n[replay]\nright = 0.7\n"
 COMMAND = [sys.executable, "-m", "highfive.hil.cli.main", "experiment", "run", "--no-avatar", "--json"]
+
+fails = failing("experiment", "run")
 
 
 def no_bar(label: str, total: int):
@@ -108,6 +115,25 @@ def test_a_killed_run_is_resumed_with_nothing_lost_and_two_at_once_are_refused(t
 
 
 @pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--publish", "ros"], "there are lsl, vmc or vmc://HOST:PORT, foxglove"),
+        (["--publish-network"], "add --publish"),
+        (["--record-lsl", "A", "--record-lsl", "A"], "A is there twice"),
+        (["--no-avatar", "--record-lsl", "A"], "leave out --publish and --record-lsl"),
+    ],
+)
+def test_what_is_wrong_of_who_hears_it_is_said_in_one_line(
+    words: list[str], says: str, fails, tmp_path: Path, observer: Path
+) -> None:
+    folder = study(tmp_path, "high_five", {"participants = 12": "participants = 1"})
+    assert says in fails(
+        "--study", folder, "--participant", "P01", "--simulate-participant", observer, "--no-open", *words
+    )
+    assert not list(folder.rglob("*.mcap"))
+
+
+@pytest.mark.parametrize(
     ("line", "command"),
     [
         ("1", ("answer", {"key": "1", "at_ms": None})),
@@ -159,15 +185,40 @@ def small(folder: Path) -> Path:
     return folder / "study"
 
 
+def _check_company(
+    said: list[str], heard: dict[str, list[tuple[list[float | str], float]]], blocks: list[SessionRecording]
+) -> None:
+    """One run is one session to those who hear it and whom it records, though each block has a recording."""
+    rows = [(m.data["values"][0], m.data.get("labels")) for one in blocks for m in one.channels["/lsl/TestStimuli"]]
+    first = said.index(rows[0][0])
+    assert [text for text, _ in rows] == said[first : first + len(rows)] and len(rows) > 10  # none lost, none twice
+    assert all(one.channels["/lsl/TestStimuli"][0].data["labels"] == ["shown"] for one in blocks)
+    at = np.array([m.data["at_ns"] for one in blocks for m in one.channels["/tick"]])
+    stamps = np.array([stamp for _, stamp in heard["HighFive-Avatar"]])
+    assert len(stamps) > 100 and np.abs(1e-9 * at[-len(stamps) :] - stamps).max() < 1e-4
+    names = [json.loads(str(values[0]))["event"] for values, _ in heard["HighFive-Events"]]
+    assert names[-1] == "session_end" and names.count("session_end") == 1 and names.count("trial_end") >= 3
+    for one in blocks:
+        recorded = [m.data["event"] for m in one.channels["/event"]]
+        assert recorded[0] == "session_start" and recorded.count("session_end") == 1
+
+
 @pytest.mark.slow
 def test_trials_are_played_recorded_and_shown_again_as_they_were(tmp_path: Path, observer: Path) -> None:
-    folder = small(tmp_path)
-    chain = SimulateOptions(view=PageOptions(port=None, open_browser=False))
+    configure(local_only=True)
+    folder, hearing, stimuli = small(tmp_path), Hearing(4), Stimuli()
+    chain = SimulateOptions(
+        view=PageOptions(port=None, open_browser=False), record_lsl=("TestStimuli",),
+        publish=published(f"lsl,vmc://127.0.0.1:{hearing.receiver.getsockname()[1]}"),
+    )  # fmt: skip
     result = run(RunOptions(folder, "P01", simulated=observer, chain=chain), no_bar)
+    said, heard = stimuli.finish(), hearing.finish()
     rows = {row.trial: row for row in read_session(folder, "P01", 1).rows}
     assert result["left"] == 0 and list(rows) == ["I1-01", "I2-01", "R1-01", "N1-01"]
     assert all(row.answer and not row.broken_off for row in rows.values())
     session = folder / "participants/P01/session-1"
+    _check_company(said, heard, [read_recording(session / row.recording) for row in rows.values()])
+    assert sum(b"/VMC/Ext/T\0" in datagram for datagram in hearing.datagrams()) > 10
 
     def motion(name: str) -> RecordedMotion:
         row = rows[name]

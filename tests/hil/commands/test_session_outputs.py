@@ -1,17 +1,14 @@
 """A session that other programs hear and that records theirs; what of ``--publish`` and ``--record-lsl`` is wrong."""
 
 import json
-import socket
-import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import pylsl
 import pytest
 from command_line import failing
+from lsl_company import Hearing, Stimuli
 
 from highfive.calibration.latency_file import KeptLatency, save_latencies
 from highfive.hil.arm.arm_options import ArmOptions
@@ -89,72 +86,17 @@ def test_nominal_rates_are_those_at_which_samples_come(source_hz: float, person_
     assert nominal_rates(source_hz) == (person_hz, avatar_hz)
 
 
-class Hearing:
-    """Inlets for the session's streams, opened as soon as these are there; and a UDP port for VMC."""
-
-    def __init__(self) -> None:
-        self.receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        self.receiver.bind(("127.0.0.1", 0))
-        self.heard: dict[str, list[tuple[list[float | str], float]]] = {}
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        inlets: dict[str, pylsl.StreamInlet] = {}
-        while len(inlets) < 3:
-            for info in pylsl.resolve_bypred("starts-with(name,'HighFive-')", 3, 2.0):
-                inlets.setdefault(info.name(), pylsl.StreamInlet(info, recover=False))
-        threads = [threading.Thread(target=self._hear, args=one) for one in inlets.items()]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-
-    def _hear(self, name: str, inlet: pylsl.StreamInlet) -> None:
-        kept = self.heard[name] = []
-        try:
-            while True:
-                values, stamps = inlet.pull_chunk(0.5, 1024, min_samples=1, as_numpy=False)
-                kept += zip(values, stamps, strict=True)
-        except pylsl.util.LostError:
-            return
-
-    def finish(self) -> dict[str, list[tuple[list[float | str], float]]]:
-        self._thread.join(60.0)
-        assert not self._thread.is_alive()
-        return self.heard
-
-    def datagrams(self) -> Iterator[bytes]:
-        self.receiver.setblocking(False)
-        while True:
-            try:
-                yield self.receiver.recv(65536)
-            except BlockingIOError:
-                return
-
-
 @pytest.mark.slow(15)
 def test_a_session_is_heard_and_records_what_others_say(tmp_path: Path) -> None:
     configure(local_only=True)
-    over = threading.Event()
-    info = pylsl.StreamInfo("TestStimuli", "Markers", 1, 0, pylsl.cf_string, "test-stimuli")
-    stimuli, said = pylsl.StreamOutlet(info), []
-
-    def stimulate() -> None:
-        while not over.wait(0.05):
-            said.append(f"stimulus {len(said)}")
-            stimuli.push_sample([said[-1]])
-
-    hearing = Hearing()
-    threading.Thread(target=stimulate, daemon=True).start()
+    hearing, stimuli = Hearing(), Stimuli()
     options = SimulateOptions(
         trials=2, emotions=("happy",), cells=("B2",), pictures=False, record_lsl=("TestStimuli", "TestNobody"),
         publish=published(f"lsl,vmc://127.0.0.1:{hearing.receiver.getsockname()[1]}"),
     )  # fmt: skip
     with progress_bars() as bar:
         summary = simulate(options, tmp_path / "out", bar)
-    over.set()
+    said = stimuli.finish()
     heard = hearing.finish()
     recording = read_recording(tmp_path / "out" / "session.mcap")
     assert summary["trials"] == 2 and summary["missed"] == 0 and not summary["unrecorded"]

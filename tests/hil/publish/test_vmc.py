@@ -1,9 +1,13 @@
 """The avatar in VMC: what a program that knows Unity's conventions alone makes of it."""
 
+import errno
+import logging
+import os
 import socket
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from trial_results import some_results
 
 from highfive.hil.publish.vmc import BONES, LONGEST, VmcPublisher, bone_places, in_unity
 from highfive.hil.recording.recorded_tick import RecordedTick
+from highfive.hil.runtime.console import LOGGER
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
@@ -155,3 +160,27 @@ def test_a_host_that_there_is_not_is_said_in_one_line() -> None:
     ) as error:
         VmcPublisher("no.such.invalid", 39539)
     assert "\n" not in str(error.value)
+
+
+def test_a_network_that_is_gone_is_said_once_and_so_is_its_return(
+    tick: RecordedTick, receiver: socket.socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Unplugged(socket.socket):
+        gone = False
+
+        def sendto(self, *args: Any) -> int:  # as the kernel does without a route
+            if Unplugged.gone:
+                raise OSError(errno.ENETUNREACH, os.strerror(errno.ENETUNREACH))
+            return super().sendto(*args)
+
+    monkeypatch.setattr(socket, "socket", Unplugged)
+    publisher = VmcPublisher("127.0.0.1", receiver.getsockname()[1])
+    with caplog.at_level(logging.INFO, LOGGER.name):
+        for gone in (False, True, True, True, False, False):
+            Unplugged.gone = gone
+            publisher.tick(tick)
+    publisher.close()
+    said = [record.getMessage() for record in caplog.records]
+    assert [("cannot" in line, "again" in line) for line in said] == [(True, True), (False, True)], said
+    for _ in range(3):
+        frame(receiver)

@@ -1,6 +1,7 @@
 """A recorded session, a high five at a time."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -144,3 +145,14 @@ def test_a_newer_format_is_refused_and_says_what_to_do(recorded: Path, tmp_path:
     for read in (read_session, read_recording):
         with pytest.raises(HighFiveError, match=r"format 3, .*reads up to 2; open it with .*\(9\.1\), or a newer one"):
             read(path)
+
+
+def test_a_folder_with_one_recording_opens_it_and_others_say_what_is_there(tmp_path: Path) -> None:
+    with pytest.raises(HighFiveError, match="a folder without a recording"):
+        read_session(tmp_path)
+    shutil.copy(SHIPPED_RECORDING, tmp_path / "session.mcap")
+    assert len(read_session(tmp_path)) == len(read_session(SHIPPED_RECORDING))
+    (tmp_path / "b").mkdir()
+    shutil.copy(SHIPPED_RECORDING, tmp_path / "b" / "session.mcap")
+    with pytest.raises(HighFiveError, match=r"a folder of 2 recordings; give one of them: b/session.mcap, session"):
+        read_session(tmp_path)

@@ -93,3 +93,14 @@ def test_the_official_validator_finds_no_error(dataset):
     found = json.loads(done.stdout)
     assert [issue for issue in found["issues"]["issues"] if issue["severity"] == "error"] == []
     assert found["summary"]["dataTypes"] == ["motion"] and found["summary"]["totalFiles"] == 45
+
+
+def test_simulated_people_are_said_to_be_simulated(dataset):
+    simulated = [trial.span.about["simulated"] for trial in shipped_trials()]
+    said = [json.loads(path.read_text()) for path in sorted(dataset.glob("sub-01/motion/*_motion.json"))]
+    assert all(simulated) and said and all(one["Simulated"] for one in said)
+    assert all("nobody took part" in one["TaskDescription"] for one in said)
+    (person,) = rows_of(dataset / "participants.tsv")
+    assert person["simulated"] == "1" and person["species"] == "n/a"
+    about = json.loads((dataset / "dataset_description.json").read_text())
+    assert about["Name"].endswith("(simulated)") and "nobody took part" in about["GeneratedBy"][0]["Description"]

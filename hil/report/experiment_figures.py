@@ -95,9 +95,9 @@ def confusions(answers: Sequence[Answer]) -> Drawing | None:
     return Drawing("confusions", caption, figure)
 
 
-def psychometric(answers: Sequence[Answer]) -> Drawing | None:
-    """Each person's functions, with the shares that they are fitted to."""
-    fits = fits_of(answers)
+def psychometric(answers: Sequence[Answer], level: float) -> Drawing | None:
+    """Each person's functions, with the shares that they are fitted to, and intervals of so much."""
+    fits = fits_of(answers, level)
     people = list(dict.fromkeys(person for found in fits.values() for person in found))
     if not people:
         return None
@@ -127,7 +127,7 @@ def psychometric(answers: Sequence[Answer]) -> Drawing | None:
     _legend(figure, len(fits))
     caption = (
         "Psychometric functions: posterior means of PSE, JND and lapses. Marks: shares at the weights shown, larger "
-        "for more answers. Bars at one half: 95 % intervals of the PSE."
+        f"for more answers. Bars at one half: {level:.0%} intervals of the PSE."
     )
     return Drawing("psychometric", caption, figure)
 

@@ -42,7 +42,7 @@ def write_experiment(
             partial(experiment_figures.rates, result),
             partial(experiment_figures.effects, result, people),
             partial(experiment_figures.confusions, answers),
-            partial(experiment_figures.psychometric, answers),
+            partial(experiment_figures.psychometric, answers, result["level"]),
         ]
     )
     files: dict[Path, bytes] = {}

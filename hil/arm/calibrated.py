@@ -131,12 +131,6 @@ LAG = "_lag_s"
 """What the names of joints' lags end with in a calibration."""
 
 
-def known_lags(found: ArmCalibration) -> dict[str, float]:
-    """s, from command to encoder, by the joint's name; nothing where it was not measured for every one."""
-    lags = {name: found.latency.get(name + LAG) for name in found.joints}
-    return {name: lag for name, lag in lags.items() if lag is not None} if None not in lags.values() else {}
-
-
 def known_limits(limits: Limits, rig: Rig, folder: ArmFolder) -> Limits:
     """Limits of joints whose zeros were measured: a servo has one turn, which its zero has moved.
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from highfive.hil.arm.arm_files import rig_file, rig_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
-from highfive.hil.arm.calibrated import calibration_file, known_arm, known_lags, known_rig, trusted_calibration
+from highfive.hil.arm.calibrated import calibration_file, known_arm, known_rig, trusted_calibration
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
@@ -161,7 +161,7 @@ def session_planner(options: ArmOptions, rig: Rig, limits: Limits) -> Retarget:
         HighFiveError: as :func:`highfive.hil.arm.calibrated.trusted_calibration`.
     """
     found = trusted_calibration(options, rig, datetime.now(UTC))
-    return planner(rig, limits, known_arm(find_arm(options.arm), found), None if found is None else known_lags(found))
+    return planner(rig, limits, known_arm(find_arm(options.arm), found))
 
 
 def emulator_options(options: ArmOptions) -> EmulatorOptions:

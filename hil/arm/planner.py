@@ -58,7 +58,6 @@ class Retarget:
         s = self.settings
         self._face = np.array([s.yielding * s.face_speed, s.face_radius, s.yielding * s.face_braking])
         self._sag = np.array(self.settings.sag) if self.settings.sag else None
-        self._behind = np.array(self.settings.behind) if self.settings.behind else None
         self._nobody = PalmPose(ready_plate.position, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3))
         # What a tick and the judgement of a high five call: with torque on, nobody may wait until it is compiled.
         arm.points(self.ready)
@@ -98,13 +97,9 @@ class Retarget:
             self.arm.packed, task, state.joints, state.speeds, accelerations, state.guess, dt, s.rounds
         )
         accelerations = plan.accelerations if math.isfinite(plan.cost) else np.zeros_like(accelerations)
-        command = plan.joints
-        if self._sag is not None:
-            command = command + plan.torques * self._sag
-        if self._behind is not None:
-            command = command + plan.speeds * self._behind
-        if command is not plan.joints:
-            command = np.clip(command, self._low, self._high)
+        command = (
+            plan.joints if self._sag is None else np.clip(plan.joints + plan.torques * self._sag, self._low, self._high)
+        )
         step = ArmStep(command, plan.joints, plan.speeds, plan.torques, max(task.time, 0.0), plan.miss, plan.active)
         late, together, relaxation = self._accounted(state, goal, task, plan, dt)
         state = RetargetState(

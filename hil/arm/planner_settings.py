@@ -20,9 +20,6 @@ class RetargetSettings(Settings):
     """Of the session."""
     lag: float = setting(0.03, "s", least=0.0)
     """The arm is where it was commanded to be so long ago: about what servos of this class lag."""
-    behind: tuple[float, ...] = setting((), "s", least=-0.2, most=0.2)
-    """By how much each joint is later than ``lag``, as measured; its command leads by what it moves meanwhile. Empty:
-    0."""
     sag: tuple[float, ...] = setting((), "rad/(N·m)", least=0.0)
     """How much each joint gives way to a torque; the command goes beyond by that. Empty: 0."""
     contact_speed: float = setting(0.78, "m/s", above=0.0)

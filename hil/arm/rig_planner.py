@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -26,9 +25,9 @@ FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
 
-def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None, lags: Mapping[str, float] | None = None) -> Retarget:
+def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None) -> Retarget:
     """Retargeting for an arm as it is known (None: the default one as drawn): what may not be sent is not planned
-    either. ``lags`` are the joints' own, s, as measured, by name; without them a formula says what they are.
+    either.
 
     Compiles where nobody has yet.
     """
@@ -36,12 +35,7 @@ def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None, lags: Mapping
     slow = replace(arm, fastest=tuple(limits.speed.tolist()))
     settings = retarget_settings(rig, limits, folder=arm.folder)
     soft = tuple((np.array(settings.sag) + arm.compliance).tolist())
-    settings = replace(settings, sag=soft)
-    if lags:
-        own = np.array([lags[name] for name in arm.folder.names])
-        usual = float(np.median(own))
-        settings = replace(settings, lag=usual + ON_THE_WAY, behind=tuple((own - usual).tolist()))
-    return Retarget(slow, np.array(arm.folder.ready), settings)
+    return Retarget(slow, np.array(arm.folder.ready), replace(settings, sag=soft))
 
 
 def retarget_settings(

@@ -229,5 +229,5 @@ def print_studies(result: dict[str, Any]) -> None:
     """The figures, for people."""
     print(f"{result['studies']} simulated studies of each kind, {result['people']} people, each session resumed once")
     for name, row in result["within"].items():
-        print(f"  {name:<36} {row['share']:7.1%} of {row['of']:,} within {result['level']:.0%} intervals")
+        print(f"  {name:<36} {row['share']:7.1%} of {row['of']:,} within {100.0 * result['level']:g}% intervals")
     print(f"  without an effect, called one at 5 %: {result['null_called']:.1%} (target at most 5 %)")

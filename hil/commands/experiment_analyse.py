@@ -202,8 +202,9 @@ def _print_recognition(result: dict[str, Any]) -> None:
     found = result["hierarchical"]
     low, high = found["interval"]
     print(
-        f"Calibrated: interactive − replay is {found['mean']:+.2f} logit ({found['level']:.0%} interval {low:+.2f} to "
-        f"{high:+.2f}), P that it is above 0: {found['p_positive']:.3f}; between people {found['between']:.2f}"
+        f"Calibrated: interactive − replay is {found['mean']:+.2f} logit ({100.0 * found['level']:g}% interval "
+        f"{low:+.2f} to {high:+.2f}), P that it is above 0: {found['p_positive']:.3f}; "
+        f"between people {found['between']:.2f}"
     )
 
 

@@ -69,7 +69,7 @@ class SessionOutputs:
         self.streams = SessionStreams(self._synchronised, known)
         self.on_streams: Callable[[list[StreamState]], None] = lambda states: None
         self.stood: list[StreamState] = []
-        self._changing = threading.Lock()  # the recorder, to which other threads give, too
+        self._changing = threading.RLock()  # the recorder, to which other threads give, too; what it says comes back
         self._trial: int | None = None
         self._look_ns: int | None = None  # when streams are looked at next
         self._end_ns = 0  # of the last tick
@@ -125,6 +125,8 @@ class SessionOutputs:
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`BackgroundRecorder.record_log`; from any thread."""
+        if self._recorder.trouble:  # said by the thread for which whoever holds the lock waits
+            return
         with self._changing:
             self._recorder.record_log(level, text)
 

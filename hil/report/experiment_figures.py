@@ -62,7 +62,8 @@ def effects(result: dict[str, Any], people: Sequence[PersonCounts]) -> Drawing |
     axes.set_xlabel("interactive − replay, logit")
     caption = (
         "Effect of interaction. People: empirical logit difference ± 1.96 standard errors. All: posterior mean and "
-        f"{found['level']:.0%} interval of the mean over people; P that it is above 0 is {found['p_positive']:.3f}."
+        f"{100.0 * found['level']:g}% interval of the mean over people; P that it is above 0 is "
+        f"{found['p_positive']:.3f}."
     )
     return Drawing("effects", caption, figure)
 
@@ -127,7 +128,7 @@ def psychometric(answers: Sequence[Answer], level: float) -> Drawing | None:
     _legend(figure, len(fits))
     caption = (
         "Psychometric functions: posterior means of PSE, JND and lapses. Marks: shares at the weights shown, larger "
-        f"for more answers. Bars at one half: {level:.0%} intervals of the PSE."
+        f"for more answers. Bars at one half: {100.0 * level:g}% intervals of the PSE."
     )
     return Drawing("psychometric", caption, figure)
 

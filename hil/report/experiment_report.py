@@ -104,7 +104,7 @@ def _effects_table(found: dict[str, dict[str, Any]], *, signed: bool) -> str:
         low, high = one["interval"]
         row = [name, f"{one['mean']:.3f}", f"{one['sd']:.3f}", f"{low:.3f} … {high:.3f}", f"{one['between']:.3f}"]
         rows.append([*row, f"{one['p_positive']:.3f}"] if signed else row)
-    heads = ["", "mean", "sd", f"{level:.0%} interval", "between people", *(["P(above 0)"] if signed else [])]
+    heads = ["", "mean", "sd", f"{100.0 * level:g}% interval", "between people", *(["P(above 0)"] if signed else [])]
     return table(heads, rows, {0})
 
 
@@ -120,7 +120,7 @@ def _emotions(result: dict[str, Any]) -> str:
         lines.append(f"<p>Mutual information of shown and answered, {escape(condition)}: {bits}.</p>")
     if not rows:
         return ""
-    interval = f"{result['level']:.0%} interval"
+    interval = f"{100.0 * result['level']:g}% interval"
     heads = ["condition", "emotion", "correct", "answered", "rate", interval, "unbiased hit rate", "answer bias"]
     return table(heads, rows, {0, 1}) + "".join(lines)
 

@@ -244,6 +244,7 @@ class _Server:
             async for message in connection:
                 if not page.messages.takes(MACHINE.now()):
                     break
+                self._worn.hears(page.number, MACHINE.now())
                 self._hear(page, message)
         except ConnectionClosed:
             pass

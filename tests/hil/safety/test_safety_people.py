@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from highfive.hil.safety.limits_file import lowered
-from highfive.hil.safety.people import Human, allowed_speed
+from highfive.hil.safety.people import STRAIGHT, Human, allowed_speed
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import State
 from highfive.model.geometry.rotations import Array
@@ -59,6 +59,16 @@ def test_plate_and_hand_do_not_meet_faster_than_the_limit(hand_speed: float) -> 
     assert any(Rule.CONTACT_SPEED in report.acted for report in loop.reports)
     said = [r.closing_speed for r in loop.reports if r.gap is not None and r.gap <= LIMITS.contact.near]
     assert max(speed for speed in said if speed is not None) <= LIMITS.contact.speed
+
+
+@pytest.mark.parametrize("hand", [(0.0, 0.0, 0.0), (-0.2, 0.0, 0.0), (-0.3, 0.0, 0.3)])
+def test_a_step_is_taken_for_the_arc_that_it_is(hand: tuple[float, float, float]) -> None:
+    """What is left of the speed is what was allowed: along the tangent at a step's beginning it is up to 1 % more."""
+    loop, gaps, closing = met(np.array(hand))
+    acted = np.array([Rule.CONTACT_SPEED in report.acted for report in loop.reports[-len(gaps) :]])
+    near = acted & (gaps <= LIMITS.contact.near) & (gaps >= LIMITS.contact.touching)
+    assert near.sum() >= 10
+    assert closing[near].max() == pytest.approx(STRAIGHT * LIMITS.contact.speed, rel=1e-3)
 
 
 def test_without_the_rule_they_would() -> None:

@@ -15,7 +15,7 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import simulated_partners
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.session_view import SessionView
-from highfive.hil.view.worn import HELD_BACK_NS, TAKEN, YOURS, Worn
+from highfive.hil.view.worn import HELD_BACK_NS, SILENT_NS, TAKEN, YOURS, Worn
 from highfive.mocap_bridge.wire.headset import HeadsetPose, decode_headset, encode_headset
 from highfive.model import DEFAULT_MODEL
 from highfive.model.hgpdm.store import load_model
@@ -26,8 +26,9 @@ SECOND = 1_000_000_000
 def test_however_long_the_first_is_silent_the_second_waits_for_it_to_go_and_then_a_while() -> None:
     worn = Worn()
     assert worn.takes(1, 0) == (True, 0, "")
-    assert worn.takes(2, 5 * SECOND) == (False, 0, TAKEN)
-    assert worn.takes(2, 3600 * SECOND) == (False, 0, "")  # told once
+    for now in range(1, 3600):
+        worn.hears(1, now * SECOND)  # its page asks for the time: it only tracks nothing
+        assert worn.takes(2, now * SECOND) == (False, 0, TAKEN if now == 1 else "")  # told once
     assert worn.takes(1, 3601 * SECOND) == (True, 0, "")
     gone = 3602 * SECOND
     worn.gone(2, gone)  # a page that was not tracked
@@ -36,6 +37,15 @@ def test_however_long_the_first_is_silent_the_second_waits_for_it_to_go_and_then
     assert worn.takes(3, gone + HELD_BACK_NS - 1) == (False, 0, "")
     assert worn.takes(3, gone + HELD_BACK_NS) == (True, 1, YOURS)
     assert worn.takes(1, gone + 2 * HELD_BACK_NS) == (False, 0, TAKEN)
+
+
+def test_a_page_that_says_nothing_any_more_is_gone_whatever_its_connection_says() -> None:
+    worn = Worn()
+    worn.takes(1, 0)
+    worn.hears(1, SECOND)
+    worn.hears(2, 4 * SECOND)  # another page's
+    assert worn.takes(2, SECOND + SILENT_NS) == (False, 0, TAKEN)
+    assert worn.takes(2, SECOND + SILENT_NS + 1) == (True, 1, YOURS)
 
 
 def test_who_takes_the_headset_off_and_puts_it_on_again_goes_on_at_once() -> None:

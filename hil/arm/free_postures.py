@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highfive.hil.arm_model.servo_arm import ServoArm
+from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
@@ -28,6 +29,9 @@ class PostureSettings(Settings):
 
 POSTURES = PostureSettings()
 
+RESTS = 0.005
+"""m: an arm that rests on something gives way by no more."""
+
 
 def free_postures(arm: ServoArm, seed: int, settings: PostureSettings = POSTURES) -> Array:
     """Random postures (C, J), rad, in which the arm is clear of everything and its plate can be seen."""
@@ -45,6 +49,21 @@ def free_postures(arm: ServoArm, seed: int, settings: PostureSettings = POSTURES
         if len(found) == settings.candidates:
             break
     return np.array(found)
+
+
+def check_way(arm: ServoArm, start: Array, end: Array) -> None:
+    """Refuses a straight way, from where an arm was found, on which it would meet floor, mount or itself.
+
+    A limp arm may rest on one of them: then it comes no nearer.
+
+    Raises:
+        HighFiveError: it would.
+    """
+    if not way_is_free(arm, start, end, min(0.0, arm.clearance(start)) - RESTS):
+        raise HighFiveError(
+            "the straight way from where the arm is to where it waits leads through the floor, its mount or itself; "
+            "move it by hand (highfive rig release), and start again"
+        )
 
 
 def way_is_free(arm: ServoArm, start: Array, end: Array, clearance: float, step: float = 0.05) -> bool:

@@ -25,7 +25,7 @@ from highfive.hil.arm.calibration_arm import calibration_arm
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.extrinsics import check_directions, take_poses
 from highfive.hil.arm.fingerprint import fingerprint
-from highfive.hil.arm.free_postures import free_postures
+from highfive.hil.arm.free_postures import check_way, free_postures
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
@@ -153,6 +153,7 @@ def measured(run: Calibrated, drive: PostureDrive, watch: PlateWatch, bar: Bar) 
     postures = chosen_postures(run)
     advance = bar("poses", len(postures))
     advance("", len(before))
+    check_way(run.body, drive.positions, run.body.ready)
     drive.go(run.body.ready)
     check_directions(drive, watch, shape, run.body.ready)
 

@@ -222,12 +222,17 @@ def _rig(document: Mapping[str, Any], simulated: bool, folder: Path) -> Rig:
 
 def _check_servos(rig: Rig) -> None:
     """Refuses servos that cannot be driven together."""
-    mode, shown = rig.settings.operating_mode, load_table(rig.joints[0].model).indirect[0].data
+    if rig.settings.operating_mode != CURRENT_POSITION:
+        raise HighFiveError(
+            f"settings: operating mode {rig.settings.operating_mode}; expected {CURRENT_POSITION}, in which servos "
+            "limit their current"
+        )
+    shown = load_table(rig.joints[0].model).indirect[0].data
     for joint in rig.joints:
         table = load_table(joint.model)
-        by_duty = mode == CURRENT_POSITION and not table.limits_current  # in position mode, with a largest duty
-        if mode not in table.operating_modes and not by_duty:
-            raise HighFiveError(f"settings: a {joint.model} has no operating mode {mode}")
+        # A servo that cannot limit its current goes in position mode, with a largest duty.
+        if table.limits_current and CURRENT_POSITION not in table.operating_modes:
+            raise HighFiveError(f"settings: a {joint.model} has no operating mode {CURRENT_POSITION}")
         block = table.indirect[0]
         needed = sum(register.size for register in (*table.goals, *table.answers))
         if block.data != shown or block.count < needed:

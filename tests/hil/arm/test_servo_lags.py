@@ -1,5 +1,6 @@
 """How late joints are, at the wire: servos that act on their goals later than others by a time that nobody reads."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import LAG
 from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.free_postures import check_way
 from highfive.hil.arm.lifecycle import session_planner
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm.rig_planner import retarget_settings
@@ -28,6 +30,7 @@ from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.model.errors import HighFiveError
 
 ARM = default_arm()
+READY = np.array(ARM.folder.ready)
 SLOW = ArmOptions("virtual", slow=True)
 JOINTS = ("elbow", "wrist_angle")
 
@@ -52,6 +55,20 @@ def test_what_a_servo_is_late_by_is_found_joint_by_joint() -> None:
         sure = float(np.hypot(plain[name].lag_error, late[name].lag_error)) + 1e-3
         assert sure < 4e-3 and late[name].lag - plain[name].lag == pytest.approx(truth, abs=sure), name
         assert 0.015 < plain[name].lag < 0.09 and plain[name].gain == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_way_through_the_floor_is_refused() -> None:
+    """From beside the mount, stretched down, straight to where the arm waits: through the table's edge or the floor."""
+    below = next(q for q in _postures() if ARM.clearance(0.5 * (q + READY)) < -0.02 and ARM.clearance(q) > 0.0)
+    with pytest.raises(HighFiveError, match="move it by hand"):
+        check_way(ARM, below, READY)
+    check_way(ARM, READY, READY)
+
+
+def _postures() -> Iterator[np.ndarray]:
+    rng = np.random.default_rng(0)
+    while True:
+        yield rng.uniform(ARM.packed.low, ARM.packed.high)
 
 
 def lagged(folder: Path) -> tuple[Path, dict[str, float]]:

@@ -9,6 +9,7 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.worn import HELD_BACK_NS
 from highfive.mocap_bridge.wire.headset import JOINTS, HeadsetPose, decode_headset, encode_headset
 
 
@@ -67,7 +68,7 @@ def test_one_headset_at_a_time_and_the_next_one_after_it_has_left(page: LivePage
             assert come(page) == [3]
             assert told(second, "headset") == ["Another headset is tracked already: this one only shows."]
             assert told(first, "headset") == []
-        time.sleep(0.3)
+        time.sleep(1e-9 * HELD_BACK_NS + 0.3)
         second.send(message(20))
         assert come(page) == [20]
 

@@ -57,11 +57,13 @@ def step(
     inputs, reasons = finite(inputs, len(limits.joints))
     reference = None if before.motion is None else before.motion.positions
     watch = faults.watched(limits, before.watch, inputs.arm, reference, now_ns)
-    # A step turns the arm by what its speed was, nearly: halfway lies what it moves points by, to third order.
-    half = None if before.motion is None else 0.5 * limits.timing.period_s * before.motion.velocities
-    points = None if reference is None else placed(kinematics, reference, half, inputs)
-    goals = None if reference is None else placed(kinematics, reference + before.feed_forward.offsets, half, inputs)
-    if reference is not None and (points is None or goals is None):
+    points = goals = None
+    if before.motion is not None:
+        # A step turns the arm by what its speed was, nearly: halfway lies what it moves points by, to third order.
+        half = 0.5 * limits.timing.period_s * before.motion.velocities
+        points = placed(kinematics, before.motion.positions, half, inputs)
+        goals = placed(kinematics, before.motion.positions + before.feed_forward.offsets, half, inputs)
+    if before.motion is not None and (points is None or goals is None):
         reasons, points, goals = {Rule.NOT_FINITE: "the kinematics of the arm are not finite"}, None, None
     reasons |= faults.faults(limits, watch, inputs.arm, inputs.health, now_ns)
 
@@ -157,14 +159,13 @@ def numbers(inputs: Inputs, joints: int) -> Iterator[tuple[str, str, NDArray[Any
         yield "human", "how sure head and palm are", deviations, (2,)
 
 
-def placed(kinematics: Kinematics, positions: Array, half: Array | None, inputs: Inputs) -> Points | None:
+def placed(kinematics: Kinematics, positions: Array, half: Array, inputs: Inputs) -> Points | None:
     """Where the arm's points are if the joints are at ``positions`` (J,), rad, how they move where these have moved on
     by ``half`` (J,), rad, of a step, and where they are.
 
     None where that is no number.
     """
-    places, jacobians = kinematics(positions)
-    jacobians = jacobians if half is None else kinematics(positions + half)[1]
+    places, jacobians = kinematics(positions)[0], kinematics(positions + half)[1]
     measured = places if inputs.arm is None else kinematics(inputs.arm.positions)[0]
     if not (faults.all_finite(places) and faults.all_finite(jacobians) and faults.all_finite(measured)):
         return None

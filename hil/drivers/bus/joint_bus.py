@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from highfive.hil.drivers.bus.control_table import ANSWERS, Table, encode, packing, to_raw, to_si
+from highfive.hil.drivers.bus.control_table import ANSWERS, Register, Table, encode, packing, to_raw, to_si
 from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, required_registers
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus, ServoError
 from highfive.hil.drivers.bus.servo_clock import ServoClock
@@ -52,6 +52,9 @@ class JointBus:
         self._servos = {servo: _Servo() for servo in rig.servos}
         tables = {servo: bus.table(servo) for servo in self._servos}
         self._goal_registers = {joint.id: tables[joint.id].goals for joint in rig.joints}
+        self._answer_registers: dict[int, dict[str, Register]] = {
+            joint.id: dict(zip(ANSWERS, tables[joint.id].answers, strict=True)) for joint in rig.joints
+        }
         self._packings = {servo: packing(table.answers) for servo, table in tables.items()}
         self._goals_at, self._answers_at = _blocks(next(iter(tables.values())))
         self._answers_size = next(iter(self._packings.values())).size
@@ -326,7 +329,7 @@ class JointBus:
         )
 
     def _mean(self, name: str, of: list[list[_Servo]]) -> Array:
-        registers = [self._bus.table(joint.id).answers[ANSWERS.index(name)] for joint in self._rig.joints]
+        registers = [self._answer_registers[joint.id][name] for joint in self._rig.joints]
         return np.array(
             [
                 sum(to_si(register, servo.values[name]) for servo in own) / len(own)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import logging
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -66,18 +67,18 @@ def bench_studies(options: StudiesOptions, bar: Bar) -> dict[str, Any]:
     held: dict[str, list[bool]] = defaultdict(list)
     called = list[bool]()
     advance = bar("studies", 3 * options.studies)
-    LOGGER.setLevel(logging.ERROR)  # each run tells of its torn line, which is meant
-    for number in range(options.first, options.first + options.studies):
-        for kind in (_effects, _morphs):
-            rng = np.random.default_rng([number, kind is _morphs])
-            for name, one in _held(_played(kind(rng, options.people), rng, LEVEL)):
-                held[name].append(one)
+    with _unheard_warnings():
+        for number in range(options.first, options.first + options.studies):
+            for kind in (_effects, _morphs):
+                rng = np.random.default_rng([number, kind is _morphs])
+                for name, one in _held(_played(kind(rng, options.people), rng, LEVEL)):
+                    held[name].append(one)
+                advance()
+            rng = np.random.default_rng([number, 2])
+            found, _ = _played(_effects(rng, options.people, effect=0.0), rng, NULL_LEVEL)
+            low, high = found["hierarchical"]["interval"]
+            called.append(not low <= 0.0 <= high)
             advance()
-        rng = np.random.default_rng([number, 2])
-        found, _ = _played(_effects(rng, options.people, effect=0.0), rng, NULL_LEVEL)
-        low, high = found["hierarchical"]["interval"]
-        called.append(not low <= 0.0 <= high)
-        advance()
     return {
         "studies": options.studies,
         "people": options.people,
@@ -86,6 +87,17 @@ def bench_studies(options: StudiesOptions, bar: Bar) -> dict[str, Any]:
         "within": {name: {"share": float(np.mean(ones)), "of": len(ones)} for name, ones in held.items()},
         "null_called": float(np.mean(called)),
     }
+
+
+@contextmanager
+def _unheard_warnings() -> Iterator[None]:
+    """Warnings are not shown: each run tells of its torn line, which is meant."""
+    level = LOGGER.level
+    LOGGER.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        LOGGER.setLevel(level)
 
 
 def _effects(rng: np.random.Generator, people: int, effect: float | None = None) -> _Study:

@@ -5,6 +5,7 @@ import pytest
 
 from highfive.hil.bench import studies
 from highfive.hil.bench.studies import StudiesOptions, bench_studies
+from highfive.hil.runtime.console import LOGGER
 from highfive.model.errors import HighFiveError
 
 
@@ -30,6 +31,12 @@ def test_a_truth_that_was_not_put_in_is_not_held() -> None:
     off = {"PSE of a person": {key: value + 0.6 for key, value in truths["PSE of a person"].items()}}
     assert len(held) == 4 and sum(held) >= 2
     assert not any(one for _, one in studies._held((found, off)))
+
+
+def test_warnings_are_heard_again_afterwards() -> None:
+    level = LOGGER.level
+    assert bench_studies(StudiesOptions(studies=1, people=2), no_bar)["studies"] == 1
+    assert LOGGER.level == level
 
 
 def test_one_person_is_no_study() -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
@@ -122,8 +123,10 @@ class ArmTrial:
         went = np.isfinite(self.sent).all(axis=1)
         if went.any():
             times, points = begun[went], np.array([arm.points(pose)[0] for pose in self.sent[went]])
-            hands, speeds, heads = (_at(times, self.times, rows) for rows in (palm, velocity, head))
-            bodies = _at(times, self.cycle_times, was[:, 0])
+            # A goal is of the tick before its cycle, which knew hand and plate as they were then.
+            told = self.times[np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)]
+            hands, speeds, heads = (_at(told, self.times, rows) for rows in (palm, velocity, head))
+            bodies = was[self.known_at(told), 0]
             found["wire_closing_speed"] = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
             found["wire_face_speed"] = face_speed(times, points, heads, limits.face)
         times = self.cycle_times
@@ -131,6 +134,11 @@ class ArmTrial:
         found["body_closing_speed"] = closing_speed(times, was[:, 0], hands, limits.contact)
         found["body_face_speed"] = face_speed(times, was, heads, limits.face)
         return found
+
+    def known_at(self, times: Array) -> NDArray[np.intp]:
+        """(N,), the cycles of which the servos' answers were the newest at ``times`` (N,), s from the first tick."""
+        said = NS * np.array([it.begun_ns + it.took_ns - self.ticks[0].frame_ns for it in self.cycles])
+        return np.maximum(np.searchsorted(said, times, side="right") - 1, 0)
 
     @cached_property
     def acted(self) -> Counter[str]:

@@ -90,9 +90,8 @@ class PersonAsKnown:
 
 def plates_as_known(trial: ArmTrial, arm: ServoArm, times: Array) -> Array:
     """(N, 3) m, where the plate was as the servos had last said at ``times`` (N,), s: there a tick's line begins."""
-    said = 1e-9 * np.array([it.begun_ns + it.took_ns for it in trial.cycles])
-    newest = np.maximum(np.searchsorted(said, times, side="right") - 1, 0)
-    return np.array([arm.points(trial.cycles[int(number)].state.positions)[0][0] for number in newest])
+    newest = trial.known_at(times - 1e-9 * trial.ticks[0].frame_ns)
+    return np.array([arm.points(trial.actual[number])[0][0] for number in newest])
 
 
 def judge_wire_motion(laws: Laws, trial: ArmTrial, limits: Limits, arm: ServoArm) -> None:

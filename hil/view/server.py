@@ -53,6 +53,7 @@ SHOWN_A_SECOND = 8
 LONGEST_ASKED = 4096
 """Characters of a command or a question; longer texts, which take time to be read, can only say what was shown."""
 MOST_PAGES = 16
+LONGEST_NAME = 64
 NICE = 5
 """Less urgent by so much than what it shows: where cores are few, the tick goes first."""
 FULL = "too many pages look on already"
@@ -106,6 +107,7 @@ class _Page:
 
     connection: ServerConnection
     number: int
+    name: str  # its own, which it keeps when it is reloaded
     owed: deque[int] = field(default_factory=deque)
     last: int = -1
     texts: deque[str] = field(default_factory=deque)
@@ -230,7 +232,9 @@ class _Server:
     async def _look_on(self, connection: ServerConnection) -> None:
         self._came += 1
         query = "" if connection.request is None else urlsplit(connection.request.path).query
-        page = _Page(connection, self._came, blind=parse_qs(query).get("role") == ["participant"])
+        asked = parse_qs(query)
+        name = asked.get("page", [""])[0][:LONGEST_NAME]
+        page = _Page(connection, self._came, name, blind=asked.get("role") == ["participant"])
         page.tell(encode_text("hello", version=VERSION, credit=CREDIT, **self._options.about))
         for kind, text in self._kept.items():
             if not (page.blind and kind in HIDDEN):
@@ -308,7 +312,7 @@ class _Server:
     def _hear_wanted(self, page: _Page, message: str) -> bool:
         """Whether a page says that it wants to be the one whose camera or headset counts, or no longer."""
         if _wants(message, "headset") is False:  # who wore it is out of VR and AR
-            self._worn.gone(page.number, MACHINE.now())
+            self._worn.left(page.number, MACHINE.now())
             return True
         wants = _wants(message, "camera") if self._options.about.get("webcam") else None
         if wants:
@@ -338,7 +342,7 @@ class _Server:
             tracked.put_newest(message)
         if message[0] != headset.KIND or len(message) != headset.LENGTH:
             return
-        taken, before, told = self._worn.takes(page.number, MACHINE.now())
+        taken, before, told = self._worn.takes(page.number, page.name, MACHINE.now())
         if taken:
             tracked.put_newest(message)
         if told:

@@ -3,6 +3,12 @@
 const VERSION = 2, HEAD = 40, RETRY_MS = 500, ASK_MS = 1000, KEPT = 10, MOST_WAITING = 3000, MOST_UNANSWERED = 3;
 const SLEW = 0.0005, SET_MS = 20;  // how quickly a better answer is followed, as a fraction, and what says that a clock was set
 
+/** This page's own name, also after it was reloaded: whose headset it is. A browser that keeps nothing gives a new one. */
+const NAME = (() => {
+  const name = () => crypto.getRandomValues(new Uint32Array(4)).join("-");
+  try { return sessionStorage.page ??= name(); } catch { return name(); }
+})();
+
 /** A pose message; times in ms of the host's monotonic clock. */
 export function decodePoses(buffer) {
   const view = new DataView(buffer);
@@ -32,6 +38,7 @@ export class Connection {
     const address = new URL("live", location.href);
     address.protocol = address.protocol.replace("http", "ws");
     address.search = location.search;
+    address.searchParams.set("page", NAME);
     this.socket = new WebSocket(address);
     this.socket.binaryType = "arraybuffer";
     this.opened = false;

@@ -15,7 +15,7 @@ from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import simulated_partners
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.session_view import SessionView
-from highfive.hil.view.worn import HELD_BACK_NS, SILENT_NS, TAKEN, YOURS, Worn
+from highfive.hil.view.worn import HELD_BACK_NS, KEPT_NS, SILENT_NS, TAKEN, YOURS, Worn
 from highfive.mocap_bridge.wire.headset import HeadsetPose, decode_headset, encode_headset
 from highfive.model import DEFAULT_MODEL
 from highfive.model.hgpdm.store import load_model
@@ -23,36 +23,62 @@ from highfive.model.hgpdm.store import load_model
 SECOND = 1_000_000_000
 
 
-def test_however_long_the_first_is_silent_the_second_waits_for_it_to_go_and_then_a_while() -> None:
+def test_however_long_the_first_is_silent_the_second_waits_for_it_to_leave_and_then_a_while() -> None:
     worn = Worn()
-    assert worn.takes(1, 0) == (True, 0, "")
+    assert worn.takes(1, "hers", 0) == (True, 0, "")
     for now in range(1, 3600):
         worn.hears(1, now * SECOND)  # its page asks for the time: it only tracks nothing
-        assert worn.takes(2, now * SECOND) == (False, 0, TAKEN if now == 1 else "")  # told once
-    assert worn.takes(1, 3601 * SECOND) == (True, 0, "")
-    gone = 3602 * SECOND
-    worn.gone(2, gone)  # a page that was not tracked
-    assert worn.takes(3, gone) == (False, 0, TAKEN)
-    worn.gone(1, gone)
-    assert worn.takes(3, gone + HELD_BACK_NS - 1) == (False, 0, "")
-    assert worn.takes(3, gone + HELD_BACK_NS) == (True, 1, YOURS)
-    assert worn.takes(1, gone + 2 * HELD_BACK_NS) == (False, 0, TAKEN)
+        assert worn.takes(2, "his", now * SECOND) == (False, 0, TAKEN if now == 1 else "")  # told once
+    assert worn.takes(1, "hers", 3601 * SECOND) == (True, 0, "")
+    left = 3602 * SECOND
+    worn.left(2, left)  # a page that was not tracked
+    assert worn.takes(3, "", left) == (False, 0, TAKEN)
+    worn.left(1, left)
+    assert worn.takes(3, "", left + HELD_BACK_NS - 1) == (False, 0, "")
+    assert worn.takes(3, "", left + HELD_BACK_NS) == (True, 1, YOURS)
+    assert worn.takes(1, "hers", left + 2 * HELD_BACK_NS) == (False, 0, TAKEN)
 
 
 def test_a_page_that_says_nothing_any_more_is_gone_whatever_its_connection_says() -> None:
     worn = Worn()
-    worn.takes(1, 0)
+    worn.takes(1, "hers", 0)
     worn.hears(1, SECOND)
     worn.hears(2, 4 * SECOND)  # another page's
-    assert worn.takes(2, SECOND + SILENT_NS) == (False, 0, TAKEN)
-    assert worn.takes(2, SECOND + SILENT_NS + 1) == (True, 1, YOURS)
+    assert worn.takes(2, "his", SECOND + SILENT_NS) == (False, 0, TAKEN)
+    assert worn.takes(2, "his", SECOND + SILENT_NS + 1) == (False, 0, "")  # her place is kept for a while
+    assert worn.takes(2, "his", SECOND + KEPT_NS) == (True, 1, YOURS)
 
 
 def test_who_takes_the_headset_off_and_puts_it_on_again_goes_on_at_once() -> None:
     worn = Worn()
-    worn.takes(1, 0)
+    worn.takes(1, "hers", 0)
+    worn.left(1, SECOND)
+    assert worn.takes(1, "hers", SECOND) == (True, 0, "")
+
+
+@pytest.mark.parametrize("closed", [True, False], ids=["closed", "network gone"])
+def test_a_page_that_connects_again_keeps_its_place_before_one_that_waits(closed: bool) -> None:
+    worn = Worn()
+    worn.takes(1, "hers", 0)
+    assert worn.takes(2, "his", SECOND) == (False, 0, TAKEN)
+    if closed:  # reloaded: until she has entered again his headset is not tracked
+        worn.gone(1, 2 * SECOND)
+    for now in range(3, 9):
+        assert worn.takes(2, "his", now * SECOND) == (False, 0, "")
+    assert worn.takes(3, "hers", 9 * SECOND) == (True, 0, "")
+    # What is left of her earlier connection is hers no more.
+    assert worn.takes(1, "hers", 10 * SECOND) == (False, 0, TAKEN)
+    worn.gone(1, 11 * SECOND)
+    assert worn.takes(3, "hers", 12 * SECOND) == (True, 0, "")
+
+
+def test_pages_without_a_name_are_not_one_page() -> None:
+    worn = Worn()
+    worn.takes(1, "", 0)
+    assert worn.takes(2, "", 1) == (False, 0, TAKEN)
     worn.gone(1, SECOND)
-    assert worn.takes(1, SECOND) == (True, 0, "")
+    assert worn.takes(2, "", SECOND + HELD_BACK_NS - 1) == (False, 0, "")
+    assert worn.takes(2, "", SECOND + HELD_BACK_NS) == (True, 1, YOURS)
 
 
 def pose(number: int, side: float) -> bytes:

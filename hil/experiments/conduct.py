@@ -116,7 +116,7 @@ def conduct(
         why = str(stopped)
     left = len(remaining(log))
     desk.tell(message=why or "the session is over", left=left)
-    desk.show("over", finished=not why)
+    desk.close(finished=not why)
     return Conducted(run.asked, run.broken_off, run.excluded, left, why)
 
 

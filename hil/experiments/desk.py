@@ -11,6 +11,7 @@ from highfive.hil.experiments.stage import RunStoppedError
 from highfive.hil.runtime.clock import Clock
 
 READY, NOTE, BREAK_OFF, STOP, PAUSE = "ready", "note", "break_off", "stop", "pause"
+THANKS, ENDS = "That was all. Thank you.", "It ends here for now."
 LOOK_NS = 10_000_000
 """So often it is looked at what the page says while nothing is played, ns: what an answer says of its time counts."""
 
@@ -75,6 +76,12 @@ class Desk:
         """The participant: what is now."""
         self._phase = {"phase": phase, **fields}
         self._page.tell("participant", **self._phase)
+
+    def close(self, *, finished: bool) -> None:
+        """The last that both are told: pages, and a headset that is worn, are let go."""
+        self.show("over", finished=finished)
+        line = THANKS if finished else ENDS
+        self._page.tell("over", message=line, line=line)
 
     def look(self) -> list[Said]:
         """Does as the experimenter asked; gives back what answers a question, in order."""

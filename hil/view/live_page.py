@@ -68,7 +68,7 @@ class LivePage:
         self._commands: list[Command] = []
         self._said: list[str] = []
         self._shown: deque[PageShown] = deque(maxlen=_MOST_SHOWN)
-        self._count = 0
+        self._count, self._over = 0, False
         run = secrets.token_hex(8)
         for chosen in (PORT, 0) if port is None else (port,):
             options = ServerOptions(host, chosen, self._key, names, {**about, "run": run}, tls)
@@ -103,7 +103,8 @@ class LivePage:
         self._box.put_newest(encode_poses(message.numbered(self._count)))
 
     def tell(self, kind: str, **fields: Any) -> None:
-        """Something that must arrive, in order."""
+        """Something that must arrive, in order. ``over`` is the last: pages look on no more."""
+        self._over = self._over or kind == "over"
         self._box.put(encode_text(kind, **fields))
 
     def commands(self) -> list[Command]:
@@ -163,7 +164,10 @@ class LivePage:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Closes."""
+        """Closes; whoever looks on, or wears a headset, is told that it is over, and of what went wrong."""
+        if error is not None and not self._over:
+            why = f": {error}" if isinstance(error, HighFiveError) else ""
+            self.tell("over", message=f"It ended early{why}.", line=f"It ended early{why}.")
         self.close()
 
     def _close_boxes(self) -> None:

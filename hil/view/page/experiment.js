@@ -165,5 +165,8 @@ export function openExperiment(connection, addPanel) {
     experimenter(text) { experimenter?.show(text); },
   };
   if (experimenter) addPanel(experimenter.element, "experimenter", hearNothing);
-  return { participant, experimenter, hear(text) { hear[text.kind]?.(text); } };
+  return {
+    participant, experimenter, hear(text) { hear[text.kind]?.(text); },
+    end() { if (participant.now.phase !== "over") participant.show({ phase: "over", finished: false }); },  // nothing is asked any more
+  };
 }

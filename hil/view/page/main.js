@@ -132,6 +132,7 @@ const heard = {
     connection.close();
     controls.end();
     spoken("");
+    experiment?.end?.();
     webcam?.end();
     headset?.finish();
   },

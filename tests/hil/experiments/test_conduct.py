@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.experiments import head, study
 
 from highfive.hil.commands.simulated_participant import PageInProcess
 from highfive.hil.experiments.conduct import Conducted, conduct
-from highfive.hil.experiments.desk import Desk
+from highfive.hil.experiments.desk import ENDS, THANKS, Desk
 from highfive.hil.experiments.observer import Observer, Perception, SimulatedParticipant
 from highfive.hil.experiments.stage import Asked, EmptyStage, Played, RunFailedError, TrialBrokenOffError
 from highfive.hil.experiments.study import study_protocol
@@ -48,6 +49,18 @@ def fails(error: BaseException) -> Callable[[], None]:
     return happen
 
 
+class ToldPage(PageInProcess):
+    """Keeps what it was told."""
+
+    def __init__(self, participant: SimulatedParticipant, clock: VirtualClock) -> None:
+        super().__init__(participant, clock)
+        self.told: list[tuple[str, object]] = []
+
+    def tell(self, kind: str, **fields: Any) -> None:
+        self.told.append((kind, fields.get("phase") or fields.get("line")))
+        super().tell(kind, **fields)
+
+
 class Run:
     """A participant's run with a simulated participant, in virtual time."""
 
@@ -58,6 +71,7 @@ class Run:
         self.folder, self.observer, self.resume = folder, observer, resume
         self.happens, self.typed = happens or {}, typed
         self.stage: Stage | None = None
+        self.page: ToldPage | None = None
 
     @contextmanager
     def log(self, clock: VirtualClock) -> Iterator[TrialLog]:
@@ -71,8 +85,8 @@ class Run:
             def asked() -> Sequence[Command]:
                 return () if self.typed is None else self.typed(stage.count)
 
-            page = PageInProcess(SimulatedParticipant(self.observer, "P01"), clock)
-            desk = Desk(page, clock, asked, 50_000_000)
+            self.page = ToldPage(SimulatedParticipant(self.observer, "P01"), clock)
+            desk = Desk(self.page, clock, asked, 50_000_000)
             return conduct(self.folder, log, study_protocol(self.folder), desk, stage, clock)
 
     def rows(self) -> list[TrialRow]:
@@ -106,6 +120,14 @@ def test_a_plan_is_asked_in_its_order_and_every_answer_is_in_its_row(small: Path
         assert row.certainty is not None and 0.0 <= row.certainty <= 1.0
 
 
+@pytest.mark.parametrize("stops", [False, True])
+def test_pages_and_headsets_are_told_the_end_last(small: Path, stops: bool) -> None:
+    run = Run(small, typed=once({3: Command("stop", None)}) if stops else None)
+    assert bool(run().left) is stops and run.page is not None
+    assert run.page.told[-2:] == [("participant", "over"), ("over", ENDS if stops else THANKS)]
+    assert [kind for kind, _ in run.page.told].count("over") == 1
+
+
 def read_plan(folder: Path):
     from highfive.hil.experiments.study import stored_plan  # noqa: PLC0415
 
@@ -120,6 +142,7 @@ def test_a_replay_shows_the_trial_that_the_plan_names_as_it_was_asked_then(small
     shown = [asked for asked in run.stage.asked if asked.source is not None]
     assert len(shown) == 36
     for asked in shown:
+        assert asked.source is not None
         assert asked.source == rows[asked.trial.source] and asked.weights == dict(rows[asked.trial.source].weights)
         assert asked.source.style == asked.trial.style
 

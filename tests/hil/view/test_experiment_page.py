@@ -116,3 +116,16 @@ def test_the_experimenter_sees_plan_and_progress_and_leads(page: LivePage) -> No
     assert "I1-03" in text and "angry" in text
     assert [name for name, _ in came] == ["break_off", "note", "answer"]
     assert came[1][1] == "coughed"
+
+
+def test_a_run_that_ends_early_asks_a_participant_nothing_more(page: LivePage) -> None:
+    with Browser((1000, 700)) as browser:
+        open_as(page, browser, "participant")
+        page.tell("participant", phase="question", asks="answer", answer="", until_ms=1e9)
+        until(browser, "document.querySelectorAll('.answers button').length === 2")
+        page.tell("over", message="It ended early: the source went away.", line="It ended early: the source went away.")
+        until(browser, "document.querySelector('.participant.over')")
+        assert browser.evaluate("document.querySelector('.participant').textContent") == "It ends here for now."
+        assert browser.evaluate("document.querySelectorAll('.answers button').length") == 0
+        assert browser.evaluate("document.getElementById('notice').textContent").startswith("It ended early")
+        assert not browser.console

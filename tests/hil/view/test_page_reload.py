@@ -1,12 +1,15 @@
 """A page that connects late, or again, has the last contacts; a participant's has none."""
 
 import json
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 
 import pytest
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.server import CONTACTS
+from highfive.model.errors import HighFiveError
 
 
 @pytest.mark.parametrize("role", ["", "&role=participant"])
@@ -23,3 +26,36 @@ def test_a_page_that_connects_is_told_the_last_contacts_in_order(role: str) -> N
                     texts.append(json.loads(link.recv(20.0)))
             told = [round(1e3 * text["distance_m"]) for text in texts if text["kind"] == "contact"]
             assert told == ([] if role else list(range(3, CONTACTS + 3)))
+
+
+@contextmanager
+def looks_on(page: LivePage) -> Iterator[ClientConnection]:
+    with connect(page.address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None) as link:
+        assert json.loads(link.recv(20.0))["kind"] == "hello"
+        yield link
+
+
+@pytest.mark.parametrize(
+    "error, line",
+    [
+        (HighFiveError("the source went away"), "It ended early: the source went away."),
+        (KeyboardInterrupt(), "It ended early."),
+        (RuntimeError("of the inside"), "It ended early."),
+    ],
+)
+def test_who_looks_on_is_told_that_it_ended_early(error: BaseException, line: str) -> None:
+    with ExitStack() as stack:
+        with pytest.raises(type(error)), LivePage({"mode": "session"}, port=0) as page:
+            link = stack.enter_context(looks_on(page))
+            raise error
+        texts = [json.loads(text) for text in link]  # until the server is gone
+    assert [(text["kind"], text["line"]) for text in texts] == [("over", line)]
+
+
+def test_who_was_told_the_end_is_not_told_another() -> None:
+    with ExitStack() as stack:
+        with pytest.raises(HighFiveError), LivePage({"mode": "session"}, port=0) as page:
+            link = stack.enter_context(looks_on(page))
+            page.tell("over", message="all of it", line="all")
+            raise HighFiveError("the report cannot be written")
+        assert [json.loads(text)["line"] for text in link] == ["all"]

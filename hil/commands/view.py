@@ -46,7 +46,9 @@ def view(options: ViewOptions) -> None:
         say_aside(f"{path} was cut short: it is shown up to its last whole half second", logging.WARNING)
     about: dict[str, Any] = {"mode": "recording", "title": path.name if options.recording else ""}
     about["cut"] = not session.complete
-    about["rig"] = trials.rig
+    if trials.without_arm:
+        say_aside(f"it is shown without its servo arm: {trials.without_arm}", logging.WARNING)
+    about |= {"rig": trials.rig, "hand": trials.hand}
     with open_page(options.page, about) as page:
         play(page, trials)
         if not page.alive:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader, read_session
 from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.session.contact_time import REACHING, SURE_S
@@ -23,6 +23,7 @@ from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.ellipsoid import ellipsoid
 from highfive.mocap_bridge.frames import HumanArm, PalmPose
+from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -72,6 +73,8 @@ class RecordedTrials(Sequence[RecordedTrial]):
 
     Attributes:
         spans: the same, as they are known without their ticks.
+        rig: which servo arm took part, its name or folder; '' where none did, or it is not here.
+        without_arm: why the arm that took part is not shown; '' where it is, or none did.
     """
 
     def __init__(self, session: SessionReader, scene: Scene) -> None:
@@ -87,14 +90,28 @@ class RecordedTrials(Sequence[RecordedTrial]):
         self.spans = tuple(span for span in session.spans if span.ticks >= _SHORTEST and not span.broken_off)
         if not self.spans:
             raise HighFiveError(f"{session.path} holds no high five: no ticks of avatar and person in it")
+        self.rig, self.without_arm = self._arm()
         _ = self[0]  # one of another version is refused before the page is opened
 
     @property
-    def rig(self) -> str:
-        """Which servo arm took part, its name or folder; '' where none did."""
+    def hand(self) -> str:
+        """The hand that she gave to headset or webcam, ``right`` or ``left``: a left one was shown mirrored."""
+        try:
+            return parse_address(str(self._session.settings.get("source"))).options.get("hand", "right")
+        except HighFiveError:  # a source that is not installed here
+            return "right"
+
+    def _arm(self) -> tuple[str, str]:
+        """What ``rig`` and ``without_arm`` are."""
+        if not any({"/safety", "/arm"} <= span.topics for span in self.spans):
+            return "", ""
         arm = self._session.settings.get("arm_name")
-        there = any({"/safety", "/arm"} <= span.topics for span in self.spans)
-        return (arm if isinstance(arm, str) and arm else DEFAULT_ARM) if there else ""
+        arm = arm if isinstance(arm, str) and arm else DEFAULT_ARM
+        try:
+            find_arm(arm)
+        except HighFiveError as error:  # an arm of one's own, whose folder is elsewhere
+            return "", str(error)
+        return arm, ""
 
     def __len__(self) -> int:
         """Of the high fives."""
@@ -200,7 +217,9 @@ def placed_bodies(scene: Scene, poses: Sequence[Pose], people: Sequence[HumanArm
 
 
 def _arm(high_five: RecordedHighFive, times: Sequence[int], rig: str) -> Array | None:
-    """(T, 2 A, 7) of the servo arm; None where none took part."""
+    """(T, 2 A, 7) of the servo arm; None where none took part, or it is not here."""
+    if not rig:
+        return None
     wanted, measured = (
         [(message.time_ns, message.data[name]) for message in high_five.of(topic)]
         for topic, name in (("/safety", "wanted"), ("/arm", "positions"))

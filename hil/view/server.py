@@ -235,7 +235,8 @@ class _Server:
         asked = parse_qs(query)
         name = asked.get("page", [""])[0][:LONGEST_NAME]
         page = _Page(connection, self._came, name, blind=asked.get("role") == ["participant"])
-        page.tell(encode_text("hello", version=VERSION, credit=CREDIT, **self._options.about))
+        about = {**self._options.about, "rig": bool(self._options.about.get("rig"))}  # not whose folder it is
+        page.tell(encode_text("hello", version=VERSION, credit=CREDIT, **about))
         for kind, text in self._kept.items():
             if not (page.blind and kind in HIDDEN):
                 page.tell(text)

@@ -92,7 +92,7 @@ const heard = {
     why = refused = "";
     hello = text;
     entrance();
-    behind = Boolean(text.tracks) && text.hand === "left";
+    behind = Boolean(text.tracks || text.mode === "recording") && text.hand === "left";
     flipped = Boolean(text.webcam) && text.hand === "left";
     document.body.classList.toggle("flipped", flipped);
     if (headset) headset.space = text.space || null;
@@ -234,7 +234,7 @@ function passContact(time) {
   if (!trial || trial.contact_s === null || !trial.where) { shownContact = null; return; }
   const past = time >= trial.contact_s;
   if (past && shownContact === false && time - trial.contact_s < 0.3) {
-    if (stage) stage.contact(trial.where, performance.now());
+    if (stage) stage.contact(behind ? mirroredPoint(trial.where) : trial.where, performance.now());
     headset?.touch();
     const bar = { distance: trial.distance_m, met: trial.met, colour: colourOf(trial.style.split(" ")[0]) };
     bars.push(bar);

@@ -1,13 +1,19 @@
-"""``highfive view`` tells who watches a recording that was cut short that it was."""
+"""``highfive view`` tells what a recording lacks: its end, or its arm; and which hand was given."""
 
 import json
 from pathlib import Path
 
 import pytest
 from live_commands import ended, start
+from mcap.reader import make_reader
+from mcap.records import Schema
+from mcap.writer import Writer
 from websockets.sync.client import connect
 
+from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
+from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.recorded import recorded_trials
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
@@ -26,3 +32,67 @@ def test_a_recording_that_was_cut_short_says_so_on_terminal_and_page(share: floa
         code, _, err = ended(process)
     assert code == 0 and hello["kind"] == "hello" and hello["cut"] == (share < 1.0)
     assert ("was cut short" in said) == (share < 1.0) and "was cut short" not in err
+
+
+def altered(path: Path, settings: dict[str, object], arm: bool) -> Path:
+    """The shipped recording with other settings, and with messages of a servo arm in each high five."""
+    with SHIPPED_RECORDING.open("rb") as source, path.open("wb") as target:
+        writer, numbers = Writer(target), dict[str, int]()
+        writer.start()
+
+        def add(topic: str, schema: Schema | None, encoding: str, data: bytes, time: int) -> None:
+            if topic not in numbers:
+                kind = 0 if schema is None else writer.register_schema(schema.name, schema.encoding, schema.data)
+                numbers[topic] = writer.register_channel(topic, encoding, kind)
+            writer.add_message(numbers[topic], time, data, time)
+
+        for schema, channel, message in make_reader(source).iter_messages():
+            data = message.data
+            if channel.topic == "/session":
+                about = json.loads(data)
+                about["settings"] |= settings
+                data = json.dumps(about).encode()
+            add(channel.topic, schema, channel.message_encoding, data, message.log_time)
+            if arm and channel.topic == "/tick":
+                for topic, name in (("/safety", "wanted"), ("/arm", "positions")):
+                    add(topic, None, "json", json.dumps({name: [0.0] * 6}).encode(), message.log_time)
+        writer.finish()
+    return path
+
+
+def hello_of(page: LivePage) -> dict[str, object]:
+    with connect(page.address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None) as link:
+        return json.loads(link.recv(20.0))
+
+
+def test_a_recording_whose_arm_is_elsewhere_is_shown_without_it(tmp_path: Path) -> None:
+    folder = "/home/somebody/arms/mine"
+    process, said = start("view", altered(tmp_path / "a.mcap", {"arm_name": folder}, arm=True), "--no-open"), ""
+    assert process.stderr is not None
+    while "open http" not in said:
+        said += (line := process.stderr.readline())
+        assert line, said
+    address = next(word for word in said.split() if word.startswith("http"))
+    with connect(address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None) as link:
+        hello = link.recv(10.0)
+        link.send(json.dumps({"kind": "command", "name": "end"}))
+        code, _, _ = ended(process)
+    assert code == 0 and json.loads(hello)["rig"] is False and folder not in str(hello)
+    assert f"shown without its servo arm: there is no arm '{folder}'" in said
+
+
+def test_pages_are_not_told_whose_folder_an_arm_is_in(tmp_path: Path) -> None:
+    with LivePage({"mode": "session", "rig": str(tmp_path)}, port=0) as page:
+        assert hello_of(page)["rig"] is True
+
+
+@pytest.mark.parametrize(
+    "source, hand",
+    [
+        ("headset://page?hand=left", "left"), ("headset://page", "right"), ("webcam?hand=left", "left"),
+        ("greeting.c3d", "right"), ("", "right"), ("strange://of-a-plug-in?hand=left", "right"),
+    ],
+)  # fmt: skip
+def test_a_recording_tells_which_hand_she_gave(source: str, hand: str, tmp_path: Path) -> None:
+    trials = recorded_trials(altered(tmp_path / "a.mcap", {"source": source}, arm=False), build_scene())
+    assert trials.hand == hand and not trials.rig and not trials.without_arm

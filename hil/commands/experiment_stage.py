@@ -250,7 +250,12 @@ class AvatarStage:
         self._block, self._file = asked.trial.block, name
         self._recorder = BackgroundRecorder(recorder, paced=True)
         if self._outputs is None:
-            self._outputs = self._open_outputs(self._recorder).__enter__()
+            outputs = self._open_outputs(self._recorder)
+            try:
+                self._outputs = outputs.__enter__()
+            except BaseException:  # a stream that cannot be heard
+                self._recorder.discard()
+                raise
             self._outputs.record_event("session_start")
         else:
             self._outputs.go_on_in(self._recorder)

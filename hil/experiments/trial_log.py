@@ -72,7 +72,7 @@ class TrialLog:
         self._last_ns: int | None = None
         try:
             self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
-            self._size = os.fstat(self._file).st_size
+            self._size = self._before = os.fstat(self._file).st_size
             self._content = read_log(path.read_bytes(), str(path))
         except OSError as error:
             raise HighFiveError(f"cannot write the trial log {path}: {error.strerror or error}") from None
@@ -166,6 +166,17 @@ class TrialLog:
         if outcome.weights and dict(outcome.weights) != dict(trial.weights) and trial.style != ADAPTIVE:
             raise HighFiveError(f"trial {trial.name}: weights {outcome.weights}, the plan has {trial.weights}")
 
+    def withdraw(self) -> None:
+        """A run in which no trial began was none: the session is as it was before it, or is not there."""
+        if self._ask or self._file < 0:
+            return
+        with suppress(OSError):
+            os.ftruncate(self._file, self._before)
+            os.fsync(self._file)
+            if self._before == 0:
+                self.path.unlink()
+                self.path.parent.rmdir()
+
     def close(self) -> None:
         """No more rows."""
         if self._file >= 0:
@@ -239,6 +250,9 @@ def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -
         log = TrialLog(path, plan, head, missing, clock, told)
         try:
             yield log
+        except BaseException:
+            log.withdraw()
+            raise
         finally:
             log.close()
 

@@ -135,6 +135,7 @@ class _Server:
         self._newest: bytes | None = None
         self._kept: dict[str, str] = {}  # the newest text of each kind that a new page is told
         self._contacts: deque[str] = deque(maxlen=CONTACTS)
+        self._posed = False  # since the last of them something has moved
         self._done = asyncio.Event()
         self._made: asyncio.Task[dict[str, File]] | None = None
         self._files = dict(page_files())
@@ -190,11 +191,12 @@ class _Server:
                 self._kept[kind] = text
             if kind == "contact":
                 self._contacts.append(text)
+                self._posed = False
             for page in self._pages:
                 if not (page.blind and kind in HIDDEN):
                     page.tell(text)
         if newest is not None:
-            self._newest = newest
+            self._newest, self._posed = newest, True
             for page in self._pages:
                 page.news.set()
 
@@ -240,8 +242,10 @@ class _Server:
         for kind, text in self._kept.items():
             if not (page.blind and kind in HIDDEN):
                 page.tell(text)
-        for text in () if page.blind else self._contacts:
-            page.tell(text)
+        for number, text in enumerate(() if page.blind else self._contacts, 1):
+            # Past, but for one after which nothing has moved yet: then the session is between two high fives.
+            past = self._posed or number < len(self._contacts)
+            page.tell(encode_text(**{**json.loads(text), "past": past}))
         self._pages.add(page)
         self._tell_count()
         sender = asyncio.create_task(self._send(page))

@@ -24,8 +24,14 @@ const FROZEN_MS = 250, FRESH_MS = 600, JUDGED_MS = 2500, CHARTS_MS = 100, TOLD_M
 
 const PAUSED = "Paused.", STALE = "No new poses come: what you see stands still.";
 
-let lasting = "";  // what holds for as long as the page is open
-const notice = (text) => { const place = byId("notice"); place.textContent = text || lasting; place.hidden = !(text || lasting); };
+/* What is amiss, each for as long as it holds: of those that hold the first is read across the picture. */
+const notices = { over: "", link: "", why: "", headset: "", failed: "", enter: "", cut: "", lacking: "" };
+function notice(kind, text) {
+  notices[kind] = text || "";
+  const place = byId("notice"), told = Object.values(notices).find(Boolean) || "";
+  place.textContent = told;
+  place.hidden = !told;
+}
 const linkShown = (kind, text) => { const place = byId("link"); place.className = `link ${kind}`; place.lastElementChild.textContent = text; };
 const metres = (value) => (value === null || value === undefined ? "–" : value < 0.1 ? `${(1000 * value).toFixed(0)} mm` : `${(100 * value).toFixed(0)} cm`);
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
@@ -33,9 +39,9 @@ const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1]
 let stage = null;
 try {
   stage = new Stage(byId("stage"), byId("behind"));
-  stage.load().catch((error) => notice(lasting = `The avatar cannot be loaded: ${error.message}`));
+  stage.load().catch((error) => notice("lacking", `The avatar cannot be loaded: ${error.message}`));
 } catch {
-  notice(lasting = "This browser has no WebGL: there is no picture, but figures and controls work.");
+  notice("lacking", "This browser has no WebGL: there is no picture, but figures and controls work.");
 }
 byId("help").onclick = () => { byId("helped").hidden = !byId("helped").hidden; };
 
@@ -47,11 +53,12 @@ function entrance() {
     stage ? (stage.fine ? "" : "Drawn by the processor: no graphics card, or the browser does not use it.") : "No WebGL: no picture.",
     lacking,
   ].filter(Boolean).join(" ");
+  if (headset?.session) notice("failed", "");
   if (!hello.tracks || !headset || lacking === null || linked === "over") return;
   const beside = Boolean(hello.space?.rotation);  // a page on the desk is no mistake there
-  notice(headset?.session ? "" : lacking ? (beside ? "" : lacking) : `Put the headset on, and press ${headset.modes.join(" or ")} here.`);
+  notice("enter", headset.session ? "" : lacking ? (beside ? "" : lacking) : `Put the headset on, and press ${headset.modes.join(" or ")} here.`);
 }
-const headset = stage && new Headset(stage, byId("headset"), notice, entrance);
+const headset = stage && new Headset(stage, byId("headset"), (text) => notice("failed", text), entrance);
 const motion = new Motion();
 const strips = {
   palms: new Strip(byId("palms-strip"), { top: 110, colour: "#d65f1f" }),
@@ -69,12 +76,10 @@ const connection = new Connection({
   text(text) { (heard[text.kind] || panel)(text); },
   link(kind) {
     if (kind === linked) return;
-    const was = BROKEN[linked];
     linked = kind;
-    if (was && byId("notice").textContent === was[1]) notice("");  // a cable that was pulled is back: nobody says hello
     controls.stop.link(kind === "good");
     if (BROKEN[kind]) linkShown("bad", BROKEN[kind][0]);
-    if (BROKEN[kind]?.[1]) notice(BROKEN[kind][1]);
+    notice("link", BROKEN[kind]?.[1]);
   },
 });
 const controls = new Controls((name, value) => connection.command(name, value));
@@ -88,8 +93,9 @@ const heard = {
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
-    notice(text.cut ? CUT : "");
-    why = refused = "";
+    notice("cut", text.cut ? CUT : "");
+    notice("why", why = "");
+    notice("headset", refused = "");
     hello = text;
     entrance();
     behind = Boolean(text.tracks || text.mode === "recording") && text.hand === "left";
@@ -110,7 +116,7 @@ const heard = {
     caption.state(text);
     if (text.correction !== undefined) figures(text);  // while it is paused they stay
     if (stage) stage.showForecast(behind ? mirroredForecast(text.forecast) : text.forecast);
-    if (text.message !== undefined) notice(why = text.message);
+    if (text.message !== undefined) notice("why", why = text.message);
   },
   contacts(text) {
     trials = text.trials;
@@ -119,13 +125,13 @@ const heard = {
   contact(text) {
     bars.push({ distance: text.distance_m, met: text.met, colour: colourOf(text.style.split(" ")[0]) });
     contacts.set(bars);
-    judgedAt = performance.now();
+    if (!text.past) judgedAt = performance.now();
   },
   experiment: (text) => ofExperiment(text), participant: (text) => ofExperiment(text), experimenter: (text) => ofExperiment(text),
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
   over(text) {
-    notice([why, text.message].filter(Boolean).join("\n"));
+    notice("over", [why, text.message].filter(Boolean).join("\n"));
     linkShown("calm", "over");
     linked = "over";
     ended = text.line || text.message;
@@ -137,8 +143,7 @@ const heard = {
     headset?.finish();
   },
   headset(text) {
-    notice(text.message);
-    refused = text.refused ? text.message : "";
+    notice("headset", refused = text.refused ? text.message : "");  // that it is hers now is said once
     if (!refused) headset?.spoken.say(text.message, performance.now());
   },
   touch(text) {

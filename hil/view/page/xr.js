@@ -56,8 +56,13 @@ export class Headset {
     this.changed();
   }
 
-  /** While one is worn the button lets her out. */
-  label() { for (const button of this.place.children) button.textContent = this.session ? LEAVE : MODES[button.dataset.mode]; }
+  /** While one is worn the button lets her out; once all is over nobody is let in. */
+  label() {
+    for (const button of this.place.children) {
+      button.textContent = this.session ? LEAVE : MODES[button.dataset.mode];
+      button.disabled = Boolean(this.finished && !this.session);
+    }
+  }
 
   /** What keeps a headset from being entered here; "" if nothing does, null as long as the browser has not answered. */
   get lacking() {
@@ -87,7 +92,11 @@ export class Headset {
   }
 
   /** It is over: she reads why, on the dark, and is let out. */
-  finish() { this.leave(DARK_MS, READ_MS); }
+  finish() {
+    this.finished = true;
+    this.leave(DARK_MS, READ_MS);
+    this.label();
+  }
 
   /** Lets her out after so long, ms; it is dark by ``dark``, but not where she sees her own room, in which she may walk. */
   leave(dark, after) {

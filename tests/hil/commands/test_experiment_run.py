@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -73,6 +74,20 @@ def test_what_is_wrong_is_said_before_anything_is_asked(tmp_path: Path, observer
         with pytest.raises(HighFiveError, match=words):
             run(given, no_bar)
     assert not list(tmp_path.rglob("trials.jsonl"))
+
+
+def test_a_run_whose_page_or_model_cannot_be_had_leaves_no_session(tmp_path: Path, observer: Path) -> None:
+    folder = study(tmp_path, "morph", {"participants = 16": "participants = 1"})
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        for chain, words in (
+            (SimulateOptions(view=PageOptions(port=taken.getsockname()[1], open_browser=False)), "is in use"),
+            (SimulateOptions(view=PageOptions(open_browser=False), model=tmp_path / "none.safetensors"), "none"),
+        ):
+            with pytest.raises(HighFiveError, match=words):
+                run(RunOptions(folder, "P01", simulated=observer, chain=chain), no_bar)
+    assert not list((folder / "participants").glob("P01/session-*"))
 
 
 def test_a_second_start_is_refused_and_resume_asks_nothing_more(tmp_path: Path, observer: Path) -> None:

@@ -279,6 +279,9 @@ def test_she_is_told_in_the_headset_how_it_stands_and_let_out_of_the_dark_with_t
         assert over["both"] and browser.evaluate(SIGHT)["text"] == "The session ended early."
         assert browser.evaluate(UNTIL.format("!highfive.headset.session"))
         assert browser.evaluate("[highfive.stage.veil.visible, highfive.headset.standing.visible]") == [False, False]
+        assert (
+            browser.evaluate("document.querySelector('[data-mode=immersive-vr]').disabled") is True
+        )  # nothing is shown
         assert not browser.console
 
 

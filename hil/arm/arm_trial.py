@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -146,8 +146,12 @@ class ArmTrial:
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
 
 
-def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop) -> ArmTrial | None:
+def played_until_stopped(
+    reference: ReferenceTrajectory, loop: ArmLoop, watch: Callable[[ArmTick], None] | None = None
+) -> ArmTrial | None:
     """Has the arm play one high five as far as it comes; ``loop.trouble`` says why it was stopped, if it was.
+
+    ``watch`` gets each tick, as in :meth:`~highfive.hil.arm.loop.ArmLoop.play`.
 
     Returns:
         what it did; None where that are fewer than :data:`FEWEST` ticks or cycles.
@@ -156,7 +160,7 @@ def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop) -> ArmTr
         HighFiveError: it was not allowed to; it says why. Nothing has moved.
     """
     back = WayBack()
-    ticks, cycles = loop.play(reference.goals, back)
+    ticks, cycles = loop.play(reference.goals, back, watch)
     if len(ticks) < FEWEST or len(_meanwhile(ticks, cycles)) < FEWEST:
         return None
     return replace(arm_trial(reference, loop.retarget, ticks, cycles, loop.relaxation), back=back)

@@ -220,6 +220,12 @@ class ArmLoop:
         self._frame_ns = self.clock.now()
         self._at_ns, self._ahead_ns = self._frame_ns if at_ns is None else at_ns, ahead_ns
 
+    @property
+    def measured(self) -> Array | None:
+        """(J,) rad, what the servos said last; None before they did."""
+        newest = self._arm.newest()
+        return None if newest is None else newest.state.positions
+
     def cycles(self) -> list[Cycle]:
         """What the bus did since the last call."""
         return self._arm.unread()
@@ -254,12 +260,15 @@ class ArmLoop:
         step_ms = 1e-6 * (time.perf_counter_ns() - started)
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
-    def play(self, goals: Iterable[PalmGoal], back: WayBack | None = None) -> tuple[list[ArmTick], list[Cycle]]:
+    def play(
+        self, goals: Iterable[PalmGoal], back: WayBack | None = None, watch: Callable[[ArmTick], None] | None = None
+    ) -> tuple[list[ArmTick], list[Cycle]]:
         """Goals of a high five, one per tick, from now on; then to where the arm rests. Ends early once it was stopped.
 
         Args:
             goals: of the ticks.
             back: added to on the way back.
+            watch: gets each tick once its command is given, also on the way back; it has to be quick.
 
         Returns:
             the ticks, and the cycles of the bus until the last of them.
@@ -279,20 +288,28 @@ class ArmLoop:
                 due = now
             self.note_frame()
             ticks.append(self.tick(goal))
+            if watch is not None:
+                watch(ticks[-1])
             cycles += self.cycles()
             due += period
             if self.trouble and not self._braking:
                 break
-        self.rest(back)
+        self.rest(back, watch=watch)
         return ticks, cycles
 
-    def rest(self, back: WayBack | None = None, longest_s: float = REST_S) -> None:
+    def rest(
+        self,
+        back: WayBack | None = None,
+        longest_s: float = REST_S,
+        watch: Callable[[ArmTick], None] | None = None,
+    ) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
         end.
 
         Args:
             back: added to meanwhile; None leaves the cycles unread.
             longest_s: s, that this takes.
+            watch: as in :meth:`play`.
         """
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
@@ -303,6 +320,8 @@ class ArmLoop:
             if back is not None:
                 back.ticks.append(tick)
                 back.cycles.extend(self.cycles())
+            if watch is not None:
+                watch(tick)
             due += round(1e9 * self.limits.timing.period_s)
             self.clock.wait_until(due)
 

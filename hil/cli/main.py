@@ -35,7 +35,11 @@ from highfive.hil.cli.options import (
     refuse_two_people,
 )
 from highfive.hil.runtime.console import STDERR, escape, print_json, print_result, progress_bars, show_log
-from highfive.hil.runtime.interrupts import raise_swallowed_interrupts
+from highfive.hil.runtime.interrupts import (
+    ended_as_interrupted,
+    interrupt_swallowed,
+    raise_swallowed_interrupts,
+)
 from highfive.model.errors import HighFiveError
 
 app = typer.Typer(
@@ -267,6 +271,11 @@ def _style(text: str) -> dict[str, float]:
 def main() -> None:
     """Entry point: one line for every error that a user can put right."""
     raise_swallowed_interrupts()
+    with ended_as_interrupted():
+        _run()
+
+
+def _run() -> NoReturn:
     try:
         refuse_two_people(sys.argv[1:])
         code = app(standalone_mode=False) or 0
@@ -280,9 +289,17 @@ def main() -> None:
     except HighFiveError as error:
         _fail(str(error))
     except (KeyboardInterrupt, Interrupted, typer.Abort) as error:
-        STDERR.print(f"interrupted{error}", soft_wrap=True, markup=False)
-        sys.stdout.flush()
-        os._exit(1)  # not by Python's own way down: interrupted while it compiles, JAX crashes on it
+        _end_interrupted(str(error))
+    except Exception:
+        if interrupt_swallowed():
+            _end_interrupted("")
+        raise
+
+
+def _end_interrupted(how: str) -> NoReturn:
+    STDERR.print(f"interrupted{how}", soft_wrap=True, markup=False)
+    sys.stdout.flush()
+    os._exit(1)  # not by Python's own way down: interrupted while it compiles, JAX crashes on it
 
 
 def _fail(message: str) -> NoReturn:

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import ArmCommand, Armed, Json, Overwrite, OverwriteFile, Seed, WhichArm
+from highfive.hil.cli.options import (
+    ArmCommand,
+    Armed,
+    Https,
+    Json,
+    NoOpen,
+    Overwrite,
+    OverwriteFile,
+    Seed,
+    WhichArm,
+)
 from highfive.hil.runtime.console import STDERR, print_result, progress_bars, say, say_aside
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
@@ -166,6 +176,9 @@ def play(
     nobody_near: NobodyNear = False,
     slow: Slow = False,
     faults: Faults = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it live on a page, with an emergency stop.")] = False,
+    no_open: NoOpen = False,
+    https: Https = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -173,13 +186,15 @@ def play(
     """Play a recorded session's high fives on the arm. THE ARM MOVES, as far as it reaches. Nobody is tracked: a
     real arm needs --nobody-near or --slow beside --arm. Space or Esc stops it."""
     from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.page_options import page_options  # noqa: PLC0415
     from highfive.hil.commands.rig.play import PlayOptions, play, print_played  # noqa: PLC0415
     from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
     which = arm_options(port, arm, file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm)
     assert which is not None
     chosen, first = tuple(number - 1 for number in trial or ()), None if begin is None else begin - 1
-    options = PlayOptions(session, which, chosen, first, trials, overwrite)
+    page = page_options(view, None, None, None, no_open, https)
+    options = PlayOptions(session, which, chosen, first, trials, overwrite, page)
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)

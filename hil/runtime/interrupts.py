@@ -20,13 +20,14 @@ from highfive.hil.runtime.shutdown import AGAIN_S as ANOTHER_S
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
-    from types import TracebackType
+    from types import FrameType, TracebackType
 
 AGAIN_S = 0.05
 """s after which a swallowed Ctrl-C is raised again: whoever swallowed it has returned by then, or swallows it again."""
 
 
 _answered: list[None] = []
+_swallowed: list[None] = []
 
 
 class _Ticks:
@@ -101,6 +102,42 @@ def answered_by_a_stop() -> Iterator[None]:
         _answered.pop()
 
 
+@contextmanager
+def ended_as_interrupted() -> Iterator[None]:
+    """In here SIGTERM does what Ctrl-C does at that moment.
+
+    Where Ctrl-C is switched off (a shell's ``&`` does that) SIGTERM interrupts all the same, between ticks. Where
+    SIGTERM itself is switched off it stays so. Only in the main thread.
+    """
+    off = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        interrupts = signal.getsignal(signal.SIGINT)
+        if callable(interrupts) and not off:
+            interrupts(signal.SIGINT, frame)
+        elif _ticks.within:
+            _ticks.asked_ns = MACHINE.now()
+        else:
+            raise KeyboardInterrupt
+
+    if signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def interrupt_swallowed() -> bool:
+    """A ``KeyboardInterrupt`` was swallowed, and was not raised again yet: what is raised meanwhile comes of that.
+
+    LLVM hands compiled code over in such a callback: who is interrupted there is told that there is none.
+    """
+    return bool(_swallowed)
+
+
 def raise_swallowed_interrupts() -> None:
     """From now on a swallowed ``KeyboardInterrupt`` is raised again in the main thread; all else goes the earlier way.
 
@@ -114,6 +151,7 @@ def raise_swallowed_interrupts() -> None:
             return
         if _answered:
             return
+        _swallowed.append(None)
         # Not from here: what is raised before the hook returns would be swallowed, too.
         threading.Thread(target=_raise_in_main_thread, daemon=True).start()
 
@@ -122,6 +160,7 @@ def raise_swallowed_interrupts() -> None:
 
 def _raise_in_main_thread() -> None:
     time.sleep(AGAIN_S)
+    _swallowed.clear()
     if _ticks.within:
         _ticks.asked_ns = MACHINE.now()
         return

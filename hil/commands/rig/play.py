@@ -7,14 +7,14 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from highfive.hil.arm.arm_figures import ArmResults, arm_summary
-from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.arm_trial import played_until_stopped
 from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
@@ -36,8 +36,15 @@ from highfive.hil.trials.summary import SessionSettings, versions
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
+    from highfive.hil.arm.loop import ArmLoop
+    from highfive.hil.commands.rig.play_view import PlayView
+    from highfive.hil.commands.simulate_options import PageOptions
     from highfive.hil.runtime.console import Bar
+    from highfive.hil.view.recorded import RecordedTrials
 
+# What only the live page needs is imported where it is needed: it takes seconds.
+
+ENDED = "ended on the page"
 BACK_S = 2.5
 """About so long the arm takes back to rest after a high five, s: an estimate."""
 
@@ -53,6 +60,7 @@ class PlayOptions:
         begin: number of the first trial; None for the recording's.
         most: so many trials at most; None for all.
         overwrite: write into a folder that holds something.
+        view: the live page that shows it; None for none.
     """
 
     session: Path
@@ -61,6 +69,7 @@ class PlayOptions:
     begin: int | None = None
     most: int | None = None
     overwrite: bool = False
+    view: PageOptions | None = None
 
 
 def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
@@ -82,6 +91,8 @@ def play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
 
 def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     check_options(options.arm)  # before the session is read, which takes seconds
+    if options.view is not None and options.arm.port == VIRTUAL:
+        raise HighFiveError("--view shows what goes at the pace of the clock; --port virtual does not: --port emulated")
     path = options.session / "session.mcap" if options.session.is_dir() else options.session
     session = read_session(path)
     recorded = RecordedHighFives(session)
@@ -92,7 +103,12 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     about = _settings(session, len(chosen), options.arm)
     say_aside(f"{counted(len(chosen), 'high five')}, {_duration([recorded.ticks[number] for number in chosen])}")
     with uninterrupted() as from_now_on:
-        results, lag, end = _played(recorded, chosen, about, options.arm, folder, bar, from_now_on)
+        shown = None
+        if options.view is not None:
+            from highfive.hil.commands.rig.play_view import shown_trials  # noqa: PLC0415
+
+            shown = shown_trials(session, options.view)
+        results, lag, end = _played(recorded, shown, chosen, about, options, folder, bar, from_now_on)
         said = {"session": str(path), "port": options.arm.port}
         ended = {
             "stopped": end.why,
@@ -132,21 +148,23 @@ def _duration(ticks: Sequence[int]) -> str:
 
 def _played(
     recorded: Mapping[int, ReferenceTrajectory],
+    shown: RecordedTrials | None,
     chosen: Sequence[int],
     about: SessionSettings,
-    arm: ArmOptions,
+    options: PlayOptions,
     folder: Path,
     bar: Bar,
     ready: Callable[[], object],
 ) -> tuple[ArmResults, float, _End]:
     """What the arm did, its lag, s, and how it ended; ``ready`` is called once it is switched on.
 
-    What was played is recorded after each high five.
+    ``shown`` is on the live page meanwhile, where there is one. What was played is recorded after each high five.
     """
     results = ArmResults()
     with ExitStack() as stack:
         stack.enter_context(quick_switching())
-        loop = stack.enter_context(ready_arm(arm, bar))
+        loop = stack.enter_context(ready_arm(options.arm, bar))
+        view = None if shown is None else stack.enter_context(_view(options, shown, loop, len(chosen)))
         recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
         ready()
         lag, stopped, remedy, whole = loop.retarget.settings.lag, "", "", 0
@@ -154,8 +172,13 @@ def _played(
         for number in chosen:
             try:
                 reference = recorded[number]
+                if view is not None:
+                    view.begin(number)
+                    if view.ends:
+                        stopped = loop.trouble or ENDED
+                        break
                 with going_first():
-                    trial = played_until_stopped(reference, loop)
+                    trial = played_until_stopped(reference, loop, None if view is None else view.watch)
             except HighFiveError as error:
                 if not results.figures and not loop.trouble:  # the arm is not as it has to be: nothing has moved
                     recorder.discard()
@@ -163,6 +186,8 @@ def _played(
                 trial, stopped = None, str(error)
             if trial is not None:
                 results.add(number, trial, loop.retarget, loop.limits)
+                if view is not None:
+                    view.judged(trial)
                 try:
                     recorder.record_played(trial)
                 except HighFiveError as error:  # a full disk; there is still a report to try
@@ -177,7 +202,16 @@ def _played(
             recorder.close()
         except HighFiveError as error:
             stopped = stopped or str(error)
+        if view is not None:
+            view.end(stopped, folder)
     return results, lag, _End(stopped, remedy, whole)
+
+
+def _view(options: PlayOptions, shown: RecordedTrials, loop: ArmLoop, count: int) -> AbstractContextManager[PlayView]:
+    from highfive.hil.commands.rig.play_view import play_view  # noqa: PLC0415
+
+    assert options.view is not None
+    return play_view(options.view, shown, loop, options.arm.arm, count, options.session.name)
 
 
 def _settings(session: SessionReader, trials: int, arm: ArmOptions) -> SessionSettings:

@@ -14,7 +14,7 @@ export class Caption {
 
   state(state) {
     const { hello } = this, recorded = hello.mode === "recording";
-    const mood = moodOf(recorded ? weightsOf(state.style || "") : state.weights || {});
+    const mood = moodOf(state.weights || weightsOf(state.style || ""));
     this.write(this.mood, mood);
     this.mood.parentElement.classList.toggle("mixed", mood.includes("%") || mood.includes("+"));
     this.mood.style.setProperty("--tint", colourOf(mood.split(/\s/)[0]));

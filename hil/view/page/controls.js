@@ -42,7 +42,7 @@ export class Controls {
   /** What keys do now; the emergency stop has a way of its own. */
   get keys() {
     const press = (name) => () => byId(name).click();
-    if (this.mode === "experiment") return {};
+    if (["experiment", "played"].includes(this.mode)) return {};
     return this.mode === "recording"
       ? { " ": press("play"), ArrowLeft: press("back"), ArrowRight: press("forth") }
       : { " ": press("pause"), n: press("next"), a: press("again") };
@@ -59,7 +59,9 @@ export class Controls {
   /** What can be asked here, from the first message. */
   begin(hello) {
     this.mode = hello.mode;
-    byId("controls").hidden = hello.mode !== "session";
+    const played = hello.mode === "played";  // by an arm, from a recording: what the avatar did is settled
+    byId("controls").hidden = !played && hello.mode !== "session";
+    for (const one of document.querySelectorAll(".answering")) one.hidden = played;
     byId("timeline").hidden = hello.mode !== "recording";
     byId("estop").hidden = !hello.arm;
     byId("cell-row").hidden = !(hello.cells || []).length;

@@ -35,6 +35,53 @@ def test_ctrl_c_in_a_callback_of_the_collector_ends_a_command() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (1, "", "interrupted\n")
 
 
+COMES_OF_IT = """
+import ctypes, os, signal
+from highfive.hil.cli import main as cli
+def work():
+    called = []
+    @ctypes.CFUNCTYPE(None)
+    def hand_over():  # as LLVM hands compiled code over
+        os.kill(os.getpid(), signal.SIGTERM)
+        called.append(1)
+    hand_over()
+    if not called:
+        raise RuntimeError("no compiled object yet")
+cli.app = lambda **_: work()
+cli.main()
+"""
+
+
+def test_what_comes_of_an_interrupt_that_a_library_swallowed_is_told_as_the_interrupt() -> None:
+    done = subprocess.run([sys.executable, "-c", COMES_OF_IT], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", "interrupted\n")
+
+
+TERMINATED = """
+import os, signal, sys
+signal.signal(signal.SIGINT, {before})
+from highfive.hil.cli import main as cli
+from highfive.hil.arm.emergency_stop import listening
+from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.interrupts import WholeTick, interrupted_between_ticks
+def work():
+    with interrupted_between_ticks(), {around}, WholeTick():
+        os.kill(os.getpid(), signal.SIGTERM)
+        print("after", flush=True)
+    print("never", flush=True)
+cli.app = lambda **_: work()
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("before", ["signal.default_int_handler", "signal.SIG_IGN"])
+@pytest.mark.parametrize("around", ["listening(Latch())", "interrupted_between_ticks()"])
+def test_sigterm_does_what_ctrl_c_does_also_where_that_is_switched_off(before: str, around: str) -> None:
+    command = [sys.executable, "-c", TERMINATED.format(before=before, around=around)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (1, "after\n", "interrupted\n")
+
+
 def test_other_exceptions_there_are_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     reported, threads = [], threading.active_count()
     monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: reported.append(unraisable.exc_type))

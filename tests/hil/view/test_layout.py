@@ -16,6 +16,7 @@ SESSION = {
 ABOUT = {
     "live": SESSION,
     "arm": {**SESSION, "arm": True, "rig": True},
+    "played": {"mode": "played", "title": "tested", "arm": True, "rig": True},
     "recording": {"mode": "recording", "title": ""},
     "webcam": {**SESSION, "cells": []},
     "experiment": SESSION,

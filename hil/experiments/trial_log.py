@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -199,7 +199,9 @@ class TrialLog:
 
 
 @contextmanager
-def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -> Iterator[TrialLog]:
+def open_log(
+    study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE, ready: Callable[[], None] = lambda: None
+) -> Iterator[TrialLog]:
     """Opens a participant's session; meanwhile no other run may write to the study.
 
     Args:
@@ -207,6 +209,8 @@ def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -
         head: who, and with what.
         resume: go on with a session that has begun.
         clock: by which pauses are measured.
+        ready: called once nothing here refuses the run and before it is written that it began: what else may refuse it
+            does so there, and leaves no session.
 
     Raises:
         HighFiveError: the session has begun already, or not, as it should; another run is going on; she did not consent
@@ -232,6 +236,7 @@ def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -
         for other in sorted(participant_folder(study, head.participant).glob(f"session-*/{LOG}")):
             _check_plan(read_log(_whole(other), str(other)), plan, other)
         missing = missing_sources(study, plan)
+        ready()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)  # after all that may refuse: no empty session stays
         except OSError as error:

@@ -76,7 +76,12 @@ READ = {
         "experiment analyse --trials",
     ),
     *("experiment plan file", "experiment forget --study", "experiment run --simulate-participant"),
-    *("experiment analyse study", "experiment power file", "rig play --calibration"),
+    *(
+        "experiment analyse --questionnaire",
+        "experiment analyse study",
+        "experiment power file",
+        "rig play --calibration",
+    ),
 }
 # A folder or a file, as the format has it, or given by what is read: tested where the command is.
 ELSEWHERE = {

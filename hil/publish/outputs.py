@@ -125,8 +125,6 @@ class SessionOutputs:
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`BackgroundRecorder.record_log`; from any thread."""
-        if self._recorder.trouble:  # said by the thread for which whoever holds the lock waits
-            return
         with self._changing:
             self._recorder.record_log(level, text)
 

@@ -116,9 +116,9 @@ class SessionOutputs:
             self._recorder.record_event(event, at_ns, **about)
         self._publish(event, at_ns if at_ns is not None else self._end_ns or self._clock.now(), about)
 
-    def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
-        """See :meth:`BackgroundRecorder.record_shown`."""
-        self.streams.shown(page, shown, bound_ns)
+    def record_shown(self, page: int, shown: Shown, bound_ns: int, *, tracks: bool = False) -> None:
+        """See :meth:`BackgroundRecorder.record_shown`; ``tracks``: the person comes through that page."""
+        self.streams.shown(page, shown, bound_ns, tracks=tracks)
         self._recorder.record_shown(page, shown, bound_ns)
         for publisher in self._publishers:
             publisher.give(ShownPicture(page, shown, bound_ns))

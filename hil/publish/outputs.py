@@ -9,10 +9,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from highfive.hil.publish.background import BackgroundPublisher
-from highfive.hil.publish.publisher import SessionEvent, ShownPicture
+from highfive.hil.publish.publisher import ArmPosture, SessionEvent, ShownPicture
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorded_tick import RecordedTick
-from highfive.hil.recording.recorder import TrialHead
+from highfive.hil.recording.recorder import DRAWN_EVERY, TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
@@ -104,6 +104,9 @@ class SessionOutputs:
         """See :meth:`BackgroundRecorder.record_arm`."""
         for cycle in cycles:
             self.streams.arm(cycle.state.time_ns, cycle.state.positions)
+            if cycle.number % DRAWN_EVERY == 0:
+                for publisher in self._publishers:
+                    publisher.give(ArmPosture(cycle.state.time_ns, cycle.state.positions))
         self._recorder.record_arm(ticks, cycles)
 
     def end_trial(self, result: TrialResult) -> None:

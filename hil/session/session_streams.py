@@ -75,7 +75,7 @@ class SessionStreams:
         self._arm.add(time_ns, joints, time_ns)
 
     def shown(self, page: int, shown: Shown, bound_ns: int, *, tracks: bool = False) -> None:
-        """A picture that a page has shown, and how far off its clock may be; ``tracks``: the person comes through it."""
+        """A picture that a page has shown, and how far off its clock may be; ``tracks``: of the person's page."""
         if page not in self._pages:
             if len(self._pages) >= PAGES:
                 self.close(self._pages.pop(min(self._pages))[0])

@@ -264,7 +264,7 @@ class AvatarStage:
         if len(self._pictures) < _MOST_SHOWN:
             self._pictures.append(told)
         if self._outputs is not None:
-            self._outputs.record_shown(told.page, told.shown, told.bound_ns)
+            self._outputs.record_shown(told.page, told.shown, told.bound_ns, tracks=told.tracks)
 
     def _record_event(self, event: str, **about: Any) -> None:
         if self._outputs is not None:

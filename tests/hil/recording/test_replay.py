@@ -13,6 +13,8 @@ from trial_results import some_results
 
 from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.live_people import BEFORE_S, System, frames_of, here, parts, people
+from highfive.hil.commands.replay_session import replay_of
+from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.recording.recorded_tick import recorded_tick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.recording import SessionRecording, read_recording
@@ -172,6 +174,19 @@ def test_what_is_not_as_it_was_is_said(recorded: Path) -> None:
     differs = open_replay(read_session(written(recording)), "another", False, None).differs
     assert differs[:2] == [f"model {MODEL} then, another now", "correction on then, off now"]
     assert [line for line in differs if line.startswith("numpy 1.0 then")]
+
+
+def test_a_recording_without_an_end_is_said_to_be_one(
+    recorded: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[: int(0.7 * recorded.stat().st_size)])
+    for path in (recorded, cut):
+        replay = replay_of(SimulateOptions(source=str(path)), MODEL)
+        assert len(replay.trials) == 1
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{cut} has no end: its last high five is played as far as it was recorded"
+    ]
 
 
 def changed(recording: SessionRecording, topic: str, change: Callable[[dict], dict]) -> SessionRecording:

@@ -124,6 +124,8 @@ def test_an_outlet_that_stamps_at_push_and_is_late_at_times(tmp_path: Path, lost
             pushed = max(pushed + 1e-5, start + k / 120.0 + held_up)
             if not lost_every or k % lost_every != lost_every // 2:
                 outlet.push_sample([float(k), 1.0, 2.0], pushed)
+            if k % 30 == 29 and k > 60:  # no more than the inlet holds, however busy its reader is
+                until(lambda last=k: received and received[-1].positions[0, 0] == last)
         until(lambda: received and received[-1].positions[0, 0] == count - 1)
     finally:
         source.close()

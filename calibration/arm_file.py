@@ -38,6 +38,9 @@ class ArmFileSettings(Settings):
     play: float = setting(float(np.radians(3.0)), "rad", above=0.0)
     length: float = setting(0.010, "m", above=0.0)
     tilt: float = setting(float(np.radians(3.0)), "rad", above=0.0)
+    friction: float = setting(5.0, "N·m", above=0.0)
+    """More than half of what the strongest servo gives: it is blocked."""
+    shadow: float = setting(float(np.radians(3.0)), "rad", above=0.0)
 
 
 ARM_FILE = ArmFileSettings()
@@ -52,6 +55,9 @@ class CalibratedJoint:
         compliance: rad/(N·m), by which it gives way that its encoder does not see; 0 or more.
         play: rad, between the two sides of approach.
         length, tilt: (3,) m and rad (a rotation vector), in the frame before it.
+        friction: N·m, against slow motion; None where it was not measured.
+        shadow: rad, by which its second servo said less than its first with torque off; None where there is none, or
+            nobody measured it.
     """
 
     zero: float
@@ -59,6 +65,8 @@ class CalibratedJoint:
     play: float
     length: Array
     tilt: Array
+    friction: float | None = None
+    shadow: float | None = None
 
 
 @dataclass(frozen=True)
@@ -147,6 +155,8 @@ def arm_text(found: ArmCalibration) -> str:
             f"length_m = {_list(joint.length)}",
             f"tilt_rad = {_list(joint.tilt)}",
         ]
+        measured = {"friction_Nm": joint.friction, "shadow_rad": joint.shadow}
+        lines += [f"{key} = {value:.9f}" for key, value in measured.items() if value is not None]
     if found.latency:
         lines += ["\n[latency]", *(f"{name} = {value:.6f}" for name, value in found.latency.items())]
     lines += [
@@ -237,7 +247,13 @@ def _joint(joints: Mapping[str, Any], name: str, settings: ArmFileSettings) -> C
         play=number(entry, where, "play_rad", float, -settings.play, settings.play),
         length=length,
         tilt=tilt,
+        friction=_maybe(entry, where, "friction_Nm", 0.0, settings.friction),
+        shadow=_maybe(entry, where, "shadow_rad", -settings.shadow, settings.shadow),
     )
+
+
+def _maybe(entry: Mapping[str, Any], where: str, name: str, low: float, high: float) -> float | None:
+    return number(entry, where, name, float, low, high) if name in entry else None
 
 
 def _text(value: str) -> str:

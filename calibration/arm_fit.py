@@ -118,6 +118,7 @@ def fit_arm(
     up: Array,
     fitted: tuple[str, ...] = ALL,
     settings: ArmFitSettings = ARM_FIT,
+    start: ArmErrors | None = None,
 ) -> ArmFit:
     """Fits an arm to what was seen of its plate.
 
@@ -127,6 +128,8 @@ def fit_arm(
         up: (3,) unit vector, the vertical in the motion capture's frame.
         fitted: groups of parameters.
         settings: priors and noise.
+        start: where it begins, and what is kept of all that is not fitted; None for the arm as drawn, laid on what was
+            seen.
 
     Raises:
         HighFiveError: too few poses, or no arm fits them; one line says what to look at.
@@ -135,8 +138,10 @@ def fit_arm(
         raise HighFiveError(f"{len(poses)} poses, at least {settings.fewest} are needed; 30 are good")
     if not (np.isfinite(poses.encoders).all() and np.isfinite(poses.markers[poses.seen]).all()):
         raise HighFiveError("a pose has a number that is not finite; leave it out")
-    start = placed(shape, poses)
-    errors = as_drawn(shape, start.rotation, start.translation)
+    errors = start
+    if errors is None:
+        laid = placed(shape, poses)
+        errors = as_drawn(shape, laid.rotation, laid.translation)
     priors = _priors(errors, fitted, settings)
     weights = poses.seen.astype(float)
     for _ in range(_ROUNDS):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from highfive.calibration.arm_file import ArmCalibration, load_arm
-from highfive.hil.arm.arm_files import rig_of
+from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
@@ -124,7 +124,27 @@ def known_rig(rig: Rig, found: ArmCalibration | None) -> Rig:
     """A rig whose counts mean what was measured: zeros stay in the host's file, homing offsets as they are."""
     if found is None:
         return rig
-    return replace(rig, joints=tuple(replace(one, astray=found.joints[one.name].zero) for one in rig.joints))
+    known = [(one, found.joints[one.name]) for one in rig.joints]
+    return replace(rig, joints=tuple(replace(one, astray=by.zero, gap=by.shadow or 0.0) for one, by in known))
+
+
+def calibration_troubles(found: ArmCalibration, rig: Rig, folder: ArmFolder, now: datetime) -> list[str]:
+    """What stands against driving an arm by its calibration, a line each; nothing where nothing does.
+
+    Args:
+        found: the calibration.
+        rig: of the arm, as its file has it.
+        folder: the arm.
+        now: UTC.
+    """
+    own = found.registration
+    troubles = list(own.mismatches(fingerprint(rig, folder), own.system, now))
+    try:
+        known_arm(folder, found)
+        known_limits(limits_of(folder), known_rig(rig, found), folder)
+    except HighFiveError as error:
+        troubles.append(str(error))
+    return troubles
 
 
 LAG = "_lag_s"

@@ -41,7 +41,7 @@ def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape, re
         for side, turn in enumerate((-TURN, TURN)):
             target = ready.copy()
             target[joint] += turn
-            pose = _taken(drive, watch, target, drive.go(target))
+            pose = taken(drive, watch, target, drive.go(target))
             (lower if side == 0 else upper)[joint] = pose.encoders[joint]
             seen[joint, side] = np.where(pose.seen[:, None], pose.markers, np.nan)
             middle += pose.encoders / (2 * joints)
@@ -79,7 +79,7 @@ def take_poses(
     for target in tour(arm, ready, np.array(new).reshape(-1, len(ready)), POSTURES.clearance, drive.seconds):
         sides = _sides(drive, target)
         if target is not ready:
-            poses.append(_taken(drive, watch, target, sides))
+            poses.append(taken(drive, watch, target, sides))
             kept(poses)
     return poses
 
@@ -89,7 +89,12 @@ def _sides(drive: PostureDrive, target: Array) -> Array:
     return drive.go(target) * (np.abs(target - start) > SIDES)
 
 
-def _taken(drive: PostureDrive, watch: PlateWatch, asked: Array, sides: Array) -> TakenPose:
+def taken(drive: PostureDrive, watch: PlateWatch, asked: Array, sides: Array) -> TakenPose:
+    """Looks at the plate where the arm stands, having come from ``sides`` (J,).
+
+    Raises:
+        HighFiveError: the plate is not seen, or still moves.
+    """
     for attempt in range(TRIES):
         encoders: list[Array] = []
         watch.begin()

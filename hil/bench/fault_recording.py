@@ -6,6 +6,7 @@ virtual time the recorder writes at once.
 
 from __future__ import annotations
 
+import itertools
 import resource
 import shutil
 from collections.abc import Iterator
@@ -32,6 +33,7 @@ class FaultRecording:
 
     Attributes:
         ticks, arm_ticks, cycles: ns of the clock, of each that was given.
+        numbers: of the cycles, as the driver counted them.
     """
 
     def __init__(self, path: Path, about: SessionSettings, partner: Partner, room: int | None) -> None:
@@ -41,7 +43,7 @@ class FaultRecording:
             HighFiveError: not even that fits on the disk.
         """
         self._path, self._killed, self._most = path, path.with_name("killed.mcap"), room
-        self.ticks, self.arm_ticks, self.cycles = list[int](), list[int](), list[int]()
+        self.ticks, self.arm_ticks, self.cycles, self.numbers = list[int](), list[int](), list[int](), list[int]()
         with self._disk():
             self._recorder = BackgroundRecorder(SessionRecorder(path, about), paced=False)
             self._recorder.begin_trial(TrialHead(0, partner, partner.emotion, {partner.emotion: 1.0}, paced=True))
@@ -69,6 +71,7 @@ class FaultRecording:
         if not self.trouble:
             self.arm_ticks += [tick.frame_ns for tick in ticks]
             self.cycles += [cycle.state.time_ns for cycle in cycles]
+            self.numbers += [cycle.number for cycle in cycles]
         with self._disk():
             self._recorder.record_arm(ticks, cycles)
 
@@ -92,14 +95,18 @@ class FaultRecording:
         killed = self._killed.exists()
         found = read_recording(self._killed if killed else self._path)
         cut = killed or (self._most is not None and (bool(self.trouble) or not found.complete))
-        lost = 0
+        lost = sum(max(0, b - a - 1) for a, b in itertools.pairwise(self.numbers))  # that never came to be recorded
         for topic, given in (("/tick", self.ticks), ("/safety", self.arm_ticks), ("/arm", self.cycles)):
             expected, times = [max(0, at - self.ticks[0]) for at in given], _times(found, topic)
             lost += sum(a != b for a, b in zip(expected, times, strict=False)) + max(0, len(times) - len(expected))
             lost += 0 if cut else max(0, len(expected) - len(times))
         laws.judge(LOST, float(lost), 0.0)
-        missing = self.ticks[len(_times(found, "/tick")) : -1]  # the last one is what made the chunk long enough
-        if cut:
+        if not cut:
+            return
+        # What came with the last tick, or after it, is what made the chunk long enough.
+        end = self.ticks[-2] if len(self.ticks) > 1 else self.ticks[-1]
+        for topic, given in (("/tick", self.ticks), ("/safety", self.arm_ticks), ("/arm", self.cycles)):
+            missing = [at for at in given[len(_times(found, topic)) :] if at <= end]
             laws.judge(CUT, 1e-9 * (missing[-1] - missing[0]) if missing else 0.0, 1e-9 * CHUNK_NS)
 
     @contextmanager

@@ -41,7 +41,7 @@ SHORTEST_S = 5.0
 LOOKED_ON_NS = 500_000_000
 """After each high five, for the body to stand."""
 
-_COUNTED_NS = 2_000_000_000  # between two looks at the ring, which holds eight seconds
+_COUNTED_NS = 2_000_000_000  # between two looks at the ring, which holds a minute
 _PERIOD_NS = 1e9 / RATE_HZ
 
 

@@ -44,6 +44,10 @@ def analyse(
         int | None, typer.Option(min=2, max=99, help="Answers to choose from (default: those given, or three).")
     ] = None,
     level: Annotated[float, typer.Option(min=0.5, max=0.999, help="Of all intervals.")] = 0.95,
+    questionnaire: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE.toml", help="Items, subscales and answers to score; may be given again."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for a page, figures for print and a tidy table.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -51,8 +55,10 @@ def analyse(
     """Tell whether interaction helps to see emotions: the source study's table, and calibrated estimates beside it."""
     from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis  # noqa: PLC0415
 
-    options = AnalyseOptions(counts, trials, emotions, out, overwrite, study, level)
-    print_result(analyse(options), json, print_analysis)
+    options = AnalyseOptions(counts, trials, emotions, out, overwrite, study, level, tuple(questionnaire or ()))
+    with progress_bars() as bar:
+        result = analyse(options, bar)
+    print_result(result, json, print_analysis)
 
 
 @app.command()

@@ -9,13 +9,16 @@ import typer
 
 from highfive.hil.cli.options import Json, Overwrite
 from highfive.hil.runtime.console import print_result, progress_bars
+from highfive.model.errors import HighFiveError
 
 app = typer.Typer()
 
 
 @app.command()
 def export(
-    session: Annotated[Path, typer.Argument(metavar="SESSION", help="A session's session.mcap, or its folder.")],
+    session: Annotated[
+        Path, typer.Argument(metavar="SESSION", help="A session's session.mcap, or its folder; with bids also a study.")
+    ],
     to: Annotated[str, typer.Option("--to", help="bvh, glb, csv, npz, c3d or bids (docs/recordings.md).")],
     out: Annotated[
         Path | None,
@@ -27,7 +30,17 @@ def export(
 ) -> None:
     """Turn a session's recording into files of other programs: animation, tables, motion capture, BIDS."""
     from highfive.hil.commands.export import ExportOptions, export, print_export  # noqa: PLC0415
+    from highfive.hil.commands.export_study import export_study, is_study, print_study_export  # noqa: PLC0415
 
+    if is_study(session):
+        if to != "bids" or trial is not None:
+            raise HighFiveError(
+                f"{session} is a study, which --to bids exports as a whole; give one of its recordings for all else"
+            )
+        with progress_bars() as bar:
+            result = export_study(session, out, overwrite, bar)
+        print_result(result, json, print_study_export)
+        return
     with progress_bars() as bar:
         result = export(ExportOptions(session, to, out, None if trial is None else trial - 1, overwrite), bar)
     print_result(result, json, print_export)

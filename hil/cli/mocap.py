@@ -197,6 +197,48 @@ def calibrate_extrinsics(
         raise typer.Exit(1)
 
 
+@calibrate.command("servos", cls=ArmCommand)
+def calibrate_servos(
+    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm (highfive rig scan).")],
+    source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
+    arm: Armed = False,
+    which_arm: WhichArm = None,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
+    ] = None,
+    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
+    estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
+    pairs: Annotated[int, typer.Option(help="Postures, each taken from both sides.")] = 12,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The same with the servos in it.")] = Path("arm.toml"),
+    overwrite: OverwriteFile = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Measure zeros, play, compliance and friction of an arm's servos; show what is new, ask, and write it
+    (docs/calibration.md). THE ARM MOVES, slowly, where nobody is."""
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.calibrate_servos import (  # noqa: PLC0415
+        ServoOptions,
+        calibrate_servos,
+        print_servos,
+        shown,
+    )
+
+    def agreed(lines: list[str]) -> bool:
+        shown(lines)
+        return bool(lines) and (yes or typer.confirm("Write these?", default=False, err=True))
+
+    which = arm_options(port, arm, rig_file, limits, None, estop, calibration, False, True, None, which_arm)
+    assert which is not None
+    with progress_bars() as bar:
+        result = calibrate_servos(ServoOptions(which, source, pairs, seed, out, overwrite), bar, agreed)
+    print_result(result, json, print_servos)
+    if result["changes"] and not result["written"]:
+        raise typer.Exit(1)
+
+
 @calibrate.command("latency", cls=ArmCommand)
 def calibrate_latency(
     port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm; virtual: emulated, not kept.")],

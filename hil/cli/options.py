@@ -71,7 +71,11 @@ class ArmCommand(TyperCommand):
         from highfive.hil.commands.arm_options import names_arm  # noqa: PLC0415
 
         end = [*args, "--"].index("--")
-        words = [word.replace("--arm=", f"{WHICH_ARM}=", 1) if n < end else word for n, word in enumerate(args)]
+        said = "--arm="
+        words = [
+            f"{WHICH_ARM}={word.removeprefix(said)}" if n < end and word.startswith(said) else word
+            for n, word in enumerate(args)
+        ]
         for place, (word, name) in enumerate(pairwise(words[:end])):
             if word == "--arm" and names_arm(name):
                 words[place] = WHICH_ARM

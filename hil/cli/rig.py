@@ -110,11 +110,17 @@ def scan(
 
 
 @app.command()
-def check(port: Port, file: RigFile = None, arm: ArmName = DEFAULT_NAME, json: Json = False) -> None:
+def check(
+    port: Port,
+    file: RigFile = None,
+    arm: ArmName = DEFAULT_NAME,
+    calibration: Calibration = None,
+    json: Json = False,
+) -> None:
     """Read everything back from the servos and compare it with the rig. Nothing moves; exit code 1 on any mismatch."""
     from highfive.hil.commands.rig.service import check, print_check  # noqa: PLC0415
 
-    result = check(port, file, arm=arm)
+    result = check(port, file, arm=arm, calibration=calibration)
     print_result(result, json, print_check)
     if not result["ready"]:
         raise typer.Exit(1)

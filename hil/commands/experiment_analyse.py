@@ -9,15 +9,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from highfive.hil.commands.experiment_trials import of_questionnaires, of_trials
 from highfive.hil.experiments.analysis.answers import Answer, confusions_of, counts_of, fits_of, read_answers
 from highfive.hil.experiments.analysis.confusion import Confusion, chance_bits, emotion_rates, mutual_information
 from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts, read_counts
 from highfive.hil.experiments.analysis.hierarchical import Effects, logit_differences, over_people
 from highfive.hil.experiments.analysis.psychometric import Psychometric, pooled_log_jnd, pooled_pse, pse_shift
 from highfive.hil.experiments.analysis.source_table import EMOTIONS, WARNING, SourceTable, source_table
-from highfive.hil.experiments.analysis.times import by_condition
+from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, interaction
 from highfive.hil.experiments.study_rows import answers_of, study_rows, tidy_rows
-from highfive.hil.experiments.trial_row import TrialRow
+from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
@@ -41,6 +42,7 @@ class AnalyseOptions:
         out: folder for page, figures and tidy table.
         overwrite: write there though something is there.
         level: of all intervals.
+        questionnaires: files that say what was asked beside the trials, and where the answers are.
     """
 
     counts: Path | None
@@ -50,10 +52,11 @@ class AnalyseOptions:
     overwrite: bool = False
     study: Path | None = None
     level: float = 0.95
+    questionnaires: tuple[Path, ...] = ()
 
 
-def analyse(options: AnalyseOptions) -> dict[str, Any]:
-    """The figures of a study, and its page if that is wanted.
+def analyse(options: AnalyseOptions, bar: Bar | None = None) -> dict[str, Any]:
+    """The figures of a study, and its page if that is wanted; ``bar`` shows how far its recordings are read.
 
     Raises:
         HighFiveError: there is nothing to analyse, or it cannot be read, compared or written.
@@ -67,10 +70,10 @@ def analyse(options: AnalyseOptions) -> dict[str, Any]:
             "nothing to analyse; give a study's folder, or --counts FILE.csv with participant,condition,correct,n"
         )
     if options.out is None:
-        return _of_study(options.study, options)[0] if options.study else _study(options, *_read(options))
+        return _of_study(options.study, options, bar)[0] if options.study else _study(options, *_read(options))
     with results_folder(options.out, options.overwrite):
         if options.study is not None:
-            result, people, answers = _of_study(options.study, options)
+            result, people, answers = _of_study(options.study, options, bar)
         else:
             people, answers = _read(options)
             result = _study(options, people, answers)
@@ -80,7 +83,9 @@ def analyse(options: AnalyseOptions) -> dict[str, Any]:
     return result
 
 
-def _of_study(study: Path, options: AnalyseOptions) -> tuple[dict[str, Any], Sequence[PersonCounts], Sequence[Answer]]:
+def _of_study(
+    study: Path, options: AnalyseOptions, bar: Bar | None
+) -> tuple[dict[str, Any], Sequence[PersonCounts], Sequence[Answer]]:
     """The figures of a study's folder, and what they are of."""
     found = study_rows(study)
     answers = answers_of(found)
@@ -93,28 +98,16 @@ def _of_study(study: Path, options: AnalyseOptions) -> tuple[dict[str, Any], Seq
         del result["overall_warning"]
     result |= {"hierarchical": result.get("hierarchical"), "psychometric": result.get("psychometric")}
     result["table"] = result.get("table")
-    result["timing"] = by_condition(_times(found.counted))
+    moved = interaction(study, found.counted, None if bar is None else bar("recordings", len(found.counted)))
+    result |= of_trials(found, moved)
     result["excluded"] = [asdict(one) for one in found.excluded]
     result["simulated"] = found.simulated
     result["software"] = list(found.software)
     result["trials"] = {"all": len(found.rows), "counted": len(found.counted)}
     if options.out is not None:
-        write_whole(options.out / ALL_TRIALS, tidy_rows(found.rows, found.excluded))
+        tidy = tidy_rows(found.rows, found.excluded, (*TIMING, *SYNCHRONY), moved.figures)
+        write_whole(options.out / ALL_TRIALS, tidy)
     return result, people, answers
-
-
-def _times(rows: Sequence[TrialRow]) -> dict[str, list[tuple[str, float | None]]]:
-    """Times of each trial, s, and the person's peak speed, m/s, with its condition."""
-
-    def after_cue(row: TrialRow) -> float | None:
-        return None if row.contact_ns is None or row.cue_ns is None else 1e-9 * (row.contact_ns - row.cue_ns)
-
-    return {
-        "reaction_s": [(row.condition, row.rt_s) for row in rows],
-        "reaction_from_contact_s": [(row.condition, row.rt_contact_s) for row in rows],
-        "contact_after_cue_s": [(row.condition, after_cue(row)) for row in rows],
-        "peak_speed": [(row.condition, row.peak_speed) for row in rows],
-    }
 
 
 def _read(options: AnalyseOptions) -> tuple[Sequence[PersonCounts], Sequence[Answer]]:
@@ -139,6 +132,8 @@ def _study(options: AnalyseOptions, people: Sequence[PersonCounts], answers: Seq
         result["confusion"] = {condition: _confusion(matrix, options.level) for condition, matrix in matrices.items()}
     if fits:
         result["psychometric"] = _psychometric(fits, options.level)
+    if options.questionnaires:
+        result["questionnaires"] = of_questionnaires(options.questionnaires)
     return result
 
 
@@ -174,6 +169,8 @@ def print_analysis(result: dict[str, Any]) -> None:
             low, high = one["pse"]["interval"]
             print(f"{condition} {person}: PSE {one['pse']['value']:.3f} ({low:.3f} to {high:.3f}), "
                   f"JND {one['jnd']['value']:.3f}")  # fmt: skip
+    for name, asked in result.get("questionnaires", {}).items():
+        _print_questionnaire(name, asked)
     if "timing" in result:
         _print_study(result)
     if "page" in result:
@@ -185,6 +182,13 @@ def _print_study(result: dict[str, Any]) -> None:
         reaction, contact = times["reaction_s"], times["contact_after_cue_s"]
         met = "" if contact["median"] is None else f", contact {contact['median']:.2f} s after the cue"
         print(f"{condition}: {reaction['n']} answers, median reaction {reaction['median'] or 0.0:.2f} s{met}")
+        if "asynchrony_s" in times:
+            print(f"  palms: asynchrony {1e3 * times['asynchrony_s']['median']:+.1f} ms, closing at "
+                  f"{times['closing_speed']['median']:.2f} m/s ({times['asynchrony_s']['n']} contacts)")  # fmt: skip
+        if "share_below" in times:
+            share = 100.0 * times["share_below"]["median"]
+            print(f"  synchrony: {times['synchrony']['median']:.2f}, above {share:.0f}% of its pseudo-pairs "
+                  f"({times['share_below']['n']} trials)")  # fmt: skip
     why = Counter(one["why"] for one in result["excluded"])
     for reason, count in why.most_common():
         print(f"not counted: {count} of {result['trials']['all']} trials: {reason}")
@@ -192,6 +196,13 @@ def _print_study(result: dict[str, Any]) -> None:
         print(f"versions are mixed: {', '.join(result['software'])}")
     if result["simulated"]:
         print("All of it is of simulated participants.")
+
+
+def _print_questionnaire(name: str, asked: dict[str, Any]) -> None:
+    for subscale, conditions in asked["subscales"].items():
+        for condition, one in conditions.items():
+            mean = "no score" if one["mean"] is None else f"{one['mean']:.2f}"
+            print(f"{name}, {subscale}{condition and ', '}{condition}: {mean} ({one['n']} people)")
 
 
 def _print_recognition(result: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ from highfive.hil.experiments.conduct import Conducted, conduct
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.observer import SimulatedParticipant, read_observer
 from highfive.hil.experiments.protocol import Motion, Protocol
-from highfive.hil.experiments.stage import EmptyStage, RunFailedError
+from highfive.hil.experiments.stage import EmptyStage, RunFailedError, Stage
 from highfive.hil.experiments.study import LOG, participant_folder, session_folder, stored_plan, study_protocol
 from highfive.hil.experiments.trial_log import RunHead, open_log
 from highfive.hil.runtime.clock import MACHINE, Clock
@@ -49,24 +49,38 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
     participant = None if observer is None else SimulatedParticipant(observer, options.participant)
     with ExitStack() as stack:
         clock: Clock = stack.enter_context(VirtualClock()) if options.dry else MACHINE
-        log = stack.enter_context(open_log(options.study, head, _resumes(options, begun), clock))
+        staged = ExitStack()
+        stack.push(staged)  # where the log refuses the run after all
+        opened: list[tuple[Desk, Stage]] = []
+
+        def ready() -> None:
+            opened.append(_opened(options, protocol, participant, wiring, clock, staged))
+
+        log = stack.enter_context(open_log(options.study, head, _resumes(options, begun), clock, ready))
+        stack.push(staged)  # closed before the log, which lets the next run begin
+        ((desk, stage),) = opened
         for line in log.told:
             say_aside(line, logging.WARNING)
         advance = bar(f"trials of {options.participant}", len(plan.trials))
         advance(done=len(plan.trials) - _left(log.content.standing, plan.trials))
-        if options.dry:
-            assert participant is not None
-            desk = Desk(PageInProcess(participant, clock), clock, look_ns=DRY_LOOK_NS)
-            stage = EmptyStage(clock)
-        else:
-            from highfive.hil.commands.experiment_session import open_stage  # noqa: PLC0415 (session and MuJoCo)
-
-            desk, stage = open_stage(options, protocol, stack, participant, wiring)
         try:
             done = conduct(options.study, log, protocol, desk, stage, clock, language=language, advance=advance)
         except RunFailedError as error:
             raise HighFiveError(f"{error}; the trial is marked; put that right, and resume (--resume)") from None
         return _result(options, done, log.path)
+
+
+def _opened(
+    options: RunOptions, protocol: Protocol, participant: SimulatedParticipant | None, wiring: LiveWiring | None,
+    clock: Clock, stack: ExitStack,
+) -> tuple[Desk, Stage]:  # fmt: skip
+    """Who asks, and where trials are played; closed with ``stack``."""
+    if options.dry:
+        assert participant is not None
+        return Desk(PageInProcess(participant, clock), clock, look_ns=DRY_LOOK_NS), EmptyStage(clock)
+    from highfive.hil.commands.experiment_session import open_stage  # noqa: PLC0415 (session and MuJoCo)
+
+    return open_stage(options, protocol, stack, participant, wiring)
 
 
 def _left(standing: Any, trials: Any) -> int:

@@ -247,24 +247,24 @@ class AvatarStage:
             number += 1
             name = f"{asked.trial.block}-{number}.mcap"
         recorder = SessionRecorder(self._folder / name, self._settings, self._session.chain)
-        self._block, self._file = asked.trial.block, name
-        self._recorder = BackgroundRecorder(recorder, paced=True)
+        background = BackgroundRecorder(recorder, paced=True)
         if self._outputs is None:
-            outputs = self._open_outputs(self._recorder)
             try:
-                self._outputs = outputs.__enter__()
-            except BaseException:  # a stream that cannot be heard
-                self._recorder.discard()
+                outputs = self._open_outputs(background).__enter__()
+            except BaseException:
+                background.discard()  # nothing was played: no empty recording stays
                 raise
-            self._outputs.record_event("session_start")
+            self._outputs = outputs
+            outputs.record_event("session_start")
         else:
-            self._outputs.go_on_in(self._recorder)
+            self._outputs.go_on_in(background)
+        self._block, self._file, self._recorder = asked.trial.block, name, background
 
     def _picture(self, told: PageShown) -> None:
         if len(self._pictures) < _MOST_SHOWN:
             self._pictures.append(told)
         if self._outputs is not None:
-            self._outputs.record_shown(told.page, told.shown, told.bound_ns)
+            self._outputs.record_shown(told.page, told.shown, told.bound_ns, tracks=told.tracks)
 
     def _record_event(self, event: str, **about: Any) -> None:
         if self._outputs is not None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from highfive.hil.commands.session_partners import worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.recording.replay import Replay, open_replay
 from highfive.hil.recording.session_reader import read_session
+from highfive.hil.runtime.console import say_aside
 from highfive.model.errors import HighFiveError
 
 
@@ -33,7 +35,10 @@ def replay_of(options: SimulateOptions, model: str) -> Replay:
     """
     assert options.source is not None
     path = Path(options.source)
-    replay = open_replay(read_session(path), model, options.correct, worn_set(options))
+    session = read_session(path)
+    replay = open_replay(session, model, options.correct, worn_set(options))
+    if not session.complete:
+        say_aside(f"{path} has no end: its last high five is played as far as it was recorded", logging.WARNING)
     if options.style is not None:
         replay.differs.append("another style, as was asked for")
     return replay

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from highfive.calibration.latency_file import load_latencies
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.commands.headset_session import wears_headset
 from highfive.hil.commands.live_options import LONGEST_LATENCY_MS, sees_webcam
 from highfive.hil.commands.simulate_options import SimulateOptions
@@ -70,7 +71,8 @@ def open_publishers(options: SimulateOptions, stack: ExitStack) -> list[Backgrou
         elif wanted.way == FOXGLOVE:
             from highfive.hil.publish.foxglove_server import FoxglovePublisher  # noqa: PLC0415
 
-            found.append(FoxglovePublisher(wanted.port, local_only=not options.publish_network))
+            arm = DEFAULT_ARM if options.arm is None else options.arm.arm
+            found.append(FoxglovePublisher(wanted.port, local_only=not options.publish_network, arm=arm))
     return [_begun(publisher, stack) for publisher in found]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -125,20 +125,37 @@ def answers_of(found: StudyRows) -> list[Answer]:
     ]
 
 
-def tidy_rows(rows: Sequence[TrialRow], excluded: Sequence[Excluded]) -> bytes:
-    """A CSV row a trial in all columns of the log, and why it does not count; tables as JSON, nothing as empty."""
+def tidy_rows(
+    rows: Sequence[TrialRow],
+    excluded: Sequence[Excluded],
+    names: Sequence[str] = (),
+    figures: Mapping[tuple[str, int, int], Mapping[str, float | None]] | None = None,
+) -> bytes:
+    """A CSV row a trial in all columns of the log, and why it does not count; tables as JSON, nothing as empty.
+
+    Args:
+        rows: of the log.
+        excluded: of those.
+        names: of more columns.
+        figures: (participant, session, ask) -> what stands in those.
+    """
     why = {(one.participant, one.session, one.ask): one.why for one in excluded}
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow([*COLUMNS, "not_counted_why"])
+    table.writerow([*COLUMNS, *names, "not_counted_why"])
     for row in rows:
         values = asdict(row)
-        reason = why.get((row.participant, row.session, row.ask), "")
-        table.writerow([*(_cell(values[name]) for name in COLUMNS), reason])
+        key = row.participant, row.session, row.ask
+        more = (figures or {}).get(key, {})
+        table.writerow(
+            [*(_cell(values[name]) for name in COLUMNS), *(_cell(more.get(name)) for name in names), why.get(key, "")]
+        )
     return text.getvalue().encode()
 
 
 def _cell(value: Any) -> Any:
     if isinstance(value, dict):
         return json.dumps(value, sort_keys=True)
-    return int(value) if isinstance(value, bool) else value
+    if isinstance(value, bool):
+        return int(value)
+    return "" if value is None else value

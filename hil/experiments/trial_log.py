@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -72,7 +72,7 @@ class TrialLog:
         self._last_ns: int | None = None
         try:
             self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
-            self._size = self._before = os.fstat(self._file).st_size
+            self._size = os.fstat(self._file).st_size
             self._content = read_log(path.read_bytes(), str(path))
         except OSError as error:
             raise HighFiveError(f"cannot write the trial log {path}: {error.strerror or error}") from None
@@ -166,17 +166,6 @@ class TrialLog:
         if outcome.weights and dict(outcome.weights) != dict(trial.weights) and trial.style != ADAPTIVE:
             raise HighFiveError(f"trial {trial.name}: weights {outcome.weights}, the plan has {trial.weights}")
 
-    def withdraw(self) -> None:
-        """A run in which no trial began was none: the session is as it was before it, or is not there."""
-        if self._ask or self._file < 0:
-            return
-        with suppress(OSError):
-            os.ftruncate(self._file, self._before)
-            os.fsync(self._file)
-            if self._before == 0:
-                self.path.unlink()
-                self.path.parent.rmdir()
-
     def close(self) -> None:
         """No more rows."""
         if self._file >= 0:
@@ -210,7 +199,9 @@ class TrialLog:
 
 
 @contextmanager
-def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -> Iterator[TrialLog]:
+def open_log(
+    study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE, ready: Callable[[], None] = lambda: None
+) -> Iterator[TrialLog]:
     """Opens a participant's session; meanwhile no other run may write to the study.
 
     Args:
@@ -218,6 +209,8 @@ def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -
         head: who, and with what.
         resume: go on with a session that has begun.
         clock: by which pauses are measured.
+        ready: called once nothing here refuses the run and before it is written that it began: what else may refuse it
+            does so there, and leaves no session.
 
     Raises:
         HighFiveError: the session has begun already, or not, as it should; another run is going on; she did not consent
@@ -243,6 +236,7 @@ def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -
         for other in sorted(participant_folder(study, head.participant).glob(f"session-*/{LOG}")):
             _check_plan(read_log(_whole(other), str(other)), plan, other)
         missing = missing_sources(study, plan)
+        ready()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)  # after all that may refuse: no empty session stays
         except OSError as error:
@@ -250,9 +244,6 @@ def open_log(study: Path, head: RunHead, resume: bool, clock: Clock = MACHINE) -
         log = TrialLog(path, plan, head, missing, clock, told)
         try:
             yield log
-        except BaseException:
-            log.withdraw()
-            raise
         finally:
             log.close()
 

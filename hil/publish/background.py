@@ -6,7 +6,7 @@ import logging
 import threading
 from queue import SimpleQueue
 
-from highfive.hil.publish.publisher import Publisher, SessionEvent, ShownPicture
+from highfive.hil.publish.publisher import ArmPosture, News, Publisher, SessionEvent, ShownPicture
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.runtime.console import say_aside
 
@@ -29,7 +29,7 @@ class BackgroundPublisher:
         self._publisher = publisher
         self.dropped, self.trouble = 0, ""
         # Without a lock: handing over takes a few microseconds of the tick, a tenth of what a condition takes.
-        self._given: SimpleQueue[RecordedTick | SessionEvent | ShownPicture | None] = SimpleQueue()
+        self._given: SimpleQueue[News | None] = SimpleQueue()
         self._in = self._out = 0  # ticks; each is counted by one thread alone
         self._closing = False
         self._thread = threading.Thread(target=self._run, name=f"publish-{publisher.name}", daemon=True)
@@ -40,8 +40,9 @@ class BackgroundPublisher:
         """Of the publisher."""
         return self._publisher.name
 
-    def give(self, news: RecordedTick | SessionEvent | ShownPicture) -> None:
-        """Hands over a tick, from one thread, or an event or a shown picture, from any; these are never left out."""
+    def give(self, news: News) -> None:
+        """Hands over a tick or the arm, from one thread, or an event or a shown picture, from any; these are never left
+        out."""
         if self.trouble or self._closing:
             return
         if isinstance(news, RecordedTick):
@@ -49,6 +50,8 @@ class BackgroundPublisher:
                 self.dropped += 1
                 return
             self._in += 1
+        if isinstance(news, ArmPosture) and self._in - self._out >= MOST:
+            return
         self._given.put(news)
 
     def close(self) -> None:
@@ -73,6 +76,9 @@ class BackgroundPublisher:
                     continue
                 if isinstance(news, ShownPicture):
                     self._publisher.shown(news)
+                    continue
+                if isinstance(news, ArmPosture):
+                    self._publisher.arm(news)
                     continue
                 self._out += 1
                 if self._in - self._out >= self._publisher.waiting:

@@ -9,7 +9,8 @@ from typing import Any
 
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from highfive.hil.publish.publisher import SessionEvent, ShownPicture
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
+from highfive.hil.publish.publisher import ArmPosture, SessionEvent, ShownPicture
 from highfive.hil.recording import schemas, viewer_messages
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import DRAWN_EVERY
@@ -28,12 +29,13 @@ class FoxglovePublisher:
 
     waiting = 8
 
-    def __init__(self, port: int, *, local_only: bool = True) -> None:
+    def __init__(self, port: int, *, local_only: bool = True, arm: str = DEFAULT_ARM) -> None:
         """Serves from now on.
 
         Args:
             port: TCP port; 0 takes a free one.
             local_only: for this computer alone; otherwise for whoever reaches it.
+            arm: name or folder of the one that takes part, if one does.
 
         Raises:
             HighFiveError: the package ``foxglove-sdk`` is not installed, or the port is in use.
@@ -65,7 +67,7 @@ class FoxglovePublisher:
         said = json.dumps(schemas.schema_of(_EVENT)).encode()
         schema = foxglove.Schema(name=schemas.TOPICS[_EVENT][0], encoding="jsonschema", data=said)
         self._channels[_EVENT] = foxglove.Channel(_EVENT, schema=schema, message_encoding="json", context=context)
-        self._transforms, self._count = viewer_messages.Transforms(), 0
+        self._transforms, self._count = viewer_messages.Transforms(arm), 0
 
     def tick(self, tick: RecordedTick) -> None:
         """The markers and, as often as a recording has them, the bodies' places and bones: what somebody looks at."""
@@ -89,6 +91,12 @@ class FoxglovePublisher:
 
     def shown(self, picture: ShownPicture) -> None:
         """Nobody asks for it."""
+
+    def arm(self, posture: ArmPosture) -> None:
+        """Its bodies' places."""
+        if self._channels["/tf"].has_sinks():
+            places = self._transforms.arm(posture.time_ns, posture.joints)
+            self._channels["/tf"].log(places.SerializeToString(), log_time=posture.time_ns)
 
     def close(self) -> None:
         """Serves no more."""

@@ -19,7 +19,7 @@ from highfive.hil.publish.lsl_streams import (
     shown_sample,
     shown_stream,
 )
-from highfive.hil.publish.publisher import SessionEvent, ShownPicture
+from highfive.hil.publish.publisher import ArmPosture, SessionEvent, ShownPicture
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.mocap_bridge.sources.lsl import clock_minus_lsl, configure
@@ -85,6 +85,9 @@ class LslPublisher:
         """A sample of what was shown, at the time at which it was seen."""
         if self._shown is not None:
             self._push(self._shown, shown_sample(picture), picture.shown.display_ns)
+
+    def arm(self, posture: ArmPosture) -> None:
+        """Nobody asks for it."""
 
     def close(self) -> None:
         """Takes the streams off the network; whoever listens gets what was sent until now."""

@@ -9,10 +9,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from highfive.hil.publish.background import BackgroundPublisher
-from highfive.hil.publish.publisher import SessionEvent, ShownPicture
+from highfive.hil.publish.publisher import ArmPosture, SessionEvent, ShownPicture
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorded_tick import RecordedTick
-from highfive.hil.recording.recorder import TrialHead
+from highfive.hil.recording.recorder import DRAWN_EVERY, TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
@@ -104,6 +104,9 @@ class SessionOutputs:
         """See :meth:`BackgroundRecorder.record_arm`."""
         for cycle in cycles:
             self.streams.arm(cycle.state.time_ns, cycle.state.positions)
+            if cycle.number % DRAWN_EVERY == 0:
+                for publisher in self._publishers:
+                    publisher.give(ArmPosture(cycle.state.time_ns, cycle.state.positions))
         self._recorder.record_arm(ticks, cycles)
 
     def end_trial(self, result: TrialResult) -> None:
@@ -116,17 +119,15 @@ class SessionOutputs:
             self._recorder.record_event(event, at_ns, **about)
         self._publish(event, at_ns if at_ns is not None else self._end_ns or self._clock.now(), about)
 
-    def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
-        """See :meth:`BackgroundRecorder.record_shown`."""
-        self.streams.shown(page, shown, bound_ns)
+    def record_shown(self, page: int, shown: Shown, bound_ns: int, *, tracks: bool = False) -> None:
+        """See :meth:`BackgroundRecorder.record_shown`; ``tracks``: the person comes through that page."""
+        self.streams.shown(page, shown, bound_ns, tracks=tracks)
         self._recorder.record_shown(page, shown, bound_ns)
         for publisher in self._publishers:
             publisher.give(ShownPicture(page, shown, bound_ns))
 
     def record_log(self, level: str, text: str) -> None:
         """See :meth:`BackgroundRecorder.record_log`; from any thread."""
-        if self._recorder.trouble:  # said by the thread for which whoever holds the lock waits
-            return
         with self._changing:
             self._recorder.record_log(level, text)
 

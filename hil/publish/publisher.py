@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.session.shown import Shown
+from highfive.model.geometry.rotations import Array
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,23 @@ class ShownPicture:
     bound_ns: int
 
 
+@dataclass(frozen=True)
+class ArmPosture:
+    """Where a servo arm is.
+
+    Attributes:
+        time_ns: when that was measured, ns on the session's clock.
+        joints: (J,) rad.
+    """
+
+    time_ns: int
+    joints: Array
+
+
+News = RecordedTick | SessionEvent | ShownPicture | ArmPosture
+"""What a publisher is given."""
+
+
 class Publisher(Protocol):
     """Sends a session on. All but its construction happens in one thread of its own; nothing of it waits for whoever
     listens.
@@ -69,6 +87,10 @@ class Publisher(Protocol):
 
     def shown(self, picture: ShownPicture) -> None:
         """A picture that was shown."""
+        ...
+
+    def arm(self, posture: ArmPosture) -> None:
+        """The servo arm, as often as a recording draws it."""
         ...
 
     def close(self) -> None:

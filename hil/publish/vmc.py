@@ -14,7 +14,7 @@ from logging import WARNING
 import numpy as np
 
 from highfive.hil.publish import osc
-from highfive.hil.publish.publisher import SessionEvent, ShownPicture
+from highfive.hil.publish.publisher import ArmPosture, SessionEvent, ShownPicture
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
@@ -147,6 +147,9 @@ class VmcPublisher:
         """The protocol has none."""
 
     def shown(self, picture: ShownPicture) -> None:
+        """Nobody asks for it."""
+
+    def arm(self, posture: ArmPosture) -> None:
         """Nobody asks for it."""
 
     def close(self) -> None:

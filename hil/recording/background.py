@@ -1,4 +1,6 @@
-"""Records a session that keeps time in a thread of its own: neither encoding nor a slow disk holds a tick up."""
+"""Records a session that keeps time in a thread of its own: neither encoding nor a disk that is slow, or hangs, holds a
+tick up.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +8,14 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from queue import Full, Queue
+from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.stream_samples import StreamSamples
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import LOGGER, counted, say_aside
 from highfive.hil.session.shown import Shown
 from highfive.hil.session.stream import StreamState
@@ -24,7 +27,15 @@ if TYPE_CHECKING:
     from highfive.hil.drivers.bus.cycle_ring import Cycle
 
 WAITING = 4096
-"""So much may wait to be written: at two calls a tick, 17 s of a session at 120 Hz."""
+"""Calls that may wait to be written: at two calls a tick, 17 s of a session at 120 Hz."""
+RESERVE = 4096
+"""So many more of those without which the rest says little: where a high five begins and how it ended, events, log."""
+SAFE_NS = 750_000_000
+"""What no whole chunk holds after so long is written all the same: between high fives nothing else cuts them, and a
+kill loses a second at the most."""
+PATIENCE_NS = 5_000_000_000
+"""At its end a session waits for a disk as long as something gets done; after so long without that, no more."""
+_LOOK_S = 0.05
 
 
 class BackgroundRecorder:
@@ -38,16 +49,19 @@ class BackgroundRecorder:
         lost: calls that were left out because the disk was too slow; only of a session that keeps time.
     """
 
-    def __init__(self, recorder: SessionRecorder, *, paced: bool) -> None:
+    def __init__(self, recorder: SessionRecorder, *, paced: bool, clock: Clock = MACHINE) -> None:
         """Begins.
 
         Args:
             recorder: which nobody else uses from now on.
             paced: the session keeps time: rather than wait, it leaves out.
+            clock: by which that thread waits.
         """
-        self._recorder = recorder
+        self._recorder, self._clock = recorder, clock
         self.trouble, self.lost = "", 0
-        self._calls: Queue[Callable[[], None] | None] = Queue(WAITING)
+        self._said = False  # that there is something lost
+        self._calls: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._done = 0  # calls, by the thread
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True) if paced else None
         if self._thread is not None:
             self._thread.start()
@@ -59,6 +73,9 @@ class BackgroundRecorder:
     def record_tick(self, tick: RecordedTick) -> None:
         """See :meth:`SessionRecorder.record_tick`."""
         self._give(lambda: self._recorder.record_tick(tick))
+        if self.lost and not self._said:  # not where it is lost: there whoever says it may hold a lock that this needs
+            self._said = True
+            say_aside("the disk is too slow: parts of the recording are left out from now on", logging.WARNING)
 
     def record_arm(self, ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> None:
         """See :meth:`SessionRecorder.record_arm`."""
@@ -89,8 +106,9 @@ class BackgroundRecorder:
         self._give(lambda: self._recorder.record_log(level, text), always=True)
 
     def close(self) -> None:
-        """Returns once all is written."""
-        self._stop()
+        """Returns once all is written, or after :data:`PATIENCE_NS` in which nothing was."""
+        if not self._stop():
+            return
         try:
             self._recorder.close()
         except HighFiveError as error:
@@ -98,9 +116,9 @@ class BackgroundRecorder:
             say_aside(f"{error}; the end of the session is not recorded", logging.WARNING)
 
     def discard(self) -> None:
-        """Leaves nothing of this recording."""
-        self._stop()
-        self._recorder.discard()
+        """Leaves nothing of this recording, where the disk answers."""
+        if self._stop():
+            self._recorder.discard()
 
     def __enter__(self) -> BackgroundRecorder:
         """Self."""
@@ -118,25 +136,55 @@ class BackgroundRecorder:
         if self._thread is None:
             self._do(call)
             return
-        try:
-            self._calls.put(call, block=always)
-        except Full:
+        if self._calls.qsize() >= WAITING + always * RESERVE:
             self.lost += 1
+        else:
+            self._calls.put(call)
 
-    def _stop(self) -> None:
+    def _stop(self) -> bool:
+        """Whether the recorder is free again: its thread has done all that was given."""
         if self._thread is not None:
             self._calls.put(None)
-            self._thread.join()
+            if not self._joined(self._thread):
+                self.trouble = (
+                    f"the disk under {self._recorder.path} has not answered for {1e-9 * PATIENCE_NS:g} s: "
+                    f"the recording lacks {counted(self._calls.qsize() + self.lost, 'part')}; what it held until then "
+                    "can be read"
+                )
+                say_aside(self.trouble, logging.WARNING)
+                return False
             self._thread = None
         if self.lost:
-            say_aside(f"the disk was too slow: {self.lost} parts of the recording are missing", logging.WARNING)
-        for name, count in self._recorder.dropped.items():
-            what = f"{counted(count, 'sample')} of before the first high five are not in the recording"
-            say_aside(f"the LSL stream {name}: the first {what}", logging.WARNING)
+            say_aside(f"the disk was too slow: the recording lacks {counted(self.lost, 'part')}", logging.WARNING)
+            self.lost = 0
+        return True
+
+    def _joined(self, thread: threading.Thread) -> bool:
+        """The thread has ended; not where it does nothing for too long."""
+        done, since = self._done, self._clock.now()
+        while thread.is_alive() and self._clock.now() - since < PATIENCE_NS:
+            thread.join(_LOOK_S)
+            if self._done != done:
+                done, since = self._done, self._clock.now()
+        return not thread.is_alive()
 
     def _run(self) -> None:
-        while (call := self._calls.get()) is not None:
+        since_ns: int | None = None  # when the oldest of what no chunk holds yet was recorded
+        while (call := self._next(since_ns)) is not None:
+            begun_ns = self._clock.now()
             self._do(call)
+            self._done += 1
+            since_ns = None if self._recorder.safe or self.trouble else since_ns or begun_ns
+
+    def _next(self, since_ns: int | None) -> Callable[[], None] | None:
+        """What is to be done next; None where nothing comes any more."""
+        if since_ns is None:
+            return self._calls.get()
+        left_ns = since_ns + SAFE_NS - self._clock.now()
+        try:
+            return self._calls.get(timeout=1e-9 * left_ns) if left_ns > 0 else self._recorder.make_safe
+        except Empty:
+            return self._recorder.make_safe
 
     def _do(self, call: Callable[[], None]) -> None:
         if self.trouble:
@@ -144,6 +192,8 @@ class BackgroundRecorder:
         try:
             call()
         except HighFiveError as error:
+            if self.trouble:  # it hung until now, and that was said
+                return
             self.trouble = str(error)
             say_aside(f"{error}; the session goes on without a recording", logging.WARNING)
 

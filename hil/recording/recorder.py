@@ -22,7 +22,6 @@ from mcap_protobuf.schema import register_schema
 
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.recording import messages, schemas, viewer_messages
-from highfive.hil.recording.early_samples import EarlySamples
 from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
 from highfive.hil.recording.sink import Sink
 from highfive.hil.recording.stream_samples import StreamSamples
@@ -106,9 +105,9 @@ class SessionRecorder:
         self._chunk_start: int | None = None
         self._zero_ns: int | None = None  # of the session's clock, where the recording's has its 0
         self._head: TrialHead | None = None  # of a high five that has not begun yet
-        self._start = self._end = self._count = 0
+        self._start = self._end = self._safe = self._count = 0  # ns, of the recording's clock; ticks
+        self._open = False  # messages wait for the end of their chunk
         self._transforms = viewer_messages.Transforms(settings.arm_name or DEFAULT_ARM)
-        self._early = EarlySamples()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = Sink(self._file)
@@ -183,11 +182,6 @@ class SessionRecorder:
              "marker_set": partner.marker_set.name, "markers": list(tick.markers.names), "host_ns": tick.at_ns,
              "utc": utc},
         )  # fmt: skip
-        for name, count in self._early.dropped.items():
-            detail = f"{name}: the first {count} samples, of before the first high five, are not kept"
-            self._add("/event", now, {"event": "lsl_dropped", "detail": detail})
-        for samples in self._early.taken():
-            self.record_stream(samples)
 
     def record_arm(self, ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> None:
         """What a servo arm did, by the session's clock; after the first tick of the high five."""
@@ -243,9 +237,6 @@ class SessionRecorder:
         Where stamps are of no clock that is known, what they say is kept, and the message is of when it came: a viewer
         shows all topics on one line, and chunks are cut by it.
         """
-        if self._zero_ns is None:
-            self._early.add(samples)
-            return
         topic = f"{schemas.STREAMS}{samples.name}"
         key = f"{topic} {'text' if samples.text else 'numbers'}"
         begins = samples.begins or key not in self._channels  # a stream may have begun in a recording before
@@ -257,23 +248,28 @@ class SessionRecorder:
             message = {"values": row, "stamp": stamp, "time_ns": time_ns, **labels}
             sound = -_ASTRAY.old_ns <= time_ns - samples.came_ns <= _ASTRAY.ahead_ns
             of_ns = time_ns if sound else samples.came_ns
-            self._write(key, max(0, of_ns - self._zero_ns), _as_json(message))
+            self._write(key, 0 if self._zero_ns is None else max(0, of_ns - self._zero_ns), _as_json(message))
             labels = {}
-        self._cut_chunk(samples.came_ns - self._zero_ns)
+        if self._zero_ns is not None:
+            self._cut_chunk(samples.came_ns - self._zero_ns)
 
     def record_log(self, level: str, text: str) -> None:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
         self._add_drawn("/log", self._end, viewer_messages.log(self._end, level, text))
 
     @property
-    def dropped(self) -> Mapping[str, int]:
-        """Samples of other programs' streams that came before the first high five and were too many, by stream."""
-        return self._early.dropped
+    def safe(self) -> bool:
+        """Nothing is still to be written: all that was recorded is in the file."""
+        return not self._open
 
     @property
     def written(self) -> int:
         """Bytes that are in the file."""
         return self._sink.tell()
+
+    def make_safe(self) -> None:
+        """All that was recorded until now is in the file, whatever comes."""
+        self._flush()
 
     def close(self) -> None:
         """Writes the index; without it the file is still readable, only slower to open.
@@ -332,11 +328,15 @@ class SessionRecorder:
             raise self._failure
         with self._writing():
             self._writer.add_message(self._channels[topic], time_ns, data, time_ns, self._count)
+        self._open = True
 
     def _flush(self) -> None:
+        if self._failure:
+            raise self._failure
         self._chunk_start = None
         with self._writing():
             self._writer.flush()
+        self._open, self._safe = False, self._end
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -365,7 +365,7 @@ class SessionRecorder:
             self._file.unlink(missing_ok=True)
         self._failure = HighFiveError(
             f"cannot write the recording {self._file}: {error.strerror or error}; "
-            f"what it holds up to {1e-9 * self._end:.1f} s can be read, make room for the rest"
+            f"what it holds up to {1e-9 * self._safe:.1f} s can be read, make room for the rest"
         )
         return self._failure
 

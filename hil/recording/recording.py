@@ -14,6 +14,7 @@ from highfive.hil.recording import schemas
 from highfive.hil.recording.arrays import message_arrays, message_table
 from highfive.hil.recording.decoding import MARKERS, Decoder, say_what_is_left_out
 from highfive.hil.recording.mcap_file import McapFile
+from highfive.hil.recording.newer_session import tell_of_newer
 from highfive.hil.sim.avatar import Pose
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
@@ -84,6 +85,7 @@ def read_recording(path: Path | str) -> SessionRecording:
             session's are not checked.
     """
     channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in (*schemas.TOPICS, MARKERS)}
+    tell_of_newer(Path(path))
     messages = recorded_messages(Path(path))
     while True:
         try:

@@ -54,6 +54,7 @@ class Replay:
         trials: in order.
         read: gives the ticks of one of them; the last one read is kept.
         pose, tracking, reach: settings of the session.
+        corrected: the hand is corrected where it was; False: nowhere.
         differs: what is not as it was when it was recorded, in words.
         machine: on which it was recorded, :func:`highfive.hil.trials.machine.machine`; None where that is not said.
         ticks, same: so many were compared, and were the same in every bit.
@@ -66,6 +67,7 @@ class Replay:
     pose: PoseSettings
     tracking: FilterSettings
     reach: ReachSettings
+    corrected: bool = True
     differs: list[str] = field(default_factory=list)
     machine: object = None
     ticks: int = 0
@@ -86,14 +88,14 @@ class Replay:
     def inputs(self, number: int, session: Session) -> Iterator[TickInput]:
         """Of the high five with that place in the replay; changes the session's answer where that was changed."""
         trial = self.trials[number]
-        session.set_correct(trial.corrects and session.corrects)
+        session.set_correct(trial.corrects and self.corrected)
         ticks = self.read(trial.span)
         for place, begins in enumerate(ticks.inputs):
             yield begins
             if place in ticks.changes:
                 weights, corrects = ticks.changes[place]
                 session.set_style(weights)
-                session.set_correct(corrects)
+                session.set_correct(corrects and self.corrected)
 
     def check(self, number: int, tick: Tick) -> None:
         """Compares the next tick of a high five with the recorded one."""
@@ -162,7 +164,7 @@ def open_replay(session: SessionReader, model: str, corrected: bool, worn: Marke
         why = f"; {left_out[0]}" if left_out else ""
         raise HighFiveError(f"{path} holds no high five that can be played again to its end{why}")
     differs = _differences(session.settings, model, corrected) + left_out
-    return Replay(found, read, pose, tracking, reach, differs, session.settings.get("machine"))
+    return Replay(found, read, pose, tracking, reach, corrected, differs, session.settings.get("machine"))
 
 
 def _chain(session: SessionReader) -> tuple[PoseSettings, FilterSettings, ReachSettings]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from highfive.hil.recording.arrays import message_arrays, message_table
 from highfive.hil.recording.decoding import ALL, Decoder, say_what_is_left_out
 from highfive.hil.recording.mcap_file import McapFile, Place
+from highfive.hil.recording.newer_session import tell_of_newer
 from highfive.hil.recording.recording import RecordedMessage, check_session, no_session
 from highfive.hil.recording.trial_spans import HEADS, StoredMessage, TrialSpan, high_fives, span_of
 from highfive.model.errors import HighFiveError
@@ -94,6 +95,7 @@ class SessionReader(Sequence[RecordedHighFive]):
             HighFiveError: there is no such file, it holds no session, or it is of a newer version.
         """
         self.path = _one_recording(Path(path))
+        tell_of_newer(self.path)
         self._file, self._malformed, self._said = McapFile(self.path), set[Place](), (0, 0)
         decode = Decoder(("/session",))
         for found in self._file.messages():

@@ -64,18 +64,20 @@ class TrialSpan:
 
 
 def high_fives(messages: Iterable[StoredMessage]) -> Iterator[list[StoredMessage]]:
-    """The messages of each high five, and before them those of none.
+    """The messages of each high five; of the first are those before it, too: nobody knew yet what they would be of.
 
     A high five begins with its ``/trial``, and where that is missing (an older recording, a damaged chunk) with the
     first tick of another number and what was recorded at the same time. All that follows in the file is of it, until
     the next begins.
     """
     found: list[StoredMessage] = []
-    number: int | None = None
+    begun, number = False, None
     for message in messages:
         if message.topic == "/trial":
-            yield found
-            found, number = [], message.number
+            if begun or _has_ticks(found):
+                yield found
+                found = []
+            begun, number = True, message.number
         elif message.topic == "/tick" and message.number is not None:
             if (number is not None and message.number != number) or (number is None and _has_ticks(found)):
                 yield [one for one in found if one.time_ns < message.time_ns]

@@ -133,6 +133,44 @@ def psychometric(answers: Sequence[Answer], level: float) -> Drawing | None:
     return Drawing("psychometric", caption, figure)
 
 
+def timing(result: dict[str, Any]) -> Drawing | None:
+    """Median and quartiles of how palms met, a mark a condition in which somebody acted."""
+    found = {name: one for name, one in (result.get("timing") or {}).items() if "asynchrony_s" in one}
+    if not found:
+        return None
+    panels = [panel for panel in _PANELS if any(panel[0] in one for one in found.values())]
+    figure = new_figure(1.0 + 2.0 * len(panels), 1.3 + 0.35 * len(found))
+    places = np.arange(len(found), 0, -1)
+    for axes, (name, label, scale) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+        for place, one in zip(places, found.values(), strict=True):
+            if name in one:
+                low, middle, high = (scale * one[name][key] for key in ("q1", "median", "q3"))
+                axes.plot([low, high], [place, place], color=INK, lw=1.0)
+                axes.plot(middle, place, "o", color=INK, ms=5)
+        if name == "share_below":
+            axes.axvline(50.0, color=FAINT, lw=0.8, ls=(0, (4, 3)))
+            axes.set_xlim(-4.0, 104.0)
+        axes.set_ylim(0.5, len(found) + 0.5)
+        axes.set_yticks(places, [_text(one.replace("_", " ")) for one in found] if axes.get_subplotspec().is_first_col()
+                        else [""] * len(found))  # fmt: skip
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlabel(label)
+    caption = (
+        "How palms met: median and quartiles over trials. Asynchrony below 0: the person was at the place first. "
+        "Pseudo-pairs: hers with the avatar's of other trials of the same condition, style and cell; 50% is chance."
+    )
+    return Drawing("timing", caption, figure)
+
+
+_PANELS = (
+    ("person_onset_s", "person's onset, s", 1.0),
+    ("asynchrony_s", "asynchrony, ms", 1e3),
+    ("closing_speed", "closing speed, m/s", 1.0),
+    ("share_below", "pseudo-pairs below, %", 100.0),
+)
+"""Figure, what its axis is called, and by what it is multiplied."""
+
+
 def _shares(answers: Sequence[Answer], person: str, condition: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     own = [
         (one.weight, one.agrees)

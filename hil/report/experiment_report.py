@@ -16,6 +16,7 @@ from highfive.hil.experiments.analysis.answers import Answer, tidy_csv
 from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts
 from highfive.hil.report import experiment_figures
 from highfive.hil.report.drawing import Drawing, draw, to_pdf, to_png, to_svg_file
+from highfive.hil.report.experiment_tables import excluded_table, questionnaires_table, ratings_table, times_table
 from highfive.hil.report.page import figures, render, section, table, write_file
 from highfive.hil.report.report import DATA, FIGURES, PAGE
 from highfive.hil.runtime.console import counted
@@ -43,6 +44,7 @@ def write_experiment(
             partial(experiment_figures.effects, result, people),
             partial(experiment_figures.confusions, answers),
             partial(experiment_figures.psychometric, answers, result["level"]),
+            partial(experiment_figures.timing, result),
         ]
     )
     files: dict[Path, bytes] = {}
@@ -68,6 +70,9 @@ def _page(result: dict[str, Any], drawings: Sequence[Drawing], answers: Sequence
         section("Whether interaction helps", figures(drawn, "effects") + _hierarchical(result)),
         section("Confusions", figures(drawn, "confusions") + _emotions(result)),
         section("Psychometric functions", figures(drawn, "psychometric") + _psychometric(result)),
+        section("Timing and synchrony", figures(drawn, "timing") + times_table(result)),
+        section("Ratings", ratings_table(result) + questionnaires_table(result)),
+        section("Not counted", excluded_table(result)),
         section("Files", _files(bool(answers))),
     ]
     return render("High Five: experiment", escape(result["source"]), badges, sections)

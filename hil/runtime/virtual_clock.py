@@ -36,6 +36,7 @@ class VirtualTask:
     Attributes:
         name: for messages.
         error: what ended it, if anything did but its own end or a kill.
+        at_end: is called as it ends, also where it was killed before it began.
     """
 
     def __init__(self, name: str, run: greenlet) -> None:
@@ -48,6 +49,7 @@ class VirtualTask:
         self._killed = False
         self._interrupt: BaseException | None = None
         self.error: BaseException | None = None
+        self.at_end: Callable[[], object] = lambda: None
         self.looks_left = 0
         self._call: Callable[[], object] | None = None
 
@@ -56,8 +58,14 @@ class VirtualTask:
         """It has not ended."""
         return not self.run.dead and not self._killed
 
+    @property
+    def killed(self) -> bool:
+        """It does no more than leave."""
+        return self._killed
+
     def kill(self) -> None:
-        """Ends it where it waits, as SIGKILL does: nothing that it would do on its way out gets through a wait."""
+        """Ends it where it waits, as SIGKILL does: nothing that it would do on its way out gets through a wait, or past
+        a look at the clock."""
         self._killed = True
 
     def interrupt(self, error: BaseException) -> None:
@@ -130,15 +138,24 @@ class VirtualClock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Kills the tasks that are left."""
+        """Kills the tasks that are left; what would interrupt the first meanwhile is raised once they are."""
+        first = self.first
+        interrupt, first._interrupt, first._killed = first._interrupt, None, False
         for task in self._tasks[1:]:
             task.kill()
         while len(self._tasks) > 1:
-            self._wait(None, self._now)
+            try:
+                self._wait(None, self._now)
+            except BaseException as error:  # a signal came upon the first
+                interrupt = interrupt or error
+        if interrupt is not None:
+            raise interrupt
 
     def now(self) -> int:
         """ns"""
         self._now += LOOK_NS
+        if self._running.killed:
+            raise TaskKilled
         if self._running.looks_left:
             self._running.looked()
         return self._now
@@ -193,6 +210,7 @@ class VirtualClock:
             except BaseException as error:  # whoever waits for the task is told
                 task.error = error
             self._tasks.remove(task)
+            task.at_end()
 
         task = VirtualTask(name, greenlet(run, self._after_an_end))
         task.until, task.order = self._now, self._rng.random()

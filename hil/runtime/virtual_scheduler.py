@@ -89,16 +89,13 @@ class StartedTask:
     def __init__(self, clock: VirtualClock, name: str, run: Callable[[], object]) -> None:
         """Started."""
         self._changed, self._ended = VirtualCondition(clock), False
-        self._run = run
-        self.task = clock.start(name, self._call)
+        self.task = clock.start(name, run)
+        self.task.at_end = self._end
 
     def join(self, timeout: float | None = None) -> None:
         """Waits until it has ended, for so many s at most."""
         self._changed.wait_for(lambda: self._ended, timeout)
 
-    def _call(self) -> None:
-        try:
-            self._run()
-        finally:
-            self._ended = True
-            self._changed.notify_all()
+    def _end(self) -> None:
+        self._ended = True
+        self._changed.notify_all()

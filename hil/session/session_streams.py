@@ -35,7 +35,7 @@ class SessionStreams:
 
     Attributes:
         events: what has happened to them so far, in order.
-        paged: clock of what comes through the live page, which tells how far it may be off.
+        paged: clock of the person who comes through a live page: that one tells how far it may be off.
     """
 
     def __init__(self, told: Told = lambda event: None, known: Mapping[str, StreamSettings] | None = None) -> None:
@@ -74,15 +74,17 @@ class SessionStreams:
             self._arm = self.open(ARM, VECTORS)
         self._arm.add(time_ns, joints, time_ns)
 
-    def shown(self, page: int, shown: Shown, bound_ns: int) -> None:
-        """A picture that a page has shown, and how far off its clock may be."""
+    def shown(self, page: int, shown: Shown, bound_ns: int, *, tracks: bool = False) -> None:
+        """A picture that a page has shown, and how far off its clock may be; ``tracks``: of the person's page."""
         if page not in self._pages:
             if len(self._pages) >= PAGES:
                 self.close(self._pages.pop(min(self._pages))[0])
             clock = ToldClock()
             self._pages[page] = self.open(f"page {page}", SHOWN, clock), clock, deque[Shown](maxlen=_PICTURES)
         stream, clock, pictures = self._pages[page]
-        clock.told_ns = self.paged.told_ns = bound_ns
+        clock.told_ns = bound_ns
+        if tracks:
+            self.paged.told_ns = bound_ns
         stream.add(shown.display_ns, shown)
         pictures.append(shown)
 

@@ -148,7 +148,7 @@ class Stream(Generic[Sample]):
         layout = self.kind.layout(value)
         if self._line.newest_ns is not None and layout != self._layout:
             found = stamp_ns if arrival_ns is None else arrival_ns
-            self._told(SyncEvent(Happened.LAYOUT, self.name, found, self._changed(layout)))
+            self._watch.changes(self._changed(layout), found)
             self._line.clear()
         self._layout = layout
         if arrival_ns is not None:
@@ -157,10 +157,11 @@ class Stream(Generic[Sample]):
                 return
             if self._heard is not None:
                 self._heard.update(stamp_ns, arrival_ns)
+            # Before time goes on to there: it never goes back, and one such stamp would take all later ones with it.
+            if self._watch.is_astray(self._clock.local(stamp_ns) - latency_ns - self._settings.latency_ns, arrival_ns):
+                return
             self._follow(stamp_ns, arrival_ns)
         time_ns = self._steady.local(stamp_ns) - latency_ns - self._settings.latency_ns
-        if arrival_ns is not None and self._watch.is_astray(time_ns, arrival_ns):
-            return
         if self._line.add(time_ns, value):
             self._stamp_ns = stamp_ns
 
@@ -184,7 +185,7 @@ class Stream(Generic[Sample]):
         def short(one: object) -> str:
             return f"{len(one)} ({one!r:.40})" if isinstance(one, tuple) else repr(one)  # pyright: ignore[reportUnknownArgumentType]
 
-        return f"{self.name} changed its channels from {short(self._layout)} to {short(layout)}; it begins anew"
+        return f"changed its channels from {short(self._layout)} to {short(layout)}; it begins anew"
 
     @property
     def newest_ns(self) -> int | None:

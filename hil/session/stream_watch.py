@@ -11,6 +11,8 @@ UNITS = {"s": 10**9, "ms": 10**6, "µs": 10**3}
 """What others count in where ns are expected, ns."""
 FINER = {"ms": 10**3, "µs": 10**6, "ns": 10**9}
 """What others count in where s are expected, as LSL does, a second."""
+_REPEATED = {Happened.BACK, Happened.RATE, Happened.LAYOUT, Happened.UNIT, Happened.ASTRAY}
+"""What may alternate from sample to sample."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class WatchSettings(Settings):
     """A stamp so far in the future is of another clock: a pose is for some tens of ms ahead at the most."""
     old_ns: int = setting(10_000_000_000, "ns", above=0)
     """The same of the past."""
+    quiet_ns: int = setting(60_000_000_000, "ns", above=0)
+    """What happens again and again, as where two programs send under one name, is told once in so long, and counted."""
 
 
 class StreamWatch:
@@ -41,6 +45,7 @@ class StreamWatch:
     def __init__(self, name: str, told: Told, settings: WatchSettings, *, held: bool) -> None:
         """Args: ``held``: what comes holds until the next one, so that no rate is expected."""
         self._name, self._told, self._settings, self._regular = name, told, settings, not held
+        self._repeated: dict[Happened, tuple[int, int]] = {}  # when it was told last, and how often it was not since
         self.reset()
 
     def reset(self) -> None:
@@ -56,9 +61,24 @@ class StreamWatch:
         self._arrived_ns, self._stamp_ns = 0, 0  # the newest sample with another stamp than before, whatever it is
 
     def _say(self, happened: Happened, time_ns: int, text: str) -> None:
-        if happened not in self._said:
+        """Once, until it is over."""
+        if happened not in self._said and self._tell(happened, time_ns, text):
             self._said.add(happened)
-            self._told(SyncEvent(happened, self._name, time_ns, f"{self._name} {text}"))
+
+    def _tell(self, happened: Happened, time_ns: int, text: str) -> bool:
+        """Whether it is told now. Of what came again too soon the number is told with the next."""
+        told_ns, again = self._repeated.get(happened, (None, 0))
+        if told_ns is not None and 0 <= time_ns - told_ns < self._settings.quiet_ns and happened in _REPEATED:
+            self._repeated[happened] = told_ns, again + 1
+            return False
+        self._repeated[happened] = time_ns, 0
+        count = f" ({again} times more since that was told last)" if again else ""
+        self._told(SyncEvent(happened, self._name, time_ns, f"{self._name} {text}{count}"))
+        return True
+
+    def changes(self, text: str, time_ns: int) -> None:
+        """It has other channels from now on; ``text`` says which."""
+        self._tell(Happened.LAYOUT, time_ns, text)
 
     def runs_astray(self, stamp_ns: int, arrival_ns: int) -> bool:
         """Whether the stamps count in another unit: such samples are of no use. Looks at the rate, too."""
@@ -73,7 +93,7 @@ class StreamWatch:
         elapsed, passed = stamp_ns - self._window[0], arrival_ns - self._window[1]
         if passed >= self._settings.window_ns:
             self._look_at_unit(elapsed, passed, arrival_ns)
-            if not self._unit and elapsed > 0:
+            if not self._unit and 0.5 * passed < elapsed < 2.0 * passed:  # else stamps leapt: that is no rate
                 self._look_at_rate(1e9 * self._count / elapsed, arrival_ns)
             self._window, self._count = (stamp_ns, arrival_ns), 0
         return bool(self._unit)
@@ -98,7 +118,7 @@ class StreamWatch:
             self.period_ns = round(1e9 / rate_hz)
         if self._other >= 2:
             text = f"changed its rate from {self._rate_hz:.3g} to {rate_hz:.3g} Hz"
-            self._told(SyncEvent(Happened.RATE, self._name, now_ns, f"{self._name} {text}"))
+            self._tell(Happened.RATE, now_ns, text)
             self._rate_hz, self._other, self.period_ns = rate_hz, 0, round(1e9 / rate_hz)
 
     def stays_back(self, stamp_ns: int, newest_ns: int, arrival_ns: int) -> bool:
@@ -136,4 +156,4 @@ class StreamWatch:
             self._say(Happened.STOPPED, time_ns, f"has stopped: nothing for {1e-6 * silent_ns:.0f} ms")
         elif Happened.STOPPED in self._said:
             self._said.discard(Happened.STOPPED)
-            self._told(SyncEvent(Happened.RESUMED, self._name, time_ns, f"{self._name} has resumed"))
+            self._tell(Happened.RESUMED, time_ns, "has resumed")

@@ -183,7 +183,8 @@ class LivePage:
         elif message["kind"] == "said":
             self._said.append(message["line"])
         elif message["kind"] == "shown":
-            self._shown.extend(page_shown(message["page"], message["bound_ms"], message["pictures"]))
+            told = (message[name] for name in ("page", "bound_ms", "pictures", "tracks"))
+            self._shown.extend(page_shown(*told))
 
     def _note_all(self) -> None:
         for message in self._take():

@@ -25,11 +25,13 @@ class PageShown:
         page: number of the page, counted by the server as they come.
         shown: the picture; its times are of this computer's monotonic clock as the page knows it.
         bound_ns: how far the page's clock may be off: half of the least round trip of its questions for the time.
+        tracks: its camera or headset is the one that is tracked.
     """
 
     page: int
     shown: Shown
     bound_ns: int
+    tracks: bool = False
 
 
 def parse_shown(message: str) -> tuple[float, list[list[float]]] | None:
@@ -61,9 +63,10 @@ def _is_number(value: object, low: float, high: float) -> bool:
     return low <= value <= high and math.isfinite(value)
 
 
-def page_shown(page: int, bound_ms: float, pictures: Sequence[Sequence[float]]) -> list[PageShown]:
+def page_shown(page: int, bound_ms: float, pictures: Sequence[Sequence[float]], tracks: bool) -> list[PageShown]:
     """The pictures of a message as values."""
-    return [
-        PageShown(page, Shown(int(number), round(1e6 * pose), round(1e6 * seen), int(dropped)), round(1e6 * bound_ms))
+    shown = (
+        Shown(int(number), round(1e6 * pose), round(1e6 * seen), int(dropped))
         for number, pose, seen, dropped in pictures
-    ]
+    )
+    return [PageShown(page, one, round(1e6 * bound_ms), tracks) for one in shown]

@@ -337,7 +337,8 @@ class _Server:
             return True
         shown = parse_shown(message)
         if shown is not None and (long or page.shown.takes(MACHINE.now())):
-            text = encode_text("shown", page=page.number, bound_ms=shown[0], pictures=shown[1])
+            tracks = page is self._camera or page.number == self._worn.page
+            text = encode_text("shown", page=page.number, bound_ms=shown[0], pictures=shown[1], tracks=tracks)
             self._mailbox.put_newest(text.encode())
         return long or shown is not None
 

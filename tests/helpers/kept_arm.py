@@ -24,6 +24,8 @@ def kept_arm() -> ArmCalibration:
             play=0.0,
             length=rng.normal(0.0, 0.0007, 3),
             tilt=rng.normal(0.0, 0.003, 3),
+            friction=0.25,
+            shadow=0.003 if name == "elbow" else None,
         )
         for name in find_arm().names
     }

@@ -5,14 +5,18 @@ None of them drives a joint; ``release`` lets the arm fall.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from highfive.calibration.arm_file import ArmCalibration, load_arm
 from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_files import rig_file as own_rig
+from highfive.hil.arm.calibrated import calibration_troubles, known_rig
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.drivers.bus.control_table import to_si
 from highfive.hil.drivers.bus.joint_bus import JointBus
@@ -121,15 +125,27 @@ def opened(port: str, rig: Rig, wiring: Wiring = MACHINE_WIRING) -> Iterator[Ser
         bus.close()
 
 
-def check(port: str, rig_file: Path | None, wiring: Wiring = MACHINE_WIRING, arm: str = DEFAULT_ARM) -> dict[str, Any]:
+def check(
+    port: str,
+    rig_file: Path | None,
+    wiring: Wiring = MACHINE_WIRING,
+    arm: str = DEFAULT_ARM,
+    calibration: Path | None = None,
+) -> dict[str, Any]:
     """Everything that the rig's servos hold, against what it wants; ``ready`` says whether they may be used.
 
-    The rig is the ``arm``'s own unless another file is named.
+    The rig is the ``arm``'s own unless another file is named, the calibration the rig's.
 
     Raises:
-        HighFiveError: the rig's file or the port cannot be used.
+        HighFiveError: the rig's file, the calibration or the port cannot be used.
     """
-    rig = load_rig(rig_file or own_rig(find_arm(arm)))
+    folder = find_arm(arm)
+    rig = load_rig(rig_file or own_rig(folder))
+    file, found, told = calibration or rig.calibration, None, []
+    if file is not None:
+        found = load_arm(file)
+        if not (told := calibration_troubles(found, rig, folder, datetime.now(UTC))):
+            rig = known_rig(rig, found)
     with opened(port, rig, wiring) as bus:
         slow = too_slow(port)
         troubles = missing_servos(bus, rig)
@@ -139,7 +155,8 @@ def check(port: str, rig_file: Path | None, wiring: Wiring = MACHINE_WIRING, arm
             wrong = differences(bus, rig)
             servos = [_health(bus, rig, servo) for servo in rig.servos]
             if not wrong:
-                troubles = shadow_gaps(bus, rig, limits_of(find_arm(arm)).servo.shadow_rest)
+                troubles = shadow_gaps(bus, rig, limits_of(folder).servo.shadow_rest)
+        troubles += told
         troubles += [
             f"servo {row['id']} ({row['joint']}): {', '.join(row['errors'])}" for row in servos if row["errors"]
         ] + ([slow] if slow else [])
@@ -150,6 +167,22 @@ def check(port: str, rig_file: Path | None, wiring: Wiring = MACHINE_WIRING, arm
         "troubles": troubles,
         "differences": [vars(one) for one in wrong],
         "servos": servos,
+        "calibration": None if found is None else _calibrated(found),
+    }
+
+
+def _calibrated(found: ArmCalibration) -> dict[str, Any]:
+    return {
+        "file": str(found.registration.path),
+        "date": found.registration.date.isoformat(),
+        "joints": {
+            name: {
+                "zero_deg": round(math.degrees(joint.zero), 2),
+                "play_deg": round(math.degrees(joint.play), 2),
+                "friction_Nm": None if joint.friction is None else round(joint.friction, 3),
+            }
+            for name, joint in found.joints.items()
+        },
     }
 
 
@@ -236,6 +269,9 @@ def print_check(result: dict[str, Any]) -> None:
             f"  ID {row['id']:<3}{row['joint']:<14}{row['model']}  {row['temperature_C']:.0f} °C  "
             f"{row['voltage_V']:.1f} V  torque {torque}"
         )
+    if (of := result["calibration"]) is not None:
+        zeros = ", ".join(f"{name} {joint['zero_deg']:.2f}°" for name, joint in of["joints"].items())
+        print(f"  zeros of {of['file']} ({of['date'][:10]}): {zeros}")
 
 
 def print_configured(result: dict[str, Any]) -> None:

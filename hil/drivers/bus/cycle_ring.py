@@ -17,8 +17,8 @@ import numpy as np
 
 from highfive.hil.drivers.values import JointCommand, JointHealth, JointState
 
-ROWS = 1024
-"""Cycles that the ring holds: eight seconds."""
+ROWS = 8192
+"""Cycles that the ring holds: a minute. A host that stands still for longer has lost the first of them."""
 
 LOCKED_S = 1e-3
 """So long a side waits for the other to have read or written, s; then it goes on without."""
@@ -173,8 +173,9 @@ class CycleRing:
     @contextmanager
     def _locked(self) -> Iterator[bool]:
         """Whether the lock was had."""
-        had = self._lock.acquire(timeout=LOCKED_S)
+        had = False
         try:
+            had = self._lock.acquire(timeout=LOCKED_S)
             yield had
         finally:
             if had:

@@ -58,6 +58,8 @@ class RigJoint:
         position_p_gain: raw; the stiffer, the less the joint lags and sags.
         astray: rad, by which the joint is further than its servo's count says: its calibrated zero. The servos know
             nothing of it, so it is no part of what tells one arm from another (``repr``).
+        gap: rad, by which its shadow says less than its servo where nothing moved since it was calibrated; neither is
+            this.
     """
 
     name: str
@@ -72,6 +74,7 @@ class RigJoint:
     current_limit: float
     position_p_gain: int
     astray: float = field(default=0.0, repr=False)
+    gap: float = field(default=0.0, repr=False)
 
     @property
     def ids(self) -> tuple[int, ...]:

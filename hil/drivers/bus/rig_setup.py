@@ -90,24 +90,41 @@ def read_back(bus: ServoBus, rig: Rig, between: Callable[[], None]) -> dict[int,
     return held
 
 
-def shadow_gaps(bus: ServoBus, rig: Rig, most: float) -> list[str]:
-    """A line for every joint whose two servos stand more than ``most`` rad apart: switched on, they would push against
-    each other.
+def shadow_counts(bus: ServoBus, rig: Rig) -> dict[str, int]:
+    """By how many counts each joint's second servo says less than its first: by the joint's name, those that have one.
 
     Raises:
         NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
     """
-    lines = []
+    found = {}
     for joint in rig.joints:
-        if joint.shadow_id is None:
-            continue
-        before, second, after = (bus.read(servo, "present_position") for servo in (*joint.ids, joint.id))
-        gap = round((before + after) / 2) - second  # a limp arm may still be falling
+        if joint.shadow_id is not None:
+            before, second, after = (bus.read(servo, "present_position") for servo in (*joint.ids, joint.id))
+            found[joint.name] = round((before + after) / 2) - second  # a limp arm may still be falling
+    return found
+
+
+def shadow_gaps(bus: ServoBus, rig: Rig, most: float) -> list[str]:
+    """A line for every joint whose two servos stand more than ``most`` rad apart: switched on, they would push against
+    each other; or more than that otherwise than when they were calibrated.
+
+    Raises:
+        NoAnswer, ServoError, PortError: a servo does not answer, or refuses.
+    """
+    lines, joints = [], {joint.name: joint for joint in rig.joints}
+    for name, gap in shadow_counts(bus, rig).items():
+        joint = joints[name]
         if abs(gap) * math.tau / COUNTS > most:
             lines.append(
-                f"{joint.name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart, at most "
+                f"{name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart, at most "
                 f"{int(most * COUNTS / math.tau)}: has a horn slipped? if not, write shadow_offset = "
                 f"{joint.shadow_offset + gap} into the rig's file, and highfive rig configure"
+            )
+        elif abs(gap * math.tau / COUNTS - joint.gap) > most:
+            lines.append(
+                f"{name}: servos {joint.id} and {joint.shadow_id} stand {gap} counts apart, "
+                f"{round(joint.gap * COUNTS / math.tau)} when they were calibrated: a horn has slipped; put it right, "
+                "and highfive calibrate servos"
             )
     return lines
 

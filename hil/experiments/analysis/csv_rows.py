@@ -57,6 +57,21 @@ class CsvRow:
             raise self.error(f"{column} is {text!r}; expected a number from 0 to 1")
         return value
 
+    def number(self, column: str, low: float, high: float) -> float:
+        """A cell's number from ``low`` to ``high``.
+
+        Raises:
+            HighFiveError: it is none.
+        """
+        text = self.text(column)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise self.error(f"{column} is {text!r}; expected a number from {low:g} to {high:g}")
+        return value
+
     def error(self, what: str) -> HighFiveError:
         """An error that names the place."""
         return HighFiveError(f"{self.path}, line {self.line}: {what}")

@@ -26,6 +26,8 @@ class SynchronySettings(Settings):
     """Length of a window: of 0.5 to 1 s, the smaller."""
     lag: float = setting(0.3, "s", least=0.0)
     """Most that one may be behind the other: a reaction's time."""
+    most: int = setting(40, least=1)
+    """Pseudo-pairs of a pair; of more, as many evenly spread over them: a share to ± .08 is enough of one trial."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,9 @@ def against_pseudo_pairs(
         if not others:
             found.append(None)
             continue
-        pair = synchrony(one, its, rate_hz, settings)
+        pair, most = synchrony(one, its, rate_hz, settings), (settings or SynchronySettings()).most
+        if len(others) > most:
+            others = [others[place] for place in np.linspace(0, len(others) - 1, most).round().astype(int)]
         heights = np.array([synchrony(one, other, rate_hz, settings).height for other in others])
         below = np.mean(heights < pair.height) + 0.5 * np.mean(heights == pair.height)
         found.append(AgainstPseudoPairs(pair, float(heights.mean()), len(others), float(below)))

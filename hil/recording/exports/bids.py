@@ -27,15 +27,27 @@ from highfive.model.geometry.rotations import Array
 
 VERSION = "1.10.0"
 """Of the specification."""
-TASK = "highfive"
 NO_DATE = datetime(1900, 1, 1)
 SIMULATED = "The person is simulated: nobody took part."
 SOME_SIMULATED = "In some runs the person is simulated; their motion.json says so (Simulated)."
+SYSTEMS = ("person", "avatar")
+"""Tracking systems of a run."""
 _SUBJECT = "sub-01"
 _WORLD, _PARENT = "world", "parent"
 _DESCRIPTION = (
     "A person raises the right hand, and an avatar, or a servo arm, meets it with its own in an emotional style."
 )
+
+
+@dataclass(frozen=True)
+class Task:
+    """What people did: its label in file names, letters and digits alone, and in words."""
+
+    label: str
+    description: str
+
+
+TASK = Task("highfive", _DESCRIPTION)
 
 
 @dataclass(frozen=True)
@@ -59,27 +71,27 @@ def bids_files(trials: Sequence[ExportTrial], source: str) -> list[ExportFile]:
     species = "n/a" if simulated == {True} else "homo sapiens"
     people = [("participant_id", "species", "simulated"), (_SUBJECT, species, which)]
     files = [
-        of_bytes("dataset_description.json", partial(_json, _dataset(source, said))),
+        of_bytes("dataset_description.json", partial(json_bytes, _dataset(source, said))),
         of_bytes("README.md", partial(_readme, source, said)),
-        of_bytes("participants.tsv", partial(_tsv, people)),
-        of_bytes("participants.json", partial(_json, _PARTICIPANTS)),
+        of_bytes("participants.tsv", partial(tsv_bytes, people)),
+        of_bytes("participants.json", partial(json_bytes, PARTICIPANTS)),
     ]
     scans = []
     numbers = [trial.span.number for trial in trials]
     runs = numbers if len(set(numbers)) == len(numbers) else range(len(trials))  # some were broken off
     for trial, number in zip(trials, runs, strict=True):
-        run = f"{_SUBJECT}_task-{TASK}_%srun-{number + 1:02d}"
+        run = f"{_SUBJECT}_task-{TASK.label}_%srun-{number + 1:02d}"
         folder = f"{_SUBJECT}/motion"
-        for system, channels_of in (("person", person_channels), ("avatar", avatar_channels)):
+        for system in SYSTEMS:
             name = run % f"tracksys-{system}_"
-            files += _motion_files(f"{folder}/{name}", trial, system, channels_of)
+            files += motion_files(f"{folder}/{name}", trial, system, TASK)
             scans.append((f"motion/{name}_motion.tsv", 1e-9 * trial.span.start_ns))
         files += [
             of_bytes(f"{folder}/{run % ''}_events.tsv", partial(_events, trial)),
-            of_bytes(f"{folder}/{run % ''}_events.json", partial(_json, _EVENTS)),
+            of_bytes(f"{folder}/{run % ''}_events.json", partial(json_bytes, _EVENTS)),
         ]
-    scan_rows = [("filename", "acq_time"), *((name, _date(start)) for name, start in scans)]
-    return [*files, of_bytes(f"{_SUBJECT}/{_SUBJECT}_scans.tsv", partial(_tsv, scan_rows))]
+    scan_rows = [("filename", "acq_time"), *((name, dateless(start)) for name, start in scans)]
+    return [*files, of_bytes(f"{_SUBJECT}/{_SUBJECT}_scans.tsv", partial(tsv_bytes, scan_rows))]
 
 
 def person_channels(trial: TrialArrays) -> list[Channel]:
@@ -118,18 +130,20 @@ def _latency(trial: TrialArrays) -> Channel:
     return Channel("latency", "n/a", "LATENCY", "n/a", "s", "n/a", trial.times - trial.times[0])
 
 
-def _motion_files(
-    name: str, trial: ExportTrial, system: str, channels_of: Callable[[TrialArrays], list[Channel]]
-) -> list[ExportFile]:
+def motion_files(name: str, trial: ExportTrial, system: str, task: Task) -> list[ExportFile]:
+    """The four files of one of the :data:`SYSTEMS` in one run; ``name`` is what theirs begin with."""
+    channels_of = {"person": person_channels, "avatar": avatar_channels}[system]
     return [
         of_bytes(f"{name}_motion.tsv", lambda: _rows(channels_of(trial.load())), trial.span.ticks),
-        of_bytes(f"{name}_motion.json", lambda: _json(_motion(trial.load(), system, channels_of))),
+        of_bytes(f"{name}_motion.json", lambda: json_bytes(_motion(trial.load(), system, task, channels_of))),
         of_bytes(f"{name}_channels.tsv", lambda: _channels(channels_of(trial.load()))),
-        of_bytes(f"{name}_channels.json", partial(_json, _FRAMES)),
+        of_bytes(f"{name}_channels.json", partial(json_bytes, _FRAMES)),
     ]
 
 
-def _motion(trial: TrialArrays, system: str, channels_of: Callable[[TrialArrays], list[Channel]]) -> dict[str, Any]:
+def _motion(
+    trial: TrialArrays, system: str, task: Task, channels_of: Callable[[TrialArrays], list[Channel]]
+) -> dict[str, Any]:
     channels = channels_of(trial)
     simulated = trial.span.about.get("simulated") is True
     kinds = [channel.kind for channel in channels]
@@ -137,8 +151,8 @@ def _motion(trial: TrialArrays, system: str, channels_of: Callable[[TrialArrays]
     nominal = round(1.0 / float(np.median(steps)), 3) if len(steps) else 120.0
     effective = float(1.0 / steps.mean()) if len(steps) else nominal
     return {
-        "TaskName": TASK,
-        "TaskDescription": f"{_DESCRIPTION} {SIMULATED}" if simulated else _DESCRIPTION,
+        "TaskName": task.label,
+        "TaskDescription": f"{task.description} {SIMULATED}" if simulated else task.description,
         "Simulated": simulated,
         "TrackingSystemName": system,
         "Manufacturer": "High Five",
@@ -162,41 +176,50 @@ def _rows(channels: Sequence[Channel]) -> bytes:
 
 def _channels(channels: Sequence[Channel]) -> bytes:
     head = ("name", "component", "type", "tracked_point", "units", "reference_frame")
-    return _tsv([head, *((c.name, c.component, c.kind, c.point, c.units, c.frame) for c in channels)])
+    return tsv_bytes([head, *((c.name, c.component, c.kind, c.point, c.units, c.frame) for c in channels)])
 
 
 def _events(of: ExportTrial) -> bytes:
     trial, (row,) = of.load(), contact_rows([of.span])
-    more = [_cell(row[name]) for name in _MORE]
+    more = [cell_text(row[name]) for name in _MORE]
     events = [("0", f"{trial.times[-1] - trial.times[0]:.6f}", "high_five", *more)]
     if row["met_time"] is not None:
         events.append((f"{row['met_time']:.6f}", "0", "contact", *more))
-    return _tsv([("onset", "duration", "trial_type", *_MORE), *events])
+    return tsv_bytes([("onset", "duration", "trial_type", *_MORE), *events])
 
 
-def _cell(value: Any) -> str:
+def cell_text(value: Any) -> str:
+    """Of a value in a table: ``n/a`` of nothing, 1 and 0 of yes and no."""
     if isinstance(value, float):
         return f"{value:.6g}"
     return "n/a" if value is None or value == "" else str(int(value)) if isinstance(value, bool) else str(value)
 
 
-def _date(start_s: float) -> str:
+def dateless(start_s: float) -> str:
+    """A time of which the date was taken out: s after 1 January 1900."""
     return (NO_DATE + timedelta(seconds=float(start_s))).isoformat(timespec="microseconds")
 
 
-def _tsv(rows: Iterable[Sequence[str]]) -> bytes:
+def tsv_bytes(rows: Iterable[Sequence[str]]) -> bytes:
+    """A table, the first row its head."""
     return "".join(
         "\t".join(cell.replace("\t", " ").replace("\n", " ") for cell in row) + "\n" for row in rows
     ).encode()
 
 
-def _json(value: Mapping[str, Any]) -> bytes:
+def json_bytes(value: Mapping[str, Any]) -> bytes:
+    """A JSON file."""
     return (json.dumps(value, indent=2, ensure_ascii=False) + "\n").encode()
 
 
 def _dataset(source: str, said: str) -> dict[str, Any]:
+    return dataset(f"High fives of {source}" + (" (simulated)" if said == SIMULATED else ""), said)
+
+
+def dataset(name: str, said: str) -> dict[str, Any]:
+    """``dataset_description.json``; ``said`` is of who is simulated."""
     return {
-        "Name": f"High fives of {source}" + (" (simulated)" if said == SIMULATED else ""),
+        "Name": name,
         "BIDSVersion": VERSION,
         "DatasetType": "raw",
         "GeneratedBy": [{"Name": "High Five", "Description": f"highfive export --to bids. {said}".rstrip()}],
@@ -234,7 +257,7 @@ _FRAMES = {
         },
     }
 }
-_PARTICIPANTS = {
+PARTICIPANTS = {
     "species": {"Description": "Of who raised the hand; n/a where nobody did."},
     "simulated": {
         "Description": "Whether the person is simulated; n/a where she is in some of the runs.",

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,20 +77,6 @@ def test_what_is_wrong_is_said_before_anything_is_asked(tmp_path: Path, observer
     assert not list(tmp_path.rglob("trials.jsonl"))
 
 
-def test_a_run_whose_page_or_model_cannot_be_had_leaves_no_session(tmp_path: Path, observer: Path) -> None:
-    folder = study(tmp_path, "morph", {"participants = 16": "participants = 1"})
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        for chain, words in (
-            (SimulateOptions(view=PageOptions(port=taken.getsockname()[1], open_browser=False)), "is in use"),
-            (SimulateOptions(view=PageOptions(open_browser=False), model=tmp_path / "none.safetensors"), "none"),
-        ):
-            with pytest.raises(HighFiveError, match=words):
-                run(RunOptions(folder, "P01", simulated=observer, chain=chain), no_bar)
-    assert not list((folder / "participants").glob("P01/session-*"))
-
-
 def test_a_second_start_is_refused_and_resume_asks_nothing_more(tmp_path: Path, observer: Path) -> None:
     folder = study(tmp_path)
     run(options(folder, observer), no_bar)
@@ -146,6 +133,32 @@ def test_what_is_wrong_of_who_hears_it_is_said_in_one_line(
         "--study", folder, "--participant", "P01", "--simulate-participant", observer, "--no-open", *words
     )
     assert not list(folder.rglob("*.mcap"))
+
+
+@pytest.mark.parametrize("refused", ["model", "style", "source", "port"])
+def test_a_run_that_is_refused_leaves_no_session_that_would_have_to_be_resumed(
+    refused: str, tmp_path: Path, observer: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1] if refused == "port" else None
+        chain = SimulateOptions(view=PageOptions(port=port, open_browser=False))
+        changes = {"participants = 12": "participants = 1"}
+        says = "already in use|is taken|in use"
+        if refused == "model":
+            chain, says = replace(chain, model=tmp_path / "absent.safetensors"), "absent.safetensors"
+        if refused == "source":
+            chain, says = replace(chain, source=str(tmp_path / "absent.c3d")), "people take part live"
+        if refused == "style":
+            changes['consent_version = "1"'] = (
+                'consent_version = "1"\nemotions = ["happy", "angry", "sad", "neutral", "bored"]'
+            )
+            changes['name = "happy"'] = 'name = "happy"\nweights = { bored = 1.0 }'
+            says = "shows 'bored'; the model knows"
+        folder = study(tmp_path, "high_five", changes)
+        with pytest.raises(HighFiveError, match=says):
+            run(RunOptions(folder, "P00", simulated=observer, chain=chain), no_bar)
+    assert not list(folder.glob("participants/*/session-*"))
+    assert run(RunOptions(folder, "P00", simulated=observer, dry=True), no_bar)["left"] == 0  # begun, not resumed
 
 
 @pytest.mark.parametrize(

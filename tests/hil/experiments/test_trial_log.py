@@ -288,37 +288,3 @@ def test_what_cannot_be_is_no_row(tipping: Path) -> None:
                 log.finish(wrong)
         log.finish(Outcome(answer="angry"))
     assert len(read_session(tipping, "P01", 1).rows) == 1
-
-
-@pytest.mark.parametrize("resume", [False, True])
-def test_a_run_that_fails_before_its_first_trial_leaves_the_session_as_it_was(tipping: Path, resume: bool) -> None:
-    if resume:
-        with open_log(tipping, head(), resume=False) as log:
-            answer(log, 9)  # inside a block: the next run marks it
-    before = log_path(tipping).read_bytes() if resume else b""
-    with pytest.raises(HighFiveError, match="the port"), open_log(tipping, head(), resume=resume):
-        assert len(log_path(tipping).read_bytes()) > len(before)
-        raise HighFiveError("the port is in use")
-    if resume:
-        assert log_path(tipping).read_bytes() == before
-    else:
-        assert not log_path(tipping).parent.exists()
-    with open_log(tipping, head(), resume=resume) as log:
-        answer(log)
-        assert log.following is None
-
-
-def test_a_run_that_fails_in_its_first_trial_is_in_the_log(tipping: Path) -> None:
-    with pytest.raises(HighFiveError), open_log(tipping, head(), resume=False) as log:
-        log.begin()
-        raise HighFiveError("the source went away")
-    with open_log(tipping, head(), resume=True) as log:
-        assert list(log.content.asks) == [1]
-
-
-def test_what_others_left_in_a_session_that_never_began_stays(tipping: Path) -> None:
-    with pytest.raises(HighFiveError), open_log(tipping, head(), resume=False):
-        kept = log_path(tipping).parent / "recording.mcap"
-        kept.write_bytes(b"something")
-        raise HighFiveError("the port is in use")
-    assert kept.read_bytes() == b"something" and not log_path(tipping).exists()

@@ -3,13 +3,14 @@
 import threading
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 import pytest
 from recorded_trials import ticks_of
 from trial_results import some_results
 
 from highfive.hil.publish import background
 from highfive.hil.publish.background import BackgroundPublisher
-from highfive.hil.publish.publisher import SessionEvent, ShownPicture
+from highfive.hil.publish.publisher import ArmPosture, SessionEvent, ShownPicture
 from highfive.hil.recording.recorded_tick import RecordedTick
 
 
@@ -32,6 +33,9 @@ class Slow:
 
     def shown(self, picture: ShownPicture) -> None:
         self._take(picture.shown.frame)
+
+    def arm(self, posture: ArmPosture) -> None:
+        self._take(posture.time_ns)
 
     def close(self) -> None:
         self.heard.append("closed")
@@ -82,6 +86,22 @@ def test_of_too_many_the_oldest_ticks_are_left_out_but_no_event(
     assert [x for x in slow.heard if isinstance(x, str)] == [*(f"event {n}" for n in range(1, 8)), "closed"]
     assert slow.heard.index("event 4") < slow.heard.index(5) < slow.heard.index("event 5")
     assert publisher.dropped == 4 and "4 ticks were left out" in caplog.text
+
+
+def test_an_arm_comes_in_order_and_waits_for_a_publisher_that_hangs_no_longer_than_ticks_do(
+    tick: RecordedTick, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background, "MOST", 4)
+    slow = Slow(waiting=100)
+    publisher = BackgroundPublisher(slow)
+    publisher.give(at(tick, 0))
+    slow.began.acquire()
+    for number in range(1, 20):
+        publisher.give(at(tick, 2 * number))
+        publisher.give(ArmPosture(2 * number + 1, np.zeros(6)))
+    slow.may.release(1000)
+    publisher.close()
+    assert slow.heard == [0, 2, 3, 4, 5, 6, 7, 8, "closed"]
 
 
 def test_one_that_fails_is_told_of_once_and_closed(tick: RecordedTick, caplog: pytest.LogCaptureFixture) -> None:

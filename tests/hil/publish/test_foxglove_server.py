@@ -18,12 +18,15 @@ from recorded_trials import ticks_of
 from trial_results import some_results
 from websockets.sync.client import connect
 
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
+from highfive.hil.arm_model.servo_arm import mounted
 from highfive.hil.publish.foxglove_server import FoxglovePublisher
-from highfive.hil.publish.publisher import SessionEvent
+from highfive.hil.publish.publisher import ArmPosture, SessionEvent
 from highfive.model.errors import HighFiveError
 
 HERE = find_spec("foxglove") is not None
 installed = pytest.mark.skipif(not HERE, reason="foxglove-sdk (extra foxglove) is not installed")
+ARM = mounted(find_arm(DEFAULT_ARM))
 KINDS = {"/tf": FrameTransforms, "/markers": PointCloud, "/skeleton": SceneUpdate, "/log": Log}
 
 
@@ -31,6 +34,13 @@ KINDS = {"/tf": FrameTransforms, "/markers": PointCloud, "/skeleton": SceneUpdat
 def test_without_the_package_one_line_says_what_to_install() -> None:
     with pytest.raises(HighFiveError, match=r"pip install 'high-five\[foxglove\]'"):
         FoxglovePublisher(0)
+
+
+def check_arm(at: int, content: bytes) -> None:
+    bodies = {one.child_frame_id: one for one in FrameTransforms.FromString(content).transforms}
+    assert at == 6 and len(bodies) > 6 and all(name.startswith("arm/") for name in bodies)
+    plate, place = bodies["arm/plate"].translation, ARM.points(ARM.ready)[0][0]
+    assert (plate.x, plate.y, plate.z) == pytest.approx(tuple(place), abs=1e-5)
 
 
 @installed
@@ -77,10 +87,12 @@ def test_a_viewer_gets_the_messages_of_a_recording() -> None:
             publisher.tick(tick)
             while not found["/markers"] or found["/markers"][-1][0] != tick.at_ns:
                 take(link.recv(20.0))
+        publisher.arm(ArmPosture(6, ARM.ready))
         publisher.event(SessionEvent("contact", 7, {"trial": 3, "detail": None}))
         while not found["/log"] or found["/log"][-1][0] != 7:
             take(link.recv(20.0))
     publisher.close()
+    check_arm(*found["/tf"].pop())
     for topic, every in (("/markers", 1), ("/tf", 4), ("/skeleton", 4)):
         assert [at for at, _ in found[topic]] == [tick.at_ns for tick in ticks[::every]]
     places = FrameTransforms.FromString(found["/tf"][2][1])

@@ -141,6 +141,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing_before_it(result, tmp_path):
     recorder.close()
     recording = read_recording(path)
     assert 0 < len(recording.channels["/avatar"]) < len(result.times)
+    assert f"up to {1e-9 * recording.channels['/tick'][-1].time_ns:.1f} s can be read" in str(error.value)
     assert not recording.complete
 
 

@@ -13,6 +13,8 @@ from trial_results import some_results
 
 from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.live_people import BEFORE_S, System, frames_of, here, parts, people
+from highfive.hil.commands.replay_session import replay_of
+from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.recording.recorded_tick import recorded_tick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.recording.recording import SessionRecording, read_recording
@@ -97,6 +99,62 @@ def test_a_live_session_is_played_again_to_the_last_bit(recorded: Path, person: 
     assert len({tick.time_ns for tick in ticks}) == len(ticks)
 
 
+def recorded_twice(path: Path, person: Partner, corrects: bool, off_in: int | None = None) -> Path:
+    """Two high fives; in tick 100 of that one the correction is turned off, and on again before the next."""
+    session = session_of(person)
+    settings = SessionSettings(seed=1, model=MODEL, trials=2, corrected=corrects)
+    with SessionRecorder(path, settings, session.chain) as recorder:
+        for number in range(2):
+            session.set_correct(corrects)
+            recorder.begin_trial(TrialHead(number, person, "happy", session.weights, session.corrects))
+            count = 0
+
+            def keep(begins: TickInput, tick: Tick, state: PlayState, tick_ms: float, number: int = number) -> None:
+                nonlocal count
+                recorder.record_tick(recorded_tick(begins, tick, state.pose, tick_ms))
+                count += 1
+                if count == 100 and number == off_in:
+                    session.set_correct(False)
+                    recorder.record_event(
+                        "answer_changed", begins.at_ns, trial=number, weights=dict(session.weights), corrects=False
+                    )
+
+            recorder.end_trial(run_trial(number, person, session, KinematicPlayOut(parts()[1]), keep=keep))
+    return path
+
+
+def both_again(path: Path, person: Partner, corrected: bool) -> Replay:
+    """Played again by a session that does not correct of itself where that is asked for."""
+    replay = open_replay(read_session(path), MODEL, corrected, None)
+    session = session_of(person, replay)
+    session.set_correct(corrected)
+    for number, partner in enumerate(replay.partners(None)):
+        run_trial(
+            number, partner, session, KinematicPlayOut(parts()[1]), replay.inputs(number, session),
+            keep=lambda begins, tick, state, tick_ms, number=number: replay.check(number, tick),
+        )  # fmt: skip
+    return replay
+
+
+def test_a_session_without_correction_is_played_again_to_the_last_bit(person: Partner, tmp_path: Path) -> None:
+    without = both_again(recorded_twice(tmp_path / "without.mcap", person, False), person, True)
+    assert without.same == without.ticks > 400 and without.differs == []
+    with_it = recorded_twice(tmp_path / "with.mcap", person, True)
+    assert (again := both_again(with_it, person, True)).same == again.ticks
+    never = both_again(with_it, person, False)
+    assert never.same < never.ticks and never.differs == ["correction on then, off now"]
+
+
+def test_a_correction_that_was_turned_off_in_one_high_five_is_not_off_in_the_next(
+    person: Partner, tmp_path: Path
+) -> None:
+    path = recorded_twice(tmp_path / "off.mcap", person, True, off_in=0)
+    replay = both_again(path, person, True)
+    assert replay.same == replay.ticks > 400
+    never = both_again(path, person, False)
+    assert never.first is not None and never.first[0] == 0
+
+
 def test_a_micrometre_in_one_frame_is_found(recorded: Path, person: Partner) -> None:
     recording = read_recording(recorded)
     frames = list(recording.channels["/frame"])
@@ -116,6 +174,19 @@ def test_what_is_not_as_it_was_is_said(recorded: Path) -> None:
     differs = open_replay(read_session(written(recording)), "another", False, None).differs
     assert differs[:2] == [f"model {MODEL} then, another now", "correction on then, off now"]
     assert [line for line in differs if line.startswith("numpy 1.0 then")]
+
+
+def test_a_recording_without_an_end_is_said_to_be_one(
+    recorded: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[: int(0.7 * recorded.stat().st_size)])
+    for path in (recorded, cut):
+        replay = replay_of(SimulateOptions(source=str(path)), MODEL)
+        assert len(replay.trials) == 1
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{cut} has no end: its last high five is played as far as it was recorded"
+    ]
 
 
 def changed(recording: SessionRecording, topic: str, change: Callable[[dict], dict]) -> SessionRecording:

@@ -44,6 +44,7 @@ FILES = {
     "calibrate subject --out": ["calibrate", "subject", "absent.c3d"],
     "calibrate headset --out": ["calibrate", "headset", "--source", "vicon://127.0.0.1:9"],
     "calibrate latency --out": ["calibrate", "latency", "/dev/ttyUSB99", "--arm"],
+    "calibrate servos --out": ["calibrate", "servos", "/dev/ttyUSB99", "--source", "vicon://127.0.0.1:9", "--arm"],
     "calibrate extrinsics --out": [
         *("calibrate", "extrinsics", "absent", "--source", "vicon://127.0.0.1:9", "--plate", "absent.toml")
     ],
@@ -53,7 +54,7 @@ FILES = {
 }
 ENDINGS = {
     "train --out": ".safetensors", "calibrate subject --out": ".toml", "calibrate headset --out": ".toml",
-    "calibrate extrinsics --out": ".toml", "calibrate latency --out": ".toml",
+    "calibrate extrinsics --out": ".toml", "calibrate latency --out": ".toml", "calibrate servos --out": ".toml",
     "stream --record": ".c3d",
 }  # fmt: skip
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.
@@ -68,6 +69,8 @@ READ = {
     *("rig play session", "rig play --limits", "rig play --estop", "export session", "import files"),
     *("simulate --headset", "simulate --latencies", "calibrate event recording"),
     *("calibrate extrinsics --plate", "calibrate extrinsics --limits", "calibrate extrinsics --rig-file"),
+    *("calibrate servos --calibration", "calibrate servos --limits", "calibrate servos --rig-file"),
+    *("calibrate servos --estop", "rig check --calibration"),
     *("calibrate latency --calibration", "calibrate latency --limits", "calibrate latency --rig-file"),
     *(
         "calibrate latency --estop",
@@ -76,7 +79,12 @@ READ = {
         "experiment analyse --trials",
     ),
     *("experiment plan file", "experiment forget --study", "experiment run --simulate-participant"),
-    *("experiment analyse study", "experiment power file", "rig play --calibration"),
+    *(
+        "experiment analyse --questionnaire",
+        "experiment analyse study",
+        "experiment power file",
+        "rig play --calibration",
+    ),
 }
 # A folder or a file, as the format has it, or given by what is read: tested where the command is.
 ELSEWHERE = {

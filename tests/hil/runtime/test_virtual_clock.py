@@ -186,3 +186,39 @@ def test_what_a_signal_raises_is_raised_in_the_first_task_whichever_it_comes_upo
             signal.raise_signal(signal.SIGINT)  # upon the first task itself
     assert other == ["went on"]
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_killed_task_gets_no_further_than_its_next_look_at_the_clock(clock: VirtualClock) -> None:
+    looks = 0
+
+    def run() -> None:
+        nonlocal looks
+        try:
+            clock.wait_until(clock.now() + 10 * MS)
+        finally:
+            while True:
+                clock.now()
+                looks += 1
+
+    task = clock.start("polls on its way out", run)
+    clock.spend(MS)
+    task.kill()
+    clock.spend(MS)
+    assert looks == 0 and not task.alive
+
+
+def test_an_interrupt_that_comes_at_the_end_is_raised_once_nothing_runs_any_more() -> None:
+    left = []
+
+    def run(clock: VirtualClock) -> None:
+        try:
+            clock.wait_until(clock.now() + 1000 * MS)
+        finally:
+            left.append(clock)
+
+    with pytest.raises(KeyboardInterrupt), VirtualClock() as clock:
+        for number in range(3):
+            clock.start(str(number), lambda: run(clock))
+        clock.spend(MS)
+        clock.first.interrupt(KeyboardInterrupt())
+    assert len(left) == 3

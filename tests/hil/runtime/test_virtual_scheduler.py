@@ -49,3 +49,16 @@ def test_the_end_of_a_task_is_waited_for() -> None:
         assert clock.now() == pytest.approx(START_NS + 30 * MS, abs=LOOKS_NS)
         task.join(1.0)
         assert clock.now() == pytest.approx(START_NS + 30 * MS, abs=2 * LOOKS_NS)
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_task_that_is_killed_has_ended(begun: bool) -> None:
+    with VirtualClock() as clock:
+        scheduler = VirtualScheduler(clock)
+        started = scheduler.start("killed", lambda: clock.wait_until(clock.now() + 10**9))
+        if begun:
+            clock.spend(1000)
+        started.task.kill()
+        before = clock.now()
+        started.join(5.0)
+        assert clock.now() - before < 100_000

@@ -13,6 +13,7 @@ from highfive.hil.session.shown import Shown
 from highfive.hil.session.sync_events import Happened, SyncEvent
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import LiveSource
+from highfive.mocap_bridge.sources.stamp_clock import UNKNOWN_NS
 
 MS, S = 1_000_000, 1_000_000_000
 
@@ -65,12 +66,15 @@ def test_an_arm_and_pages_are_asked_for_one_time_and_pages_say_what_they_have_sh
     for page in range(1, PAGES + 3):
         streams.shown(page, Shown(7, 900 * MS, 930 * MS), 3 * MS)
         streams.shown(page, Shown(9, 916 * MS, 946 * MS, 1), 2 * MS)
+    assert streams.paged.bound_ns(0) == UNKNOWN_NS  # none of them tracks her
     found = {state.stream: state for state in streams.states(1 * S)}
     assert found.pop("arm").age_ms == 0.0
     assert list(found) == [f"page {page}" for page in range(3, PAGES + 3)]  # the newest of too many
     assert all((page.bound_ms, page.age_ms, page.rate_hz) == (2.0, 54.0, 62.5) for page in found.values())
     assert streams.pages()["page 4"] == {"pictures": 2, "dropped": 1, "late_ms": {"p50": 30.0, "p95": 30.0}}
-    assert streams.paged.bound_ns(0) == 2 * MS  # what comes through the page is as far off
+    streams.shown(PAGES, Shown(11, 916 * MS, 946 * MS, 1), 5 * MS, tracks=True)
+    streams.shown(PAGES + 2, Shown(11, 916 * MS, 946 * MS, 1), 1 * MS)
+    assert streams.paged.bound_ns(0) == 5 * MS  # as far off as her page, whichever was the last to say something
 
 
 def test_a_page_has_the_rate_of_its_pictures_and_is_valid_while_it_says_what_it_shows() -> None:

@@ -104,6 +104,36 @@ def test_a_stream_that_changes_its_channels_begins_anew() -> None:
     assert "(3,)" in events[0].text
 
 
+def test_one_stamp_of_another_time_takes_no_others_with_it() -> None:
+    server, events = heard([BEGAN + k * PERIOD + (3600 * S if k == 300 else 0) for k in range(600)])
+    assert kinds(events) == [Happened.ASTRAY]
+    found = server.at(BEGAN + 590 * PERIOD)["lab"]
+    np.testing.assert_allclose(found.value, 590)
+    assert found.valid
+
+
+def test_what_alternates_is_told_once_a_minute_with_a_count() -> None:
+    """Two programs that send under one name: three and four channels in turn, one of them an hour ahead."""
+    events: list[SyncEvent] = []
+    server = Synchroniser(events.append)
+    stream = server.open("lab", VECTORS)
+    for k in range(12_500):
+        now = BEGAN + k * PERIOD
+        stream.add(now + (k % 2) * 3600 * S, np.zeros(3 + k % 2), now)
+    found = {kind: [event.text for event in events if event.happened is kind] for kind in set(kinds(events))}
+    assert {kind: len(texts) for kind, texts in found.items()} == {Happened.LAYOUT: 3, Happened.ASTRAY: 3}
+    assert "times more" not in found[Happened.LAYOUT][0]
+    for texts in found.values():
+        assert "(2999 times more since that was told last)" in texts[1]
+
+
+def test_what_is_wrong_again_and_stays_so_is_told_when_the_minute_is_over() -> None:
+    stamps = [BEGAN + k * PERIOD + (3600 * S if 100 <= k < 200 or k >= 300 else 0) for k in range(7000)]
+    _, events = heard(stamps)
+    told = [event.time_ns for event in events if event.happened is Happened.ASTRAY]
+    assert len(told) == 2 and 60 * S <= told[1] - told[0] < 61 * S
+
+
 @pytest.mark.parametrize(("unit", "ns"), [("ms", 10**6), ("µs", 10**3)])
 def test_stamps_in_another_unit_are_told_and_not_used(unit: str, ns: int) -> None:
     server, events = heard([round(k * PERIOD / ns) for k in range(500)], StampClock())

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from http.client import HTTPConnection
@@ -139,6 +140,21 @@ def test_landmarks_of_one_page_reach_the_source_and_no_others(page: LivePage) ->
             assert claim(third)  # the one that had the camera has gone
     finally:
         source.close()
+
+
+def test_what_is_shown_says_whether_the_person_comes_through_that_page(page: LivePage) -> None:
+    def shows(link: ClientConnection, number: int) -> None:
+        link.send(json.dumps({"kind": "shown", "bound_ms": number, "pictures": [[number, 1.0, 2.0, 0]]}))
+
+    with live(page) as one, live(page) as other:
+        assert claim(one) and not claim(other)
+        shows(one, 1)
+        shows(other, 2)
+        told, end = [], time.monotonic() + 30.0
+        while len(told) < 2:
+            assert time.monotonic() < end
+            told += page.shown()
+    assert {one.shown.frame: one.tracks for one in told} == {1: True, 2: False}
 
 
 def test_a_page_without_a_webcam_gives_no_camera() -> None:

@@ -1,0 +1,286 @@
+"""``highfive calibrate servos``: zeros, directions, play, compliance, friction and shadows of an arm's servos.
+
+Zeros stay in the host's file: no servo is written to, and homing offsets are as the rig has them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint, load_arm, save_arm
+from highfive.calibration.arm_kinematics import ArmShape
+from highfive.calibration.pose_file import TakenPose, together
+from highfive.calibration.servo_fit import ServoFit, fit_servos
+from highfive.hil.arm.arm_files import limits_of, rig_of
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.calibrated import calibration_file, known_arm, known_limits, known_rig
+from highfive.hil.arm.calibration_arm import calibration_arm
+from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.extrinsics import check_directions
+from highfive.hil.arm.fingerprint import fingerprint
+from highfive.hil.arm.free_postures import check_way
+from highfive.hil.arm.plate_watch import PlateWatch
+from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.preconditions import check_options
+from highfive.hil.arm.servo_poses import SWEEP_SPEED, frictions, pair_postures, take_pairs
+from highfive.hil.arm.session_check import plate_of
+from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.servo_arm import ServoArm, mounted
+from highfive.hil.drivers.bus.rig import COUNTS, Rig
+from highfive.hil.drivers.bus.rig_setup import shadow_counts
+from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
+from highfive.hil.drivers.bus.servo_bus import ServoBus
+from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
+from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.folders import check_file
+from highfive.hil.trials.live_partner import live_source
+from highfive.hil.trials.live_wiring import MACHINE_WIRING as LIVE_WIRING
+from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
+from highfive.model.errors import HighFiveError
+
+FEWEST, MOST = 6, 60
+
+Agreed = Callable[[list[str]], bool]
+"""Whether what is new may be written; it is shown the lines."""
+
+
+@dataclass(frozen=True)
+class ServoOptions:
+    """What is calibrated.
+
+    Attributes:
+        arm: which arm, with its calibration; it moves slowly.
+        source: the motion capture's address.
+        pairs: number of postures, each of which is taken from both sides.
+        seed: of the postures.
+        out: the calibration with the servos in it.
+        overwrite: replace it if it is there.
+    """
+
+    arm: ArmOptions
+    source: str
+    pairs: int = 12
+    seed: int = 0
+    out: Path = Path("arm.toml")
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class KnownServos:
+    """What a run works on, before anything moves: the options, and the arm as it was calibrated."""
+
+    options: ServoOptions
+    rig: Rig
+    found: ArmCalibration
+    body: ServoArm
+
+    @property
+    def shape(self) -> ArmShape:
+        """The arm as drawn, with the markers as they were calibrated."""
+        return drawn_shape(mounted(self.body.folder), self.found.markers)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a run measured.
+
+    Attributes:
+        poses: pairs.
+        friction: N·m, by joint.
+        shadows: counts, by which a second servo says less than its first, torque off, by joint.
+        moving_s: s, that the arm moved.
+    """
+
+    poses: list[TakenPose]
+    friction: dict[str, float]
+    shadows: dict[str, int]
+    moving_s: float
+
+
+def checked_servos(options: ServoOptions) -> KnownServos:
+    """Looks at what was requested before anything is opened.
+
+    Raises:
+        HighFiveError: something cannot be used; one line says what.
+    """
+    if not is_live(options.source) or parse_address(options.source).scheme in ("headset", WEBCAM):
+        raise HighFiveError(f"--source {options.source}: expected a motion capture system, such as vicon://host")
+    if not FEWEST <= options.pairs <= MOST:
+        raise HighFiveError(f"--pairs {options.pairs}; expected {FEWEST} to {MOST}, 12 are good")
+    if options.out.suffix != ".toml":
+        raise HighFiveError(f"--out {options.out}: a calibration is a TOML file; write it as {options.out.stem}.toml")
+    check_file(options.out, options.overwrite)
+    rig = check_options(options.arm)[1]
+    if (file := calibration_file(options.arm, rig)) is None:
+        raise HighFiveError(
+            "servos are calibrated in a room that is known: run highfive calibrate extrinsics first, and give its file "
+            "with --calibration FILE.toml"
+        )
+    found = load_arm(file)
+    if (system := parse_address(options.source).scheme) != found.registration.system:
+        raise HighFiveError(f"--source is a {system} system; {file} is of a {found.registration.system} system")
+    return KnownServos(options, rig, found, known_arm(find_arm(options.arm.arm), found))
+
+
+def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[str, Any]:
+    """Moves a real arm to postures from both sides, fits its servos, and writes what is new once that is agreed to.
+
+    Returns:
+        The summary; ``written`` says whether it was.
+
+    Raises:
+        HighFiveError: something cannot be used, the arm was stopped, or nothing should rest on what was found.
+    """
+    run = checked_servos(options)
+    if options.arm.emulated:
+        raise HighFiveError(f"{options.arm.port}: an emulated arm stands in no room; give a serial port, and --arm")
+    with closing(live_source(options.source, None)) as source:
+        source.first()
+        watch = PlateWatch(source, plate_of(run.found), LIVE_WIRING.clock)
+        shadows = shadows_of(run, options.arm.port)
+        with calibration_arm(options.arm, run.body, watch.in_the_way) as drive:
+            seen = seen_servos(run, drive, watch, shadows, bar)
+    return written_servos(run, seen, agreed)
+
+
+def shadows_of(run: KnownServos, port: str, wiring: Wiring = MACHINE_WIRING) -> dict[str, int]:
+    """Counts by which second servos say less than their firsts, torque off, by joint.
+
+    Raises:
+        HighFiveError: torque is on (they hold each other where they are), or a servo does not answer.
+    """
+    bus = ServoBus(port, run.rig.baud_rate, run.rig.models, PATIENCE_MS, wiring)
+    try:
+        if live := [servo for servo in run.rig.servos if bus.read(servo, "torque_enable")]:
+            raise HighFiveError(
+                f"servo {live[0]}: torque is on, and shadows are looked at without; hold the arm, and highfive rig "
+                f"release {port}"
+            )
+        return shadow_counts(bus, run.rig)
+    finally:
+        bus.close()
+
+
+def seen_servos(run: KnownServos, drive: PostureDrive, watch: PlateWatch, shadows: dict[str, int], bar: Bar) -> Seen:
+    """Turns joints to see their directions, takes pairs of postures, and sweeps joints for their friction.
+
+    Raises:
+        HighFiveError: as :func:`calibrate_servos`.
+    """
+    ready, options = run.body.ready, run.options
+    postures, sides = pair_postures(run.body, run.shape, options.pairs, options.seed)
+    advance = bar("pairs and joints", len(postures) + len(ready))
+    check_way(run.body, drive.positions, ready)
+    drive.go(ready)
+    check_directions(drive, watch, run.shape, ready)
+    poses = take_pairs(drive, watch, run.body, postures, sides, advance)
+    return Seen(poses, frictions(drive, run.body, advance), shadows, drive.moving_s)
+
+
+def written_servos(run: KnownServos, seen: Seen, agreed: Agreed) -> dict[str, Any]:
+    """Fits, checks the limits again, shows what is new, and writes and reads it back if that is agreed to.
+
+    Raises:
+        HighFiveError: nothing should rest on it, a joint's limits leave no way with its zero, or the file does not hold
+            what was written.
+    """
+    options, found = run.options, run.found
+    zeros = np.array([found.joints[name].zero for name in run.shape.names])
+    poses = together(seen.poses)
+    fit = fit_servos(run.shape, found, replace(poses, encoders=poses.encoders - zeros))
+    gaps = {name: counts * math.tau / COUNTS for name, counts in seen.shadows.items()}
+    joints = {
+        name: replace(joint, friction=seen.friction.get(name), shadow=gaps.get(name))
+        for name, joint in fit.found.joints.items()
+    }
+    new = replace(fit.found, joints=joints)
+    folder = run.body.folder
+    known_arm(folder, new)
+    known_limits(limits_of(folder), known_rig(rig_of(folder, options.arm.rig), new), folder)
+    lines = [line for name in joints for line in _changes(name, found.joints[name], joints[name])]
+    if written := agreed(lines):
+        save_arm(options.out, new, replace=options.overwrite)
+        kept = load_arm(options.out)
+        if changed := [name for name in joints if _changes(name, joints[name], kept.joints[name])]:
+            raise HighFiveError(f"{options.out} does not hold what was written ({changed[0]}); is the disk whole?")
+    return _summary(run, seen, fit, new, lines, written)
+
+
+def _changes(name: str, old: CalibratedJoint, new: CalibratedJoint) -> list[str]:
+    """What is new of a joint, a line each; to the places that people read."""
+    rows = {
+        "zero": (f"{np.degrees(old.zero):.2f}°", f"{np.degrees(new.zero):.2f}°"),
+        "compliance": (f"{1e3 * old.compliance:.2f} mrad/N·m", f"{1e3 * new.compliance:.2f} mrad/N·m"),
+        "play": (f"{np.degrees(old.play):.2f}°", f"{np.degrees(new.play):.2f}°"),
+        "friction": (_maybe(old.friction, "N·m"), _maybe(new.friction, "N·m")),
+        "shadow": (_counts(old.shadow), _counts(new.shadow)),
+    }
+    return [f"{name}: {what} {before} -> {after}" for what, (before, after) in rows.items() if before != after]
+
+
+def _maybe(value: float | None, unit: str) -> str:
+    return "not measured" if value is None else f"{value:.3f} {unit}"
+
+
+def _counts(value: float | None) -> str:
+    return "not measured" if value is None else f"{round(value * COUNTS / math.tau)} counts apart"
+
+
+def _summary(
+    run: KnownServos, seen: Seen, fit: ServoFit, new: ArmCalibration, lines: list[str], written: bool
+) -> dict[str, Any]:
+    return {
+        "out": str(run.options.out),
+        "written": written,
+        "arm": fingerprint(run.rig, run.body.folder),
+        "pairs": len(seen.poses) // 2,
+        "moving_s": round(seen.moving_s, 1),
+        "off_before_mm": round(1e3 * fit.before, 2),
+        "off_mm": round(1e3 * fit.after, 2),
+        "friction_at_rad_s": SWEEP_SPEED,
+        "changes": lines,
+        "joints": {
+            name: {
+                "zero_deg": round(float(np.degrees(joint.zero)), 3),
+                "zero_moved_deg": round(float(np.degrees(joint.zero - run.found.joints[name].zero)), 3),
+                "zero_error_deg": round(float(np.degrees(1.96 * fit.sigmas[0, j])), 3),
+                "compliance_mrad_Nm": round(1e3 * joint.compliance, 3),
+                "play_deg": round(float(np.degrees(joint.play)), 3),
+                "play_error_deg": round(float(np.degrees(1.96 * fit.sigmas[2, j])), 3),
+                "friction_Nm": None if joint.friction is None else round(joint.friction, 4),
+                "shadow_counts": seen.shadows.get(name),
+            }
+            for j, (name, joint) in enumerate(new.joints.items())
+        },
+    }
+
+
+def print_servos(summary: dict[str, Any]) -> None:
+    """The summary for people."""
+    print(f"{summary['pairs']} postures from both sides, the arm moved for {summary['moving_s']:.0f} s.")
+    for name, of in summary["joints"].items():
+        shadow = "" if of["shadow_counts"] is None else f", shadow {of['shadow_counts']} counts"
+        print(
+            f"  {name:<14}zero {of['zero_deg']:6.2f}° ± {of['zero_error_deg']:.2f}, play {of['play_deg']:5.2f}° ± "
+            f"{of['play_error_deg']:.2f}, gives {of['compliance_mrad_Nm']:.2f} mrad/N·m, friction "
+            f"{of['friction_Nm']:.2f} N·m{shadow}"
+        )
+    print(
+        f"The plate was {summary['off_before_mm']:.1f} mm off (root mean square), and is {summary['off_mm']:.1f} in "
+        "postures held out of the fit."
+    )
+    say = f"Written, and read back: {summary['out']}" if summary["written"] else "Nothing was written."
+    print(say)
+
+
+def shown(lines: list[str]) -> None:
+    """What would be new, on standard error."""
+    for line in lines or ["nothing is new"]:
+        say_aside(f"  {line}")

@@ -1,0 +1,199 @@
+"""Servos of a hidden arm, calibrated at the wire: its driver, bus and servos in virtual time, and its cameras."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hidden_calibration import hidden_calibration
+from kept_arm import kept_arm
+
+from highfive.calibration.arm_file import arm_text, load_arm, save_arm
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.fingerprint import fingerprint
+from highfive.hil.arm.plate_watch import PlateWatch
+from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.servo_poses import SWEEP_SPEED
+from highfive.hil.arm.session_check import plate_of
+from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.servo_arm import default_arm
+from highfive.hil.bench.hidden_arm import HiddenTruth, drawn_truth
+from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
+from highfive.hil.commands.calibrate_servos import (
+    KnownServos,
+    Seen,
+    ServoOptions,
+    checked_servos,
+    seen_servos,
+    shadows_of,
+    written_servos,
+)
+from highfive.hil.commands.rig.service import check, opened
+from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
+from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.trials.live_partner import live_source
+from highfive.model.errors import HighFiveError
+
+BEFORE = drawn_truth(41)
+"""The arm when its extrinsics were measured."""
+SLIPPED = np.radians([0.8, -1.0, 0.6, 1.5, -0.7, 0.0])
+
+
+def now_there() -> HiddenTruth:
+    """The same arm, and the same room: horns were taken off and put on again, and its gears have worn."""
+    return replace(BEFORE, zero=BEFORE.zero + SLIPPED, play=np.radians([0.25, 0.1, 0.2, 0.3, 0.15, 0.28]))
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("arm") / "arm.toml"
+    hidden_calibration(BEFORE, file)
+    return file
+
+
+def wanted(kept: Path, out: Path, pairs: int = 12) -> KnownServos:
+    return checked_servos(
+        ServoOptions(ArmOptions("virtual", slow=True, calibration=kept), "vicon://cameras", pairs, out=out)
+    )
+
+
+@contextmanager
+def room(run: KnownServos, truth: HiddenTruth) -> Iterator[tuple[PostureDrive, PlateWatch, dict[str, int]]]:
+    with VirtualClock(truth.seed) as clock:
+        bus, plant = hidden_bus(truth, load_rig())
+        camera = PlateCamera(clock, truth, plant, CameraFaults())
+        with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
+            watch, virtual = PlateWatch(source, plate_of(run.found), clock), VirtualRig(clock, bus)
+            shadows = shadows_of(run, PATH, virtual.wiring)
+            with virtual_calibration_arm(virtual, run.options.arm, run.body, watch.in_the_way) as drive:
+                yield drive, watch, shadows
+
+
+def bar(*_: object) -> Any:
+    return lambda *_, **__: None
+
+
+@pytest.fixture(scope="module")
+def measured(kept: Path) -> Seen:
+    run = wanted(kept, kept.with_name("none.toml"))
+    with room(run, now_there()) as (drive, watch, shadows):
+        return seen_servos(run, drive, watch, shadows, bar)
+
+
+@pytest.mark.slow
+def test_what_servos_do_not_say_is_found(kept: Path, measured: Seen, tmp_path: Path) -> None:
+    run, truth, shown = wanted(kept, tmp_path / "new.toml"), now_there(), []
+    found = written_servos(run, measured, lambda lines: bool(shown.extend(lines) or True))
+    new = load_arm(tmp_path / "new.toml")
+    for joint, (name, own) in enumerate(new.joints.items()):
+        # What cannot be told from the base's yaw was left to the extrinsics: by how much zeros moved can be.
+        moved = own.zero - run.found.joints[name].zero
+        assert np.degrees(moved) == pytest.approx(np.degrees(SLIPPED[joint]), abs=0.25), name
+        assert np.degrees(own.play) == pytest.approx(np.degrees(truth.play[joint]), abs=0.12), name
+        gears = default_arm().packed
+        friction = gears.friction[joint] + gears.damping[joint] * SWEEP_SPEED
+        assert own.friction == pytest.approx(friction, rel=0.15), name
+    assert found["off_before_mm"] > 5.0 > 4.0 * found["off_mm"]
+    assert any(line.startswith("shoulder: zero") for line in shown)
+    assert found["moving_s"] < 180.0
+
+
+@pytest.mark.slow
+def test_what_is_not_agreed_to_is_not_written(kept: Path, measured: Seen, tmp_path: Path) -> None:
+    run = wanted(kept, tmp_path / "new.toml")
+    assert not written_servos(run, measured, lambda _: False)["written"]
+    assert not run.options.out.exists()
+
+
+@pytest.mark.slow
+def test_a_base_that_was_bumped_is_no_zero(kept: Path, measured: Seen, tmp_path: Path) -> None:
+    """20 mm that no turn of a joint explains in all postures."""
+    up = np.array([0.0, 0.0, 0.02])
+    poses = [replace(pose, markers=pose.markers + up) for pose in measured.poses]
+    with pytest.raises(HighFiveError, match="no zeros explain what was seen"):
+        written_servos(wanted(kept, tmp_path / "new.toml"), replace(measured, poses=poses), lambda _: True)
+    assert not (tmp_path / "new.toml").exists()
+
+
+@pytest.mark.slow
+def test_a_horn_on_the_wrong_tooth_is_told(kept: Path, measured: Seen, tmp_path: Path) -> None:
+    tooth = np.radians([0.0, 0.0, 15.0, 0.0, 0.0, 0.0])
+    poses = [replace(pose, encoders=pose.encoders - tooth) for pose in measured.poses]
+    with pytest.raises(HighFiveError, match=r"the zero of elbow comes out 1\d° off"):
+        written_servos(wanted(kept, tmp_path / "new.toml"), replace(measured, poses=poses), lambda _: True)
+
+
+def test_a_shadow_that_stands_otherwise_than_it_did_is_refused_at_start_up(kept: Path, tmp_path: Path) -> None:
+    """Calibrated 6 counts apart; now the two say the same: 6 counts are harmless, but 12 are more than were allowed."""
+    found = load_arm(kept)
+    elbow = found.joints["elbow"]
+    file = tmp_path / "arm.toml"
+    for counts, refused in ((6, False), (12, True)):
+        joints = {**found.joints, "elbow": replace(elbow, shadow=counts * 2.0 * np.pi / 4096.0)}
+        save_arm(file, replace(found, joints=joints), replace=True)
+        run = wanted(file, tmp_path / "new.toml")
+        if refused:
+            with (
+                pytest.raises(HighFiveError, match="12 when they were calibrated: a horn has slipped"),
+                room(run, BEFORE),
+            ):
+                pass
+        else:
+            with room(run, BEFORE):
+                pass
+
+
+def test_torque_hides_how_shadows_stand(kept: Path, tmp_path: Path) -> None:
+    run = wanted(kept, tmp_path / "new.toml")
+    with VirtualClock(1) as clock:
+        wiring = VirtualRig(clock, hidden_bus(BEFORE, load_rig())[0]).wiring
+        with opened(PATH, run.rig, wiring) as line:
+            line.write(4, "torque_enable", 1)
+        with pytest.raises(HighFiveError, match="servo 4: torque is on, and shadows are looked at without"):
+            shadows_of(run, PATH, wiring)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"source": "people.c3d"}, "expected a motion capture system"),
+        ({"source": "qtm://cameras"}, "--source is a qtm system"),
+        ({"pairs": 3}, "--pairs 3; expected 6 to 60"),
+        ({"out": Path("arm.json")}, "write it as arm.toml"),
+        ({"arm": ArmOptions("virtual", slow=True)}, "run highfive calibrate extrinsics first"),
+        ({"arm": ArmOptions("/dev/ttyUSB99", slow=True)}, "only with --arm"),
+    ],
+)
+def test_what_cannot_be_used_is_said_before_anything_is_opened(kept: Path, changes: dict, says: str) -> None:
+    given = {"arm": ArmOptions("virtual", slow=True, calibration=kept), "source": "vicon://cameras"}
+    given |= {"out": kept.with_name("none.toml")} | changes
+    with pytest.raises(HighFiveError) as error:
+        checked_servos(ServoOptions(**given))
+    assert says in str(error.value)
+
+
+def test_rig_check_looks_at_the_calibration_too(tmp_path: Path) -> None:
+    file, rig = tmp_path / "arm.toml", load_rig()
+    found = kept_arm()
+    room_now = replace(found.registration, arm=fingerprint(rig), date=datetime.now(UTC))
+    mount = find_arm().mount
+    good = replace(
+        found, registration=room_now, mount=np.array(mount.position), mount_rotation=np.array(mount.quaternion)
+    )
+    for arm, says in (
+        (good, ""),
+        (replace(good, registration=replace(good.registration, arm="f" * 12)), "another arm"),
+    ):
+        file.write_text(arm_text(arm))
+        with VirtualClock(1) as clock:
+            bus, _ = hidden_bus(BEFORE, rig)
+            result = check(PATH, None, VirtualRig(clock, bus).wiring, calibration=file)
+        assert result["calibration"]["joints"]["elbow"]["friction_Nm"] == 0.25
+        assert says in " ".join(result["troubles"])
+        assert result["ready"] is (says == ""), result["troubles"]

@@ -4,38 +4,27 @@ many pictures a second there are, and how long it takes to the first one.
 
 from __future__ import annotations
 
-import multiprocessing
 import re
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
-from websockets.sync.client import connect
 
 from highfive.hil.bench.drawn import Motions, drawn_mm, simulated_motions
+from highfive.hil.bench.page_clients import Page, Seen
+from highfive.hil.bench.page_ticks import PAGES, ticks_under_load
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar
-from highfive.hil.session.session import RATE_HZ, Session, Tick
-from highfive.hil.sim.people.emotions import EMOTIONS
-from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
-from highfive.hil.trials.partners import Partner, simulated_partners
-from highfive.hil.trials.trial import as_captured, run_trial
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.live_page import LivePage
-from highfive.hil.view.player import AHEAD_S, play
+from highfive.hil.view.player import play
 from highfive.hil.view.recorded import RecordedTrials, recorded_trials
-from highfive.hil.view.session_view import SessionView
-from highfive.hil.view.wire import decode_poses
-from highfive.mocap_bridge.sources.source import C3DSource
-from highfive.model import DEFAULT_MODEL
-from highfive.model.hgpdm.store import load_model
 
 BLOCKS_S = (3.0, 20.0)
 STALE_MS = 100.0
@@ -54,8 +43,6 @@ _DRAW = """(() => {
 })()"""
 _SHOWN = """new Promise(done => {const look = setInterval(() => {
   if (document.body.classList.contains('shown')) {clearInterval(look); done(true)}}, 20)})"""
-PAGES, PAIRS = 4, 8
-"""Pages that look on, and pairs of high fives with and without them."""
 
 
 @dataclass(frozen=True)
@@ -64,82 +51,6 @@ class ViewBenchOptions:
 
     seconds: float = 60.0
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What a page of a recording got: numbers of the poses, and ms until they came, from being sent and from being due.
-
-    ``before`` is the number of the last pose before it slept; 0 where it did not.
-    """
-
-    numbers: tuple[int, ...]
-    sent_ms: tuple[float, ...]
-    age_ms: tuple[float, ...]
-    before: int = 0
-
-    @property
-    def dropped(self) -> int:
-        """Poses that it was not sent, from the last one before it slept on, or else from the first."""
-        first = self.before + 1 if self.before else self.numbers[0]
-        return self.numbers[-1] - first + 1 - len(self.numbers)
-
-
-def look_on(address: str, seconds: float, blocked_s: float, said: Connection) -> None:
-    """A page without a picture, in a process of its own.
-
-    Args:
-        address: of the page.
-        seconds: for so long.
-        blocked_s: it first sleeps so long with the connection open, and counts only what comes then.
-        said: takes ``ready``, then what was :class:`Seen`.
-    """
-    numbers: list[int] = []
-    sent_ms: list[float] = []
-    age_ms: list[float] = []
-    before = [0]
-    with connect(address.replace("http", "ws", 1).replace("/?", "/live?", 1), max_queue=None, compression=None) as link:
-        said.send("ready")
-        if blocked_s:
-            _take(link, 1.0, lambda now, poses: before.append(poses.number))
-            time.sleep(blocked_s)
-
-        def note(now: int, poses: Any) -> None:
-            numbers.append(poses.number)
-            sent_ms.append(1e-6 * (now - poses.sent_ns))
-            age_ms.append(1e-6 * (now - poses.holds_ns) + (1e3 * AHEAD_S if poses.rate else 0.0))
-
-        _take(link, seconds, note)
-    said.send(Seen(tuple(numbers), tuple(sent_ms), tuple(age_ms), before[-1]))
-
-
-def _take(link: Any, seconds: float, note: Any) -> None:
-    end = time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0.0:
-        try:
-            message = link.recv(left)
-        except TimeoutError:
-            return
-        if isinstance(message, bytes):
-            link.send(message[4:8])
-            note(time.monotonic_ns(), decode_poses(message))
-
-
-class _Page:
-    """Somebody who looks on."""
-
-    def __init__(self, address: str, seconds: float, blocked_s: float = 0.0) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._heard, said = context.Pipe(duplex=False)
-        self._process = context.Process(target=look_on, args=(address, seconds, blocked_s, said), daemon=True)
-        self._process.start()
-        said.close()
-        self._heard.recv()
-
-    def seen(self) -> Seen:
-        found = self._heard.recv()
-        self._process.join()
-        return found
 
 
 def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
@@ -156,7 +67,7 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
     with LivePage({"mode": "recording"}, port=None) as page:
 
         def shown_to(seconds: float, blocked_s: float = 0.0) -> Seen:
-            one = _Page(page.address, seconds, blocked_s)
+            one = Page(page.address, seconds, blocked_s)
             play(page, trials, until_ns=MACHINE.now() + round(1e9 * (seconds + blocked_s + 2.0)))
             return one.seen()
 
@@ -172,7 +83,7 @@ def bench_view(options: ViewBenchOptions, bar: Bar) -> dict[str, Any]:
         advance()
         drawn = _drawn(page, trials, scene, options.seed)
         advance()
-    tick = _ticks(options.seed)
+    tick = ticks_under_load(options.seed)
     advance()
     return {
         "poses_hz": round(len(one.numbers) / options.seconds, 2),
@@ -244,45 +155,6 @@ def _pictures(page: LivePage, trials: Any) -> tuple[dict[str, float] | None, dic
     return rates, drawn
 
 
-def _ticks(seed: int) -> dict[str, Any]:
-    """p99 of whole ticks, markers in to poses handed over, with pages and without, in turns."""
-    scene, model = build_scene(), load_model(DEFAULT_MODEL)
-    emotion = next(iter(EMOTIONS))
-    partner = simulated_partners(1, (emotion,), ("B2",), seed)[0]
-    session, playout = Session(model, {emotion: 1.0}, partner.marker_set, scene), KinematicPlayOut(scene)
-    took: dict[bool, list[float]] = {True: [], False: []}
-    over: dict[bool, list[float]] = {True: [], False: []}
-    with LivePage({"mode": "session"}) as page:
-        for turn in range(2 * PAIRS):
-            watched = turn % 2 == 0
-            pages = [_Page(page.address, _length_s(partner) + 1.0) for _ in range(PAGES if watched else 0)]
-            view = SessionView(page, session, playout, scene)
-            view.begin(turn, 2 * PAIRS, partner.cell, {emotion: 1.0})
-            inputs = view.inputs(as_captured(view.in_time(C3DSource(partner.recording, RATE_HZ))))
-            handed: list[float] = []
-
-            def watch(tick: Tick, view: SessionView = view, handed: list[float] = handed) -> None:
-                start = time.perf_counter_ns()
-                view.watch(tick)
-                handed.append(1e-6 * (time.perf_counter_ns() - start))
-
-            result = run_trial(turn, partner, session, playout, inputs, watch)
-            took[watched] += (result.tick_ms + handed)[1:].tolist()
-            over[watched] += handed[1:]
-            for one in pages:
-                one.seen()
-    with_pages, without = (float(np.percentile(took[watched], 99)) for watched in (True, False))
-    return {
-        "tick_p99_ms": round(without, 2),
-        "tick_ratio": round(with_pages / without, 3),
-        "handing_over_ms": {"p50": _part(over[True], 50), "p99": _part(over[True], 99)},
-    }
-
-
-def _length_s(partner: Partner) -> float:
-    return len(C3DSource(partner.recording, RATE_HZ)) / RATE_HZ
-
-
 def print_view(result: dict[str, Any]) -> None:
     """The figures, for people."""
     latency, host = result["latency_ms"], result["host_to_page_ms"]
@@ -292,6 +164,11 @@ def print_view(result: dict[str, Any]) -> None:
     for blocked, count in result["stale_after_block"].items():
         print(f"stale after {blocked:>2} s asleep  {count}; {result['dropped_in_block'][blocked]} dropped meanwhile")
     print(f"tick p99                {result['tick_p99_ms']:.2f} ms; with {PAGES} pages × {result['tick_ratio']:.2f}")
+    flood = result["flood"]
+    late = ", ".join(f"{count} {situation}" for situation, count in flood["late"].items())
+    print(f"flooded                 {flood['messages_a_second']} messages/s, let go {flood['let_go']} times")
+    print(f"tick then               median × {flood['tick_median_ratio']:.2f}, p99 × {flood['tick_ratio']:.2f}")
+    print(f"late of {flood['ticks']:<15} {late}")
     over = result["handing_over_ms"]
     print(f"of it handing over      median {over['p50']:.2f} ms, p99 {over['p99']:.2f} ms")
     if result["fps"] is None:

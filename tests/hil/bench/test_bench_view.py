@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from highfive.hil.bench.view import Seen, _Page
+from highfive.hil.bench.page_clients import Flood, Page, Seen
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.wire import PoseMessage
 
@@ -32,9 +32,21 @@ def test_a_page_that_sleeps_is_sent_the_newest_and_the_others_are_counted() -> N
         thread = threading.Thread(target=show)
         thread.start()
         try:
-            woken = _Page(page.address, 0.5, 1.0).seen()
+            woken = Page(page.address, 0.5, 1.0).seen()
         finally:
             shows.set()
             thread.join()
     assert woken.before > 0 and woken.dropped > 20
     assert woken.numbers[-1] - woken.before == len(woken.numbers) + woken.dropped
+
+
+def test_a_flood_sends_until_it_is_ended() -> None:
+    with LivePage({"mode": "session"}, port=0) as page:
+        flood, asked = Flood(page.address), 0
+        end = time.monotonic() + 60.0
+        while asked < 300 and time.monotonic() < end:
+            asked += len(page.commands())
+            time.sleep(0.01)
+        sent = flood.end()
+        assert page.alive
+    assert asked >= 300 and sent.messages > 300

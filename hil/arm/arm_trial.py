@@ -124,8 +124,9 @@ class ArmTrial:
         if went.any():
             times, points = begun[went], np.array([arm.points(pose)[0] for pose in self.sent[went]])
             # A goal is of the tick before its cycle, which knew hand and plate as they were then.
-            told = self.times[np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)]
-            hands, speeds, heads = (_at(told, self.times, rows) for rows in (palm, velocity, head))
+            known = NS * np.array([tick.report.time_ns - self.ticks[0].frame_ns for tick in self.ticks])
+            told = known[np.maximum(np.searchsorted(known, times, side="right") - 1, 0)]
+            hands, speeds, heads = (_at(told, known, rows) for rows in (palm, velocity, head))
             bodies = was[self.known_at(told), 0]
             found["wire_closing_speed"] = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
             found["wire_face_speed"] = face_speed(times, points, heads, limits.face)

@@ -167,7 +167,7 @@ class CycleRing:
             if not locked:
                 return []
             count = self.count
-            rows = [self._rows[number % ROWS].copy() for number in range(max(start, count - ROWS), count)]
+            rows = self._rows[np.arange(max(start, count - ROWS), count) % ROWS]  # at once: the driver waits meanwhile
         return [_cycle(row) for row in rows]
 
     @contextmanager

@@ -108,15 +108,6 @@ class ArmTrial:
         said, against where the hand went; see :mod:`highfive.hil.safety.speeds`.
         """
         found = {f"{which}_{speed}_speed": 0.0 for which in ("wire", "body") for speed in ("closing", "face")}
-        goals = [tick.goal for tick in self.ticks]
-        palm, velocity, head = (
-            _rows(rows)
-            for rows in (
-                [None if goal.person is None else goal.person.position for goal in goals],
-                [None if goal.person is None else goal.person.velocity for goal in goals],
-                [goal.head for goal in goals],
-            )
-        )
         was = np.array([arm.points(pose)[0] for pose in self.actual])
 
         begun = NS * np.array([cycle.begun_ns - self.ticks[0].frame_ns for cycle in self.cycles])
@@ -126,15 +117,25 @@ class ArmTrial:
             # A goal is of the tick before its cycle, which knew hand and plate as they were then.
             known = NS * np.array([tick.report.time_ns - self.ticks[0].frame_ns for tick in self.ticks])
             told = known[np.maximum(np.searchsorted(known, times, side="right") - 1, 0)]
-            hands, speeds, heads = (_at(told, known, rows) for rows in (palm, velocity, head))
+            hands, speeds, heads = (_at(told, known, rows) for rows in self.person)
             bodies = was[self.known_at(told), 0]
             found["wire_closing_speed"] = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
             found["wire_face_speed"] = face_speed(times, points, heads, limits.face)
         times = self.cycle_times
-        hands, heads = _at(times, self.times, palm), _at(times, self.times, head)
+        hands, _, heads = (_at(times, self.times, rows) for rows in self.person)
         found["body_closing_speed"] = closing_speed(times, was[:, 0], hands, limits.contact)
         found["body_face_speed"] = face_speed(times, was, heads, limits.face)
         return found
+
+    @cached_property
+    def person(self) -> tuple[Array, Array, Array]:
+        """Palm, m, its velocity, m/s, and head, m, each (T, 3), as each tick knew them; NaN where not known."""
+        goals = [tick.goal for tick in self.ticks]
+        return (
+            _rows([None if goal.person is None else goal.person.position for goal in goals]),
+            _rows([None if goal.person is None else goal.person.velocity for goal in goals]),
+            _rows([goal.head for goal in goals]),
+        )
 
     def known_at(self, times: Array) -> NDArray[np.intp]:
         """(N,), the cycles of which the servos' answers were the newest at ``times`` (N,), s from the first tick."""

@@ -59,15 +59,8 @@ class PersonAsKnown:
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """Palm, m, its velocity, m/s, and head, m, each (N, 3), NaN where not known, at ``times`` (N,), s."""
-        none = np.full(3, np.nan)
-        goals = [tick.goal for tick in self.trial.ticks]
-        rows = (
-            [none if goal.person is None else goal.person.position for goal in goals],
-            [none if goal.person is None else goal.person.velocity for goal in goals],
-            [none if goal.head is None else goal.head for goal in goals],
-        )
         palm, velocity, head = (
-            np.array([np.interp(times, self.times, axis) for axis in np.transpose(row)]).T for row in rows
+            np.array([np.interp(times, self.times, axis) for axis in rows.T]).T for rows in self.trial.person
         )
         return palm, velocity, head
 

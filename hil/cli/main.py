@@ -130,7 +130,7 @@ def simulate(
     ] = None,
     arm: Armed = False,
     which_arm: WhichArm = None,
-    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
+    rig_file: cli_rig.ThatArm = None,
     limits: cli_rig.LimitsFile = None,
     lower: cli_rig.Lower = None,
     estop: cli_rig.Estop = None,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import (
     AnySet,
     ArmCommand,
@@ -160,6 +161,11 @@ def calibrate_headset(
     print_result(result, json, print_headset)
 
 
+_Calibrated = Annotated[
+    Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
+]
+
+
 @calibrate.command("extrinsics", cls=ArmCommand)
 def calibrate_extrinsics(
     port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm (highfive rig scan).")],
@@ -167,9 +173,9 @@ def calibrate_extrinsics(
     plate: Annotated[Path, typer.Option(metavar="FILE.toml", help="The plate's template (docs/calibration.md).")],
     arm: Armed = False,
     which_arm: WhichArm = None,
-    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
-    limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
-    estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
+    rig_file: cli_rig.ThatArm = None,
+    limits: cli_rig.LimitsFile = None,
+    estop: cli_rig.Estop = None,
     poses: Annotated[int, typer.Option(help="Number of postures.")] = 30,
     note: Annotated[str, typer.Option(help="Kept in the file.")] = "",
     out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The calibration, for --calibration.")] = Path(
@@ -203,12 +209,10 @@ def calibrate_servos(
     source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
     arm: Armed = False,
     which_arm: WhichArm = None,
-    calibration: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
-    ] = None,
-    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
-    limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
-    estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
+    calibration: _Calibrated = None,
+    rig_file: cli_rig.ThatArm = None,
+    limits: cli_rig.LimitsFile = None,
+    estop: cli_rig.Estop = None,
     pairs: Annotated[int, typer.Option(help="Postures, each taken from both sides.")] = 12,
     out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The same with the servos in it.")] = Path("arm.toml"),
     overwrite: OverwriteFile = False,
@@ -244,12 +248,10 @@ def calibrate_latency(
     port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm; virtual: emulated, not kept.")],
     arm: Armed = False,
     which_arm: WhichArm = None,
-    calibration: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
-    ] = None,
-    rig_file: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")] = None,
-    limits: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours.")] = None,
-    estop: Annotated[Path | None, typer.Option(metavar="PIPE", help="Named pipe that stops the arm.")] = None,
+    calibration: _Calibrated = None,
+    rig_file: cli_rig.ThatArm = None,
+    limits: cli_rig.LimitsFile = None,
+    estop: cli_rig.Estop = None,
     out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The same with the lags in it.")] = Path("arm.toml"),
     overwrite: OverwriteFile = False,
     json: Json = False,

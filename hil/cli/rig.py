@@ -21,6 +21,8 @@ from highfive.hil.cli.options import (
 from highfive.hil.runtime.console import STDERR, print_result, progress_bars, say, say_aside
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
+ThatArm = Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")]
+"""Beside a port that is told otherwise."""
 Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
 Lower = Annotated[list[str] | None, typer.Option(help="A lower limit, such as contact.speed=0.5 (docs/safety.md).")]
 LimitsFile = Annotated[

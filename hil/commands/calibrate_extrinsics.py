@@ -31,13 +31,13 @@ from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
+from highfive.hil.commands.calibration_checks import check_calibration_file, check_in_a_room, check_system
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.runtime.console import Bar, say_aside
-from highfive.hil.runtime.folders import check_file
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING
 from highfive.hil.trials.summary import versions
-from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
+from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -107,13 +107,10 @@ def checked_extrinsics(options: ExtrinsicsOptions) -> Calibrated:
     Raises:
         HighFiveError: something cannot be used; one line says what.
     """
-    if not is_live(options.source) or parse_address(options.source).scheme in ("headset", WEBCAM):
-        raise HighFiveError(f"--source {options.source}: expected a motion capture system, such as vicon://host")
+    check_system(options.source)
     if not FEWEST <= options.poses <= MOST:
         raise HighFiveError(f"--poses {options.poses}; expected {FEWEST} to {MOST}, 30 are good")
-    if options.out.suffix != ".toml":
-        raise HighFiveError(f"--out {options.out}: a calibration is a TOML file; write it as {options.out.stem}.toml")
-    check_file(options.out, options.overwrite)
+    check_calibration_file(options.out, options.overwrite)
     options = replace(options, arm=replace(options.arm, as_drawn=True))
     template = load_template(options.plate)
     return Calibrated(options, check_options(options.arm)[1], template)
@@ -129,8 +126,7 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
         HighFiveError: something cannot be used, the arm was stopped, or nothing should rest on what was found.
     """
     run = checked_extrinsics(options)
-    if options.arm.emulated:
-        raise HighFiveError(f"{options.arm.port}: an emulated arm stands in no room; give a serial port, and --arm")
+    check_in_a_room(options.arm)
     with closing(live_source(options.source, None)) as source:
         source.first()
         watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)

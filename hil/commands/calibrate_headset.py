@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from highfive.calibration.headset_file import KeptRegistration, save_headset
+from highfive.hil.commands.calibration_checks import check_system
 from highfive.hil.commands.simulate_options import PageOptions
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import check_file
@@ -20,7 +21,7 @@ from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.markers.recognise import find_marker_set
-from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
+from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 
 PATIENCE_S = 180.0
@@ -73,8 +74,7 @@ def calibrate_headset(
     Raises:
         HighFiveError: nothing comes, tracking was lost, the head did not turn enough, or the file cannot be written.
     """
-    if not is_live(options.source) or parse_address(options.source).scheme in ("headset", WEBCAM):
-        raise HighFiveError(f"--source {options.source}: expected a motion capture system, such as vicon://host")
+    check_system(options.source)
     if not SHORTEST_S <= options.seconds <= LONGEST_S:
         raise HighFiveError(f"--seconds {options.seconds:g}; expected {SHORTEST_S:g} to {LONGEST_S:g}")
     if options.out.suffix != ".toml":

@@ -33,16 +33,16 @@ from highfive.hil.arm.servo_poses import SWEEP_SPEED, frictions, pair_postures, 
 from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
+from highfive.hil.commands.calibration_checks import check_calibration_file, check_in_a_room, check_system
 from highfive.hil.drivers.bus.rig import COUNTS, Rig
 from highfive.hil.drivers.bus.rig_setup import shadow_counts
 from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
 from highfive.hil.runtime.console import Bar, say_aside
-from highfive.hil.runtime.folders import check_file
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING as LIVE_WIRING
-from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
+from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 
 FEWEST, MOST = 6, 60
@@ -110,13 +110,10 @@ def checked_servos(options: ServoOptions) -> KnownServos:
     Raises:
         HighFiveError: something cannot be used; one line says what.
     """
-    if not is_live(options.source) or parse_address(options.source).scheme in ("headset", WEBCAM):
-        raise HighFiveError(f"--source {options.source}: expected a motion capture system, such as vicon://host")
+    check_system(options.source)
     if not FEWEST <= options.pairs <= MOST:
         raise HighFiveError(f"--pairs {options.pairs}; expected {FEWEST} to {MOST}, 12 are good")
-    if options.out.suffix != ".toml":
-        raise HighFiveError(f"--out {options.out}: a calibration is a TOML file; write it as {options.out.stem}.toml")
-    check_file(options.out, options.overwrite)
+    check_calibration_file(options.out, options.overwrite)
     rig = check_options(options.arm)[1]
     if (file := calibration_file(options.arm, rig)) is None:
         raise HighFiveError(
@@ -139,8 +136,7 @@ def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[st
         HighFiveError: something cannot be used, the arm was stopped, or nothing should rest on what was found.
     """
     run = checked_servos(options)
-    if options.arm.emulated:
-        raise HighFiveError(f"{options.arm.port}: an emulated arm stands in no room; give a serial port, and --arm")
+    check_in_a_room(options.arm)
     with closing(live_source(options.source, None)) as source:
         source.first()
         watch = PlateWatch(source, plate_of(run.found), LIVE_WIRING.clock)

@@ -11,7 +11,7 @@ from highfive.hil.experiments.analysis.ratings import ratings_by_style
 from highfive.hil.experiments.analysis.times import by_condition
 from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, Interaction
 from highfive.hil.experiments.study_rows import StudyRows
-from highfive.hil.experiments.trial_row import TrialRow
+from highfive.hil.experiments.trial_row import Key, TrialRow
 from highfive.model.errors import HighFiveError
 
 
@@ -55,7 +55,7 @@ def _times(rows: Sequence[TrialRow], moved: Interaction) -> dict[str, list[tuple
 
     figures: list[Mapping[str, float | None]] = [
         dict(zip(_OF_ROWS, (row.rt_s, row.rt_contact_s, after_cue(row), row.peak_speed), strict=True))
-        | dict(moved.figures.get((row.participant, row.session, row.ask), {}))
+        | dict(moved.figures.get(row.row_key, {}))
         for row in rows
     ]
     names = (*_OF_ROWS, *TIMING, *SYNCHRONY)
@@ -67,6 +67,6 @@ def _rated(row: TrialRow) -> Mapping[str, float]:
     return {**certainty, **row.ratings}
 
 
-def _missing(key: tuple[str, int, int], why: str) -> dict[str, Any]:
+def _missing(key: Key, why: str) -> dict[str, Any]:
     participant, session, ask = key
     return {"participant": participant, "session": session, "ask": ask, "why": why}

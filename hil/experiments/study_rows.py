@@ -15,7 +15,7 @@ from highfive.hil.experiments.balance import PRACTICE
 from highfive.hil.experiments.protocol import Mode, Protocol
 from highfive.hil.experiments.study import LOG, participant_folder, participants, study_protocol
 from highfive.hil.experiments.trial_log import read_session, session_number
-from highfive.hil.experiments.trial_row import COLUMNS, TrialRow
+from highfive.hil.experiments.trial_row import COLUMNS, Key, TrialRow
 from highfive.model.errors import HighFiveError
 
 CONDITIONS = {Mode.INTERACTIVE.value: "interactive", Mode.OWN_REPLAY.value: "replay"}
@@ -125,11 +125,16 @@ def answers_of(found: StudyRows) -> list[Answer]:
     ]
 
 
+def reasons(excluded: Sequence[Excluded]) -> dict[Key, str]:
+    """Why each does not count."""
+    return {(one.participant, one.session, one.ask): one.why for one in excluded}
+
+
 def tidy_rows(
     rows: Sequence[TrialRow],
     excluded: Sequence[Excluded],
     names: Sequence[str] = (),
-    figures: Mapping[tuple[str, int, int], Mapping[str, float | None]] | None = None,
+    figures: Mapping[Key, Mapping[str, float | None]] | None = None,
 ) -> bytes:
     """A CSV row a trial in all columns of the log, and why it does not count; tables as JSON, nothing as empty.
 
@@ -139,16 +144,19 @@ def tidy_rows(
         names: of more columns.
         figures: (participant, session, ask) -> what stands in those.
     """
-    why = {(one.participant, one.session, one.ask): one.why for one in excluded}
+    why = reasons(excluded)
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow([*COLUMNS, *names, "not_counted_why"])
     for row in rows:
         values = asdict(row)
-        key = row.participant, row.session, row.ask
-        more = (figures or {}).get(key, {})
+        more = (figures or {}).get(row.row_key, {})
         table.writerow(
-            [*(_cell(values[name]) for name in COLUMNS), *(_cell(more.get(name)) for name in names), why.get(key, "")]
+            [
+                *(_cell(values[name]) for name in COLUMNS),
+                *(_cell(more.get(name)) for name in names),
+                why.get(row.row_key, ""),
+            ]
         )
     return text.getvalue().encode()
 

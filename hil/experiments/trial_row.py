@@ -9,6 +9,9 @@ from typing import Any
 from highfive.model.errors import HighFiveError
 from highfive.model.toml_file import check_keys, typed
 
+Key = tuple[str, int, int]
+"""Participant, session, ask: of a row in a study."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
@@ -90,6 +93,11 @@ class TrialRow(Outcome):
     simulated: bool
     begun_utc_ns: int
     utc_ns: int
+
+    @property
+    def row_key(self) -> Key:
+        """Which row of a study's it is."""
+        return self.participant, self.session, self.ask
 
 
 COLUMNS = [one.name for one in fields(TrialRow)]

@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
 STATES_EVERY = 6
 """Ticks between two texts that say how it stands."""
-_PAUSED_NS = 50_000_000
+PAUSED_NS = 50_000_000
+"""So often it is looked at whether the page still says pause, ns."""
 
 
 @runtime_checkable
@@ -66,6 +67,16 @@ class ShowingPage(Protocol):
     def said(self) -> list[str]:
         """What the server has had to say since the last call."""
         ...
+
+
+def heard(page: ShowingPage, gone: bool, goes_on: str) -> bool:
+    """Says what the page's server had to say, and whether it is still there; once, that it is ``gone`` and what
+    ``goes_on``."""
+    for line in page.said():
+        say_aside(line, logging.WARNING)
+    if not page.alive and not gone:
+        say_aside(f"the live page is gone, for its server was ended; {goes_on}")
+    return page.alive
 
 
 class SessionView:
@@ -179,14 +190,9 @@ class SessionView:
     def _obey(self) -> None:
         for command in self._page.commands():
             self._follow(command)
-        for line in self._page.said():
-            say_aside(line, logging.WARNING)
-        if self._page.alive:
-            return
-        self._paused = False  # nobody could let it go on
-        if not self._alone:
-            self._alone = True
-            say_aside("the live page is gone, for its server was ended; the session goes on without it")
+        if gone := not heard(self._page, self._alone, "the session goes on without it"):
+            self._paused = False  # nobody could let it go on
+        self._alone = self._alone or gone
 
     def _follow(self, command: Command) -> None:
         match command.name:
@@ -221,7 +227,7 @@ class SessionView:
             if self._latest is not None:
                 self._page.show(replace(self._latest, rate=0.0, holds_ns=self._clock.now()))
             self._page.tell("state", **self._trial, **self._standing(), time_s=0.0)
-            self._clock.wait_until(self._clock.now() + _PAUSED_NS)
+            self._clock.wait_until(self._clock.now() + PAUSED_NS)
             self._obey()
         if self._wish and not self._arm:
             raise Interruption(self._wish)

@@ -1,14 +1,18 @@
 """Trial results as a session would record them, tick by tick."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
+from trial_results import simulated_result
 
 from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.recording.recorded_tick import RecordedTick
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.sim.people.capture import PERSON_SET
+from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import Partner
+from highfive.hil.trials.summary import SessionSettings
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.mocap_bridge.files.recording import make_recording
 from highfive.mocap_bridge.frames import MarkerFrame
@@ -34,6 +38,15 @@ def ticks_of(result: TrialResult, from_ns: int = 0) -> Iterator[RecordedTick]:
             result.forecasts[i], "approach", float(result.weight[i]), float(result.expected[i]),
             float(result.tick_ms[i]),
         )  # fmt: skip
+
+
+def record_two(path: Path, emotion: str) -> Path:
+    """A recording of two high fives in which the palms met."""
+    scene = build_scene()
+    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
+        for number in range(2):
+            record_trial(recorder, simulated_result(scene, number, emotion, "B2"))
+    return path
 
 
 def record_trial(recorder: SessionRecorder, result: TrialResult, arm: ArmTrial | None = None, from_ns: int = 0) -> None:

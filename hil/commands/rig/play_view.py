@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,17 +17,14 @@ from highfive.hil.commands.play_trials import Played, over_line, over_message
 from highfive.hil.commands.simulate_options import PageOptions
 from highfive.hil.recording.session_reader import SessionReader
 from highfive.hil.runtime.clock import Clock
-from highfive.hil.runtime.console import say_aside
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.events import PalmsTogether
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import PERSON
 from highfive.hil.view.recorded import RecordedTrial, RecordedTrials
-from highfive.hil.view.session_view import STATES_EVERY, ShowingPage
+from highfive.hil.view.session_view import PAUSED_NS, STATES_EVERY, ShowingPage, heard
 from highfive.hil.view.wire import PoseMessage
-
-_PAUSED_NS = 50_000_000
 
 
 class PlayView:
@@ -61,7 +57,7 @@ class PlayView:
         while self._paused and not (self.ends or self._loop.trouble):
             self._show(0.0)
             self._page.tell("state", **self._about, **self._standing(), time_s=0.0)
-            self._clock.wait_until(self._clock.now() + _PAUSED_NS)
+            self._clock.wait_until(self._clock.now() + PAUSED_NS)
             self._obey()
 
     def watch(self, tick: ArmTick) -> None:
@@ -131,14 +127,9 @@ class PlayView:
             elif command.name == "end":
                 self.ends = True
         self._page.shown()  # nobody keeps what was seen
-        for line in self._page.said():
-            say_aside(line, logging.WARNING)
-        if self._page.alive:
-            return
-        self._paused = False  # nobody could let it go on
-        if not self._gone:
-            self._gone = True
-            say_aside("the live page is gone, for its server was ended; the arm plays on without it")
+        if gone := not heard(self._page, self._gone, "the arm plays on without it"):
+            self._paused = False  # nobody could let it go on
+        self._gone = self._gone or gone
 
 
 def shown_trials(session: SessionReader, options: PageOptions) -> RecordedTrials:

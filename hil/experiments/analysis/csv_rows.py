@@ -47,15 +47,7 @@ class CsvRow:
         Raises:
             HighFiveError: it is none.
         """
-        if not (text := self.cells.get(column, "")):
-            return None
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not 0.0 <= value <= 1.0:
-            raise self.error(f"{column} is {text!r}; expected a number from 0 to 1")
-        return value
+        return self.number(column, 0.0, 1.0) if self.cells.get(column) else None
 
     def number(self, column: str, low: float, high: float) -> float:
         """A cell's number from ``low`` to ``high``.

@@ -7,7 +7,7 @@ items of a subscale.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.experiments.analysis.csv_rows import read_rows
+from highfive.hil.experiments.analysis.times import mean_and_sd
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.toml_file import check_keys, is_list, number, read_toml, typed
@@ -152,7 +153,7 @@ def summary(asked: Questionnaire, answers: Answers) -> dict[str, Any]:
         for condition in conditions:
             here = {who: hers for who, hers in answers.items() if who[1] == condition}
             values = [score for who in here if (score := found[who][name]) is not None]
-            subscales[name][condition] = {**_mean(values), "alpha": alpha(asked, name, here)}
+            subscales[name][condition] = {**mean_and_sd(values), "alpha": alpha(asked, name, here)}
     people = [
         {"participant": participant, "condition": condition, "scores": one}
         for (participant, condition), one in found.items()
@@ -161,11 +162,6 @@ def summary(asked: Questionnaire, answers: Answers) -> dict[str, Any]:
         "licence": asked.licence, "source": asked.source, "low": asked.low, "high": asked.high,
         "subscales": subscales, "people": people,
     }  # fmt: skip
-
-
-def _mean(values: Sequence[float]) -> dict[str, Any]:
-    sd = float(np.std(values, ddof=1)) if len(values) > 1 else None
-    return {"n": len(values), "mean": float(np.mean(values)) if values else None, "sd": sd}
 
 
 def _turned(asked: Questionnaire, item: Item, value: float) -> float:

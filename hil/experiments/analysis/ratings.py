@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
+from highfive.hil.experiments.analysis.times import mean_and_sd
 
 
 def ratings_by_style(rows: Iterable[tuple[str, str, Mapping[str, float]]]) -> dict[str, Any]:
@@ -16,13 +16,8 @@ def ratings_by_style(rows: Iterable[tuple[str, str, Mapping[str, float]]]) -> di
             found.setdefault(name, {}).setdefault(condition, {}).setdefault(style, []).append(value)
     return {
         name: {
-            condition: {style: _spread(values) for style, values in styles.items()}
+            condition: {style: mean_and_sd(values) for style, values in styles.items()}
             for condition, styles in conditions.items()
         }
         for name, conditions in found.items()
     }
-
-
-def _spread(values: list[float]) -> dict[str, Any]:
-    sd = float(np.std(values, ddof=1)) if len(values) > 1 else None
-    return {"n": len(values), "mean": float(np.mean(values)), "sd": sd}

@@ -1,4 +1,4 @@
-"""Times of trials over a study: median and quartiles a condition, of what each trial says."""
+"""Figures of trials over a study, in a few numbers: of each condition median and quartiles, or mean and deviation."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ def quartiles(values: Sequence[float]) -> dict[str, Any]:
         return {"n": 0, "median": None, "q1": None, "q3": None}
     low, middle, high = np.percentile(np.array(values, dtype=float), [25.0, 50.0, 75.0]).tolist()
     return {"n": len(values), "median": middle, "q1": low, "q3": high}
+
+
+def mean_and_sd(values: Sequence[float]) -> dict[str, Any]:
+    """``n``, ``mean`` and ``sd``; None of nothing, and no ``sd`` of one."""
+    sd = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return {"n": len(values), "mean": float(np.mean(values)) if values else None, "sd": sd}
 
 
 def by_condition(values: Mapping[str, Sequence[tuple[str, float | None]]]) -> dict[str, dict[str, Any]]:

@@ -13,7 +13,7 @@ from highfive.hil.experiments.analysis.contact_timing import contact_timing
 from highfive.hil.experiments.analysis.synchrony import AgainstPseudoPairs, against_pseudo_pairs, lag_profile
 from highfive.hil.experiments.protocol import Mode
 from highfive.hil.experiments.recorded.trial_motions import TrialMotion, on_motion, trial_motions
-from highfive.hil.experiments.trial_row import TrialRow
+from highfive.hil.experiments.trial_row import Key, TrialRow
 from highfive.hil.recording.exports.even_times import even_times
 from highfive.hil.recording.exports.trial_arrays import TrialArrays
 from highfive.hil.runtime.console import Advance
@@ -45,8 +45,6 @@ SYNCHRONY: Mapping[str, str] = {
     "share_below": "Of the pseudo-pairs, lower than the pair: 0.5 is chance.",
 }
 """Figures of a pair."""
-Key = tuple[str, int, int]
-"""Participant, session, ask."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ def interaction(study: Path, rows: Sequence[TrialRow], advance: Advance | None =
         row = trial.row
         if advance is not None:
             advance(done=place + 1 + len(rows) - len(acted))
-        key = row.participant, row.session, row.ask
+        key = row.row_key
         if trial.motion is None:
             if trial.missing:
                 missing[key] = trial.missing
@@ -99,7 +97,7 @@ def interaction(study: Path, rows: Sequence[TrialRow], advance: Advance | None =
             missing[key] = "the palms did not meet, or before their third frame"
     for palms, pair in zip(moved, _pairs(moved), strict=True):
         if pair is not None:
-            figures[palms.row.participant, palms.row.session, palms.row.ask] |= {
+            figures[palms.row.row_key] |= {
                 "synchrony": pair.pair.height, "lag_s": pair.pair.lag,
                 "pseudo_synchrony": pair.pseudo, "share_below": pair.share_below,
             }  # fmt: skip

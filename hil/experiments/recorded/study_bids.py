@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from highfive.hil.experiments.recorded.trial_motions import TrialMotion, on_motion, trial_motions
-from highfive.hil.experiments.study_rows import StudyRows
+from highfive.hil.experiments.study_rows import StudyRows, reasons
 from highfive.hil.experiments.trial_columns import MEANING
-from highfive.hil.experiments.trial_row import COLUMNS, TrialRow
+from highfive.hil.experiments.trial_row import COLUMNS, Key, TrialRow
 from highfive.hil.recording.exports.bids import (
     PARTICIPANTS,
     SIMULATED,
@@ -65,7 +65,7 @@ class StudyExport:
 
 def study_bids(study: Path, found: StudyRows) -> StudyExport:
     """All files of the data set of a study's rows."""
-    why = {(one.participant, one.session, one.ask): one.why for one in found.excluded}
+    why = reasons(found.excluded)
     task = _task(found)
     trials = list(trial_motions(study, found.rows))
     files = _head(study, found)
@@ -82,14 +82,14 @@ def study_bids(study: Path, found: StudyRows) -> StudyExport:
 
 def trials_csv(found: StudyRows) -> bytes:
     """A row a trial of the whole study, without what is personal."""
-    why = {(one.participant, one.session, one.ask): one.why for one in found.excluded}
+    why = reasons(found.excluded)
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     names = ("participant", "session", *_KEPT)
     table.writerow([*names, NOT_COUNTED])
     for row in found.rows:
         values = _plain(row)
-        table.writerow([*("" if values[name] is None else values[name] for name in names), why.get(_key(row), "")])
+        table.writerow([*("" if values[name] is None else values[name] for name in names), why.get(row.row_key, "")])
     return text.getvalue().encode()
 
 
@@ -112,7 +112,7 @@ def _head(study: Path, found: StudyRows) -> list[ExportFile]:
 
 
 def _session(
-    code: str, number: int, trials: Sequence[TrialMotion], why: Mapping[tuple[str, int, int], str], task: Task,
+    code: str, number: int, trials: Sequence[TrialMotion], why: Mapping[Key, str], task: Task,
     begun_ns: int,
 ) -> list[ExportFile]:  # fmt: skip
     """The files of one session of a participant, who began ``begun_ns``, ns since 1970."""
@@ -135,7 +135,7 @@ def _session(
             scans.append((f"motion/{name}_motion.tsv", dateless(_started(trial, begun_ns))))
         events = f"{folder}/motion/{named}_{run}_events"
         files += [
-            of_bytes(f"{events}.tsv", partial(_events, trial, why.get(_key(trial.row), ""))),
+            of_bytes(f"{events}.tsv", partial(_events, trial, why.get(trial.row.row_key, ""))),
             of_bytes(f"{events}.json", partial(json_bytes, _EVENTS | _described(_EVENT))),
         ]
     return [*files, of_bytes(f"{folder}/{stem}_scans.tsv", partial(tsv_bytes, scans))]
@@ -156,12 +156,12 @@ def _events(trial: TrialMotion, why: str) -> bytes:
     return tsv_bytes([("onset", "duration", "trial_type", *_EVENT), *events])
 
 
-def _answers(rows: Sequence[TrialRow], why: Mapping[tuple[str, int, int], str], begun_ns: int) -> bytes:
+def _answers(rows: Sequence[TrialRow], why: Mapping[Key, str], begun_ns: int) -> bytes:
     table: list[Sequence[str]] = [("begun", *_KEPT, NOT_COUNTED)]
     for row in rows:
         values = _plain(row)
         cells = [_text(values[name]) for name in _KEPT]
-        table.append((f"{_begun(row, begun_ns):.3f}", *cells, why.get(_key(row), "") or "n/a"))
+        table.append((f"{_begun(row, begun_ns):.3f}", *cells, why.get(row.row_key, "") or "n/a"))
     return tsv_bytes(table)
 
 
@@ -190,10 +190,6 @@ def _plain(row: TrialRow) -> dict[str, Any]:
 
 def _text(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else cell_text(value)
-
-
-def _key(row: TrialRow) -> tuple[str, int, int]:
-    return row.participant, row.session, row.ask
 
 
 def _codes(found: StudyRows) -> Iterator[str]:

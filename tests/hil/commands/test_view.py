@@ -16,10 +16,8 @@ from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.recorded import recorded_trials
 
 
-@pytest.mark.parametrize("share", [0.5, 1.0])
-def test_a_recording_that_was_cut_short_says_so_on_terminal_and_page(share: float, tmp_path: Path) -> None:
-    path, whole = tmp_path / "session.mcap", SHIPPED_RECORDING.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
+def viewed(path: Path) -> tuple[dict[str, object], str, int, str]:
+    """What a page is told first, what was said until its address was, and the code and the words of the end."""
     process, said = start("view", path, "--no-open"), ""
     assert process.stderr is not None
     while "open http" not in said:
@@ -30,6 +28,14 @@ def test_a_recording_that_was_cut_short_says_so_on_terminal_and_page(share: floa
         hello = json.loads(link.recv(10.0))
         link.send(json.dumps({"kind": "command", "name": "end"}))
         code, _, err = ended(process)
+    return hello, said, code, err
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_a_recording_that_was_cut_short_says_so_on_terminal_and_page(share: float, tmp_path: Path) -> None:
+    path, whole = tmp_path / "session.mcap", SHIPPED_RECORDING.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    hello, said, code, err = viewed(path)
     assert code == 0 and hello["kind"] == "hello" and hello["cut"] == (share < 1.0)
     assert ("was cut short" in said) == (share < 1.0) and "was cut short" not in err
 
@@ -67,17 +73,8 @@ def hello_of(page: LivePage) -> dict[str, object]:
 
 def test_a_recording_whose_arm_is_elsewhere_is_shown_without_it(tmp_path: Path) -> None:
     folder = "/home/somebody/arms/mine"
-    process, said = start("view", altered(tmp_path / "a.mcap", {"arm_name": folder}, arm=True), "--no-open"), ""
-    assert process.stderr is not None
-    while "open http" not in said:
-        said += (line := process.stderr.readline())
-        assert line, said
-    address = next(word for word in said.split() if word.startswith("http"))
-    with connect(address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None) as link:
-        hello = link.recv(10.0)
-        link.send(json.dumps({"kind": "command", "name": "end"}))
-        code, _, _ = ended(process)
-    assert code == 0 and json.loads(hello)["rig"] is False and folder not in str(hello)
+    hello, said, code, _ = viewed(altered(tmp_path / "a.mcap", {"arm_name": folder}, arm=True))
+    assert code == 0 and hello["rig"] is False and folder not in json.dumps(hello)
     assert f"shown without its servo arm: there is no arm '{folder}'" in said
 
 

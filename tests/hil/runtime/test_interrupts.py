@@ -30,8 +30,12 @@ cli.main()
 """
 
 
+def ran(program: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+
+
 def test_ctrl_c_in_a_callback_of_the_collector_ends_a_command() -> None:
-    done = subprocess.run([sys.executable, "-c", SWALLOWED], capture_output=True, text=True, timeout=60, check=False)
+    done = ran(SWALLOWED)
     assert (done.returncode, done.stdout, done.stderr) == (1, "", "interrupted\n")
 
 
@@ -53,7 +57,7 @@ cli.main()
 
 
 def test_what_comes_of_an_interrupt_that_a_library_swallowed_is_told_as_the_interrupt() -> None:
-    done = subprocess.run([sys.executable, "-c", COMES_OF_IT], capture_output=True, text=True, timeout=60, check=False)
+    done = ran(COMES_OF_IT)
     assert (done.returncode, done.stdout, done.stderr) == (1, "", "interrupted\n")
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from live_commands import ended, start
 from page_address import page_address
-from recorded_trials import record_trial
-from trial_results import simulated_result
+from recorded_trials import record_two
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
@@ -22,13 +21,11 @@ from highfive.hil.commands.simulate_options import PageOptions
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.drivers.latch import Cause, Latch
-from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.replay_goals import RecordedHighFives
 from highfive.hil.recording.session_reader import read_session
 from highfive.hil.runtime.console import progress_bars
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.sim.scene import build_scene
-from highfive.hil.trials.summary import SessionSettings
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.recorded import RecordedTrials
@@ -39,12 +36,7 @@ from highfive.model.errors import HighFiveError
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of two high fives in which the palms met."""
-    path = tmp_path_factory.mktemp("twice") / "session.mcap"
-    scene = build_scene()
-    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
-        for number in range(2):
-            record_trial(recorder, simulated_result(scene, number, "happy", "B2"))
-    return path
+    return record_two(tmp_path_factory.mktemp("twice") / "session.mcap", "happy")
 
 
 def looks_on(address: str) -> ClientConnection:

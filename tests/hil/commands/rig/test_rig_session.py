@@ -15,8 +15,7 @@ from typing import Any
 
 import pytest
 from live_commands import HIGHFIVE, ended, start, wait_for
-from recorded_trials import record_trial
-from trial_results import simulated_result
+from recorded_trials import record_two
 
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.arm_trial import played_until_stopped
@@ -27,7 +26,6 @@ from highfive.hil.commands.simulate import SimulateOptions, simulate
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, EmulatorProcess, make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
-from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay_goals import RecordedHighFives
 from highfive.hil.recording.session_reader import read_session
@@ -35,8 +33,6 @@ from highfive.hil.runtime.console import show_log
 from highfive.hil.runtime.threads import SWITCH_S
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.safety.states import State
-from highfive.hil.sim.scene import build_scene
-from highfive.hil.trials.summary import SessionSettings
 from highfive.model.errors import HighFiveError
 
 IN_THE_SECOND_S = 7.0
@@ -50,12 +46,7 @@ def quiet(_: str, __: int):
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of two high fives in which the palms met."""
-    path = tmp_path_factory.mktemp("twice") / "session.mcap"
-    scene = build_scene()
-    with SessionRecorder(path, SessionSettings(seed=5, model="none", trials=2)) as recorder:
-        for number in range(2):
-            record_trial(recorder, simulated_result(scene, number, "neutral", "B2"))
-    return path
+    return record_two(tmp_path_factory.mktemp("twice") / "session.mcap", "neutral")
 
 
 def played(recorded: Path, out: Path, *faults: str) -> dict[str, Any]:

@@ -1,0 +1,41 @@
+"""What is looked at before a calibration opens anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.runtime.folders import check_file
+from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
+from highfive.model.errors import HighFiveError
+
+
+def check_system(source: str) -> None:
+    """That it is a motion capture system's address.
+
+    Raises:
+        HighFiveError: it is a file, a headset or a webcam, or no address.
+    """
+    if not is_live(source) or parse_address(source).scheme in ("headset", WEBCAM):
+        raise HighFiveError(f"--source {source}: expected a motion capture system, such as vicon://host")
+
+
+def check_calibration_file(out: Path, overwrite: bool) -> None:
+    """That an arm's calibration can be written there.
+
+    Raises:
+        HighFiveError: its name is no TOML file's, or it is there already.
+    """
+    if out.suffix != ".toml":
+        raise HighFiveError(f"--out {out}: a calibration is a TOML file; write it as {out.stem}.toml")
+    check_file(out, overwrite)
+
+
+def check_in_a_room(arm: ArmOptions) -> None:
+    """That the arm is a real one.
+
+    Raises:
+        HighFiveError: it is emulated.
+    """
+    if arm.emulated:
+        raise HighFiveError(f"{arm.port}: an emulated arm stands in no room; give a serial port, and --arm")

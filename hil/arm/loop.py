@@ -18,6 +18,7 @@ from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
 from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.runtime.interrupts import WholeTick
 from highfive.hil.safety import envelope
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.people import Human, Sighting
@@ -315,13 +316,14 @@ class ArmLoop:
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
         due, end = self.clock.now(), self.clock.now() + round(longest_s * 1e9)
         while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
-            self.note_frame()
-            tick = self.tick(goal, run=False)
-            if back is not None:
-                back.ticks.append(tick)
-                back.cycles.extend(self.cycles())
-            if watch is not None:
-                watch(tick)
+            with WholeTick():  # what an interrupt cuts short would not be recorded
+                self.note_frame()
+                tick = self.tick(goal, run=False)
+                if back is not None:
+                    back.ticks.append(tick)
+                    back.cycles.extend(self.cycles())
+                if watch is not None:
+                    watch(tick)
             due += round(1e9 * self.limits.timing.period_s)
             self.clock.wait_until(due)
 

@@ -192,6 +192,9 @@ class SessionRecorder:
             self._add("/arm", now, messages.arm_cycle(cycle))
             if cycle.number % DRAWN_EVERY == 0:
                 self._add_drawn("/tf", now, self._transforms.arm(now, cycle.state.positions))
+        # On the way back nothing else cuts chunks; and after a stall there is much in one call.
+        if times := [self._at(tick.frame_ns) for tick in ticks] + [self._at(cycle.state.time_ns) for cycle in cycles]:
+            self._cut_chunk(max(times), min(times))
 
     def record_played(self, arm: ArmTrial) -> None:
         """What the arm did in a high five that was recorded before, and after it, a second after what came before."""
@@ -311,10 +314,11 @@ class SessionRecorder:
         self._end = max(now, self._end)
         self._cut_chunk(now)
 
-    def _cut_chunk(self, now: int) -> None:
-        if self._chunk_start is None:
-            self._chunk_start = now
-        elif now - self._chunk_start >= CHUNK_NS:
+    def _cut_chunk(self, now: int, since: int | None = None) -> None:
+        """Writes the chunk if it has become long; what came last is of ``since`` to ``now``."""
+        began = now if since is None else since
+        self._chunk_start = began if self._chunk_start is None else min(began, self._chunk_start)
+        if now - self._chunk_start >= CHUNK_NS:
             self._flush()
 
     def _add(self, topic: str, time_ns: int, message: Mapping[str, Any]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
-from highfive.hil.arm.loop import ArmLoop, ArmTick, WayBack
+from highfive.hil.arm.loop import ArmLoop, ArmTick, Watch, WayBack
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm
@@ -149,12 +149,10 @@ class ArmTrial:
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
 
 
-def played_until_stopped(
-    reference: ReferenceTrajectory, loop: ArmLoop, watch: Callable[[ArmTick], None] | None = None
-) -> ArmTrial | None:
+def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop, watch: Watch | None = None) -> ArmTrial | None:
     """Has the arm play one high five as far as it comes; ``loop.trouble`` says why it was stopped, if it was.
 
-    ``watch`` gets each tick, as in :meth:`~highfive.hil.arm.loop.ArmLoop.play`.
+    ``watch`` as in :meth:`~highfive.hil.arm.loop.ArmLoop.play`.
 
     Returns:
         what it did; None where that are fewer than :data:`FEWEST` ticks or cycles.
@@ -272,7 +270,7 @@ class ArmWatch:
             if not self._back.ticks:
                 self._given_up = self.loop.relaxation
                 self._cycles += self.loop.cycles()
-        self.loop.rest(self._back, watch=lambda tick: self._record())
+        self.loop.rest(self._back, watch=lambda tick, cycles: self._record())
         with WholeTick():
             self._back.cycles.extend(self.loop.cycles())
             self._record()

@@ -74,6 +74,10 @@ class WayBack:
     cycles: list[Cycle] = field(default_factory=list)
 
 
+Watch = Callable[[ArmTick, Sequence[Cycle]], None]
+"""Is given each tick, and the cycles of the bus since the one before."""
+
+
 class Driver(Protocol):
     """What takes commands and says what the arm does: :class:`highfive.hil.drivers.bus.arm_process.ArmProcess`, or
     the twin.
@@ -262,14 +266,14 @@ class ArmLoop:
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
     def play(
-        self, goals: Iterable[PalmGoal], back: WayBack | None = None, watch: Callable[[ArmTick], None] | None = None
+        self, goals: Iterable[PalmGoal], back: WayBack | None = None, watch: Watch | None = None
     ) -> tuple[list[ArmTick], list[Cycle]]:
         """Goals of a high five, one per tick, from now on; then to where the arm rests. Ends early once it was stopped.
 
         Args:
             goals: of the ticks.
             back: added to on the way back.
-            watch: gets each tick once its command is given, also on the way back; it has to be quick.
+            watch: is called once a tick's command is given, also on the way back; it has to be quick.
 
         Returns:
             the ticks, and the cycles of the bus until the last of them.
@@ -289,20 +293,21 @@ class ArmLoop:
                 due = now
             self.note_frame()
             ticks.append(self.tick(goal))
+            fresh = self.cycles()
+            cycles += fresh
             if watch is not None:
-                watch(ticks[-1])
-            cycles += self.cycles()
+                watch(ticks[-1], fresh)
             due += period
             if self.trouble and not self._braking:
                 break
-        self.rest(back, watch=watch)
+        self.rest(WayBack() if back is None else back, watch=watch)
         return ticks, cycles
 
     def rest(
         self,
         back: WayBack | None = None,
         longest_s: float = REST_S,
-        watch: Callable[[ArmTick], None] | None = None,
+        watch: Watch | None = None,
     ) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
         end.
@@ -310,7 +315,7 @@ class ArmLoop:
         Args:
             back: added to meanwhile; None leaves the cycles unread.
             longest_s: s, that this takes.
-            watch: as in :meth:`play`.
+            watch: as in :meth:`play`; where there is a ``back``.
         """
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
@@ -320,10 +325,11 @@ class ArmLoop:
                 self.note_frame()
                 tick = self.tick(goal, run=False)
                 if back is not None:
+                    fresh = self.cycles()
                     back.ticks.append(tick)
-                    back.cycles.extend(self.cycles())
-                if watch is not None:
-                    watch(tick)
+                    back.cycles.extend(fresh)
+                    if watch is not None:
+                        watch(tick, fresh)
             due += round(1e9 * self.limits.timing.period_s)
             self.clock.wait_until(due)
 

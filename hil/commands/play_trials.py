@@ -140,7 +140,7 @@ def play(
         except KeyboardInterrupt:
             return replace(played, interrupted=True, why="interrupted at the computer that ran it")
         finally:
-            recorder.record_event("session_end")
+            recorder.end()
             gc.unfreeze()
     return replace(played, interrupted=programme.ended, why="ended on the page" if programme.ended else "")
 

@@ -120,10 +120,10 @@ class BackgroundRecorder:
             say_aside(f"{error}; the end of the session is not recorded", logging.WARNING)
 
     def discard(self) -> None:
-        """Leaves nothing of this recording, where the disk answers."""
+        """Leaves nothing of this recording, where the disk answers; what comes after that is of none."""
         if self._stop():
             self._recorder.discard()
-            self.trouble = "the recording was discarded"
+            self.trouble = f"nothing is kept of the recording {self._recorder.path}"
 
     def __enter__(self) -> BackgroundRecorder:
         """Self."""

@@ -36,7 +36,7 @@ def servo_lags(
         HighFiveError: the arm was stopped, or a joint does not follow; which.
     """
     s, found = settings or ChirpSettings(), {}
-    check_way(arm, drive.positions, arm.ready)
+    check_way(arm, drive.positions, arm.ready, drive.command("release"))
     drive.go(arm.ready)
     ways = np.linalg.norm(arm.points(arm.ready)[1], axis=1)  # (P, J) m/rad
     for name in joints:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,8 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
         moving_s = drive.moving_s
     if found is not None and not arm.emulated:
         latency = {**found.latency, **{name + LAG: lag.lag for name, lag in lags.items()}}
-        save_arm(options.out, replace(found, latency=latency), replace=options.overwrite)
+        new = replace(found, latency=latency, latency_date=datetime.now(UTC))
+        save_arm(options.out, new, replace=options.overwrite)
     return {
         "out": None if arm.emulated else str(options.out),
         "arm": fingerprint(rig, folder),

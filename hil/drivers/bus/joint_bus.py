@@ -104,7 +104,7 @@ class JointBus:
                 where = f"servo {servo} ({self._rig.servos[servo].name})"
                 raise HighFiveError(
                     f"{where}: its torque is on and {name} is {holds}, not {raw}; "
-                    f"hold the arm, let it go with highfive rig release {self._bus.path}, and start again"
+                    f"hold the arm, let it go with {self._rig.command('release', self._bus.path)}, and start again"
                 )
 
     def engage(self) -> JointState:

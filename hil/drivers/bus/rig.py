@@ -6,6 +6,7 @@ The arm that comes with the project is ``rig.toml``; a lab's own file works the 
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -115,6 +116,8 @@ class Rig:
         settings: of every servo.
         joints: from the base on.
         calibration: file that says by what it differs from its drawing, and where it stands; None for none.
+        file: that it was read from; None for the arm's own.
+        arm: its name on a command line, or its folder; '' for the one that comes along.
     """
 
     name: str
@@ -122,6 +125,20 @@ class Rig:
     settings: RigSettings
     joints: tuple[RigJoint, ...]
     calibration: Path | None = None
+    file: Path | None = None
+    arm: str = ""
+
+    def command(self, verb: str, port: str) -> str:
+        """What to type for a command of ``highfive rig`` about this arm, such as ``release``."""
+        return shlex.join(["highfive", "rig", verb, port, *self._told("--rig")])
+
+    def calibrate(self, verb: str, port: str, *more: str) -> str:
+        """What to type for a command of ``highfive calibrate`` that moves this arm, with more words."""
+        return shlex.join(["highfive", "calibrate", verb, port, "--arm", *self._told("--rig-file"), *more])
+
+    def _told(self, file: str) -> list[str]:
+        own = [] if self.file is None else [file, str(self.file)]
+        return [*own, "--arm", self.arm] if self.arm else own
 
     @property
     def servos(self) -> dict[int, RigJoint]:

@@ -61,8 +61,8 @@ def test_a_way_through_the_floor_is_refused() -> None:
     """From beside the mount, stretched down, straight to where the arm waits: through the table's edge or the floor."""
     below = next(q for q in _postures() if ARM.clearance(0.5 * (q + READY)) < -0.02 and ARM.clearance(q) > 0.0)
     with pytest.raises(HighFiveError, match="move it by hand"):
-        check_way(ARM, below, READY)
-    check_way(ARM, READY, READY)
+        check_way(ARM, below, READY, "highfive rig release PORT")
+    check_way(ARM, READY, READY, "release")
 
 
 def _postures() -> Iterator[np.ndarray]:

@@ -271,6 +271,26 @@ def calibrate_latency(
     print_result(result, json, print_latency)
 
 
+@calibrate.command("show")
+def calibrate_show(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE.toml [OTHER.toml]", help="One of an arm, or two.")],
+    arm: cli_rig.ArmName = cli_rig.DEFAULT_NAME,
+    rig_file: cli_rig.ThatArm = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the room and each posture's residuals there.")
+    ] = None,
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Show what is calibrated of an arm, when and how well; of two, how they differ (exit code 1: they disagree)."""
+    from highfive.hil.commands.calibrate_show import ShowOptions, calibrate_show, print_show  # noqa: PLC0415
+
+    result = calibrate_show(ShowOptions(tuple(files), arm, rig_file, picture, overwrite))
+    print_result(result, json, print_show)
+    if result.get("difference", {}).get("disagreement"):
+        raise typer.Exit(1)
+
+
 @calibrate.command("event")
 def calibrate_event(
     recording: Annotated[Path, typer.Argument(help="A session's session.mcap, or its folder, with taps or claps.")],

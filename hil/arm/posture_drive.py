@@ -130,8 +130,11 @@ class PostureDrive:
             encoders += [cycle.state.positions for cycle in self._arm.unread()]
             look()
 
-    def follow(self, course: Callable[[float], Array], seconds: float) -> list[Cycle]:
-        """Leads the arm along a course, (J,) rad at s from now on, and returns the bus's cycles meanwhile.
+    def follow(
+        self, course: Callable[[float], Array], seconds: float, look: Callable[[], object] = lambda: None
+    ) -> list[Cycle]:
+        """Leads the arm along a course, (J,) rad at s from now on, and returns the bus's cycles meanwhile; ``look`` is
+        called every tick.
 
         Raises:
             HighFiveError: the arm was stopped, or somebody is in the way.
@@ -145,6 +148,7 @@ class PostureDrive:
             self.moving_s += period
             self.tick(course(done))
             cycles += self._arm.unread()
+            look()
         return cycles
 
     def rest(self, longest_s: float = 30.0) -> None:

@@ -246,6 +246,12 @@ def calibrate_servos(
 @calibrate.command("latency", cls=ArmCommand)
 def calibrate_latency(
     port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm; virtual: emulated, not kept.")],
+    source: Annotated[
+        str | None, typer.Option(help="The motion capture system that sees the plate: how late it is, too.")
+    ] = None,
+    wand: Annotated[
+        str | None, typer.Option(metavar="LABEL", help="A marker to be followed: the whole, end to end.")
+    ] = None,
     arm: Armed = False,
     which_arm: WhichArm = None,
     calibration: _Calibrated = None,
@@ -267,7 +273,7 @@ def calibrate_latency(
     which = arm_options(port, arm, rig_file, limits, None, estop, calibration, False, True, None, which_arm)
     assert which is not None
     with progress_bars() as bar:
-        result = calibrate_latency(LatencyOptions(which, out, overwrite), bar)
+        result = calibrate_latency(LatencyOptions(which, source, wand, out, overwrite), bar)
     print_result(result, json, print_latency)
 
 

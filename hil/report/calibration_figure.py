@@ -69,7 +69,9 @@ def _room(axes: Axes, shown: CalibrationShown, pick: list[int], title: str) -> N
         for n, colour in enumerate(_COLOURS):
             ends = np.array([at, at + 0.2 * turn[:, n]])[:, pick]
             axes.plot(*ends.T, color=colour, lw=2.0)
-        axes.annotate(name, at[pick], xytext=(4, -11), textcoords="offset points", color=INK, fontsize=8)
+        axes.annotate(
+            name, (at[pick[0]], at[pick[1]]), xytext=(4, -11), textcoords="offset points", color=INK, fontsize=8
+        )
     axes.set_aspect("equal", "datalim")
     axes.set_xlabel(f"{'xyz'[pick[0]]}, m")
     axes.set_ylabel(f"{'xyz'[pick[1]]}, m")

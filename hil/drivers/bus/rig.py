@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from highfive.hil.drivers.bus.control_table import baud_index, load_table, models, to_raw
+from highfive.hil.drivers.bus.control_table import baud_index, load_table, models, packing, to_raw
 from highfive.hil.drivers.values import Array
 from highfive.model.errors import HighFiveError
 from highfive.model.toml_file import check_keys, number, read_toml, typed
@@ -23,6 +23,9 @@ DEFAULT_RIG = Path(__file__).parent / "rig.toml"
 
 COUNTS = 4096
 """Of one turn."""
+
+_REPLY_HEAD, _REPLY_PART = 8, 4
+"""Bytes of the one answer to a fast sync read: header to instruction; error, ID and CRC of each servo."""
 
 LAST_ID = 252
 """Largest ID that a servo can have."""
@@ -127,6 +130,12 @@ class Rig:
     calibration: Path | None = None
     file: Path | None = None
     arm: str = ""
+
+    @property
+    def reply_s(self) -> float:
+        """s, that all servos' one answer takes on the line. They measure when they are asked, as it begins."""
+        sizes = [packing(load_table(model).answers).size for model in self.models.values()]
+        return 10.0 * (_REPLY_HEAD + sum(_REPLY_PART + size for size in sizes)) / self.baud_rate
 
     def command(self, verb: str, port: str) -> str:
         """What to type for a command of ``highfive rig`` about this arm, such as ``release``."""

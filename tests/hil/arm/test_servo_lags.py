@@ -97,7 +97,7 @@ def test_a_session_plans_by_the_formula_whatever_was_measured(tmp_path: Path) ->
 )
 def test_bad_input_of_the_latency_is_one_line(tmp_path: Path, options: ArmOptions, says: str) -> None:
     with pytest.raises(HighFiveError, match=says):
-        calibrate_latency(LatencyOptions(options, tmp_path / "out.toml"), lambda *_: lambda *_, **__: None)
+        calibrate_latency(LatencyOptions(options, out=tmp_path / "out.toml"), lambda *_: lambda *_, **__: None)
     assert not (tmp_path / "out.toml").exists()
 
 
@@ -106,5 +106,5 @@ def test_a_calibration_that_is_there_is_kept(tmp_path: Path) -> None:
     before = file.read_bytes()
     real = ArmOptions("/dev/ttyUSB99", slow=True, armed=True, calibration=file)
     with pytest.raises(HighFiveError, match="--overwrite"):
-        calibrate_latency(LatencyOptions(real, file), lambda *_: lambda *_, **__: None)
+        calibrate_latency(LatencyOptions(real, out=file), lambda *_: lambda *_, **__: None)
     assert file.read_bytes() == before

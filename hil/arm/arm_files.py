@@ -29,7 +29,7 @@ def ceilings_of(folder: ArmFolder) -> Ceilings:
     """What the arm's joints and servos can."""
     body = compiled_body(folder)
     stops = tuple((float(low), float(high)) for low, high in zip(body.low, body.high, strict=True))
-    return Ceilings(folder.names, stops, tuple(folder.stall_currents.tolist()))
+    return Ceilings(folder.names, stops, tuple(folder.stall_currents.tolist()), tuple(folder.voltages.tolist()))
 
 
 def rig_file(folder: ArmFolder) -> Path:

@@ -21,6 +21,7 @@ from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
 from highfive.hil.arm.lifecycle import ready_arm
 from highfive.hil.arm.preconditions import check_options
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
@@ -118,7 +119,7 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
             "from": chosen[end.whole] if end.whole < len(chosen) else None,
         }
         summary = {**said, **arm_summary(results.figures), **ended, "versions": versions()}
-        _write_report(summary, results, lag, options.arm.emulated, path, folder)
+        _write_report(summary, results, lag, options.arm, path, folder)
     return summary
 
 
@@ -247,13 +248,13 @@ def _settings(session: SessionReader, trials: int, arm: ArmOptions) -> SessionSe
 
 
 def _write_report(
-    summary: dict[str, Any], results: ArmResults, lag: float, emulated: bool, path: Path, folder: Path
+    summary: dict[str, Any], results: ArmResults, lag: float, arm: ArmOptions, path: Path, folder: Path
 ) -> None:
-    drawings = draw_arm(list(results.whole.values()), lag, results.figures)
+    drawings = draw_arm(list(results.whole.values()), lag, results.figures, find_arm(arm.arm).names)
     page = render(
         "High Five: a session played by the servo arm",
         f"{counted(len(results.figures), 'high five')} of {escape(path.name)}, {escape(summary['port'])} arm.",
-        f'<span class="badge{"" if emulated else " loud"}">{"emulated arm" if emulated else "real arm"}</span>',
+        f'<span class="badge{"" if arm.emulated else " loud"}">{"emulated arm" if arm.emulated else "real arm"}</span>',
         [
             section("Servo arm", arm_section(summary, {drawing.name: drawing for drawing in drawings})),
             section("Do it again", f"<pre>{escape(shlex.join(['highfive', *sys.argv[1:]]))}</pre>"),

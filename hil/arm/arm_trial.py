@@ -14,7 +14,7 @@ from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
 from highfive.hil.arm.loop import ArmLoop, ArmTick, WayBack
 from highfive.hil.arm.planner import Retarget
-from highfive.hil.arm.planner_values import ConstraintRelaxation
+from highfive.hil.arm.planner_values import ConstraintRelaxation, PalmGoal
 from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.limits import Limits
@@ -225,11 +225,16 @@ def _meanwhile(ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> list[Cycle]
 
 
 class ArmWatch:
-    """Lets the arm take part in a trial, and keeps what it does."""
+    """Lets the arm take part in a trial, and keeps what it does.
+
+    Attributes:
+        goal: what a tick of the session asks of the arm.
+    """
 
     def __init__(self, loop: ArmLoop) -> None:
         """Around a loop."""
         self.loop = loop
+        self.goal: Callable[[Tick], PalmGoal] = palm_goal
         self._ticks: list[ArmTick] = []
         self._session: list[Tick] = []
         self._cycles: list[Cycle] = []
@@ -246,6 +251,10 @@ class ArmWatch:
     def inputs(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
         """What the trial's ticks begin with; after the last of them the arm goes to where it rests."""
         yield from self.loop.timed(inputs)
+        self.rest()
+
+    def rest(self) -> None:
+        """The arm goes to where it rests, also where a trial was broken off."""
         self._given_up = self.loop.relaxation
         self._cycles += self.loop.cycles()
         self.loop.rest(self._back)
@@ -259,7 +268,7 @@ class ArmWatch:
     def watch(self, tick: Tick) -> None:
         """One tick of the session."""
         self._session.append(tick)
-        self._ticks.append(self.loop.tick(palm_goal(tick)))
+        self._ticks.append(self.loop.tick(self.goal(tick)))
         self._cycles += self.loop.cycles()
 
     def fresh(self) -> tuple[Sequence[ArmTick], Sequence[Cycle]]:

@@ -7,10 +7,18 @@ from typing import Annotated
 
 import typer
 
+from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import (
+    ArmCommand,
+    Armed,
+    Camera,
+    FieldOfView,
+    Headset,
+    Height,
     Https,
     Interrupted,
     Json,
+    Latencies,
     NoOpen,
     Overwrite,
     Port,
@@ -18,6 +26,7 @@ from highfive.hil.cli.options import (
     PublishNetwork,
     RecordLsl,
     Seed,
+    WhichArm,
 )
 from highfive.hil.runtime.console import print_result, progress_bars
 from highfive.model.errors import HighFiveError
@@ -141,7 +150,7 @@ def power(
     print_result(result, json, print_power)
 
 
-@app.command()
+@app.command(cls=ArmCommand)
 def run(
     study: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")],
     participant: Annotated[str, typer.Option(metavar="CODE", help="Who takes part, such as P07.")],
@@ -165,6 +174,27 @@ def run(
         Path | None, typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session.")
     ] = None,
     latency: Annotated[float, typer.Option(help="What cameras, network and screen take, ms; made up for.")] = 0.0,
+    latencies: Latencies = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help="A servo arm takes part: emulated, or the serial port of a real one, which MOVES (with --arm)."
+        ),
+    ] = None,
+    arm: Armed = False,
+    which_arm: WhichArm = None,
+    rig_file: cli_rig.ThatArm = None,
+    limits: cli_rig.LimitsFile = None,
+    lower: cli_rig.Lower = None,
+    estop: cli_rig.Estop = None,
+    calibration: cli_rig.Calibration = None,
+    nobody_near: cli_rig.NobodyNear = False,
+    slow: cli_rig.Slow = False,
+    faults: cli_rig.Faults = None,
+    headset: Headset = None,
+    camera: Camera = None,
+    height: Height = None,
+    fov: FieldOfView = None,
     seed: Seed = 0,
     language: Annotated[
         str | None, typer.Option(metavar="LANG", help="Of the instructions, such as de (default: en, or the only one).")
@@ -188,19 +218,23 @@ def run(
 ) -> None:
     """Take one participant through the plan, every answer on the disk before the next trial begins."""
     from highfive.hil.commands import experiment_run as command  # noqa: PLC0415
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
     from highfive.hil.commands.experiment_options import RunOptions  # noqa: PLC0415
 
     chain = None
-    if no_avatar and (publish or publish_network or record_lsl):
-        raise HighFiveError("--no-avatar plays nothing: leave out --publish and --record-lsl")
+    servo_arm = arm_options(rig, arm, rig_file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm)
+    for said, given in (("--publish and --record-lsl", publish or publish_network or record_lsl), ("--rig", servo_arm)):
+        if no_avatar and given:
+            raise HighFiveError(f"--no-avatar plays nothing: leave out {said}")
     if not no_avatar:
         from highfive.hil.commands.session_outputs import published  # noqa: PLC0415
         from highfive.hil.commands.simulate import which_model  # noqa: PLC0415
-        from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions  # noqa: PLC0415
+        from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions, WebcamOptions  # noqa: PLC0415
 
         chain = SimulateOptions(
             source=source, human=person, marker_set=marker_set, model=which_model(model),
-            seed=seed, place=place, latency_ms=latency, view=PageOptions(port, not no_open, https),
+            seed=seed, place=place, latency_ms=latency, latencies=latencies, arm=servo_arm, headset=headset,
+            webcam=WebcamOptions(height, fov, camera), view=PageOptions(port, not no_open, https),
             publish=published(publish), publish_network=publish_network, record_lsl=tuple(record_lsl or ()),
         )  # fmt: skip
     options = RunOptions(

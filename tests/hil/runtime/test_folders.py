@@ -79,6 +79,8 @@ READ = {
         "experiment analyse --trials",
     ),
     *("experiment plan file", "experiment forget --study", "experiment run --simulate-participant"),
+    *("experiment run --rig-file", "experiment run --limits", "experiment run --estop", "experiment run --camera"),
+    *("experiment run --calibration", "experiment run --latencies", "experiment run --headset"),
     *(
         "experiment analyse --questionnaire",
         "experiment analyse study",

@@ -11,11 +11,16 @@ from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import (
     ArmCommand,
     Armed,
+    Avatar,
+    AvatarSet,
     Camera,
+    Cells,
     FieldOfView,
     Headset,
     Height,
     Https,
+    Human,
+    HumanSet,
     Interrupted,
     Json,
     Latencies,
@@ -246,6 +251,54 @@ def run(
     except KeyboardInterrupt:
         raise Interrupted("; every trial that was over is in the log: go on with --resume") from None
     print_result(result, json, command.print_run)
+
+
+@app.command()
+def collect(
+    source: Annotated[str, typer.Option(help="Address of the system that sees both people, such as vicon://host.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Data folder, also one to be gone on with (default: out/collection-1, …)."),
+    ] = None,
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
+    emotion: Annotated[
+        list[str] | None, typer.Option(help="Any word; may be given again (default: happy, angry, sad, neutral).")
+    ] = None,
+    cell: Cells = None,
+    repetitions: Annotated[int, typer.Option(min=1, max=1000, help="Takes of each emotion and cell.")] = 3,
+    test_repetitions: Annotated[int, typer.Option(min=0, help="So many of them, the last, are held out.")] = 1,
+    seconds: Annotated[float, typer.Option(min=1.0, max=120.0, help="Of a take, from the cue on.")] = 10.0,
+    between: Annotated[float, typer.Option(min=0.0, max=120.0, help="Before each cue, s.")] = 2.0,
+    any_cell: Annotated[bool, typer.Option("--any-cell", help="Hands may meet anywhere.")] = False,
+    simulated: Annotated[bool, typer.Option("--simulated", help="No people act: the folder says so.")] = False,
+    seed: Seed = 0,
+    typed: Annotated[bool, typer.Option("--typed", help="Commands are typed at this terminal, too.")] = False,
+    port: Port = None,
+    no_open: NoOpen = False,
+    https: Https = False,
+    json: Json = False,
+) -> None:
+    """Lead two people through high fives in every emotion and place, check each take, and fill a data folder."""
+    from highfive.hil.commands import experiment_collect as command  # noqa: PLC0415
+    from highfive.hil.commands.simulate_options import PageOptions  # noqa: PLC0415
+    from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
+
+    asked = command.asked(emotion, cell, repetitions, test_repetitions, seed, human, avatar, simulated)
+    options = command.CollectOptions(
+        out or next_folder("collection"), source, asked, human_set, avatar_set, seconds, between, any_cell, typed,
+        PageOptions(port, not no_open, https),
+    )  # fmt: skip
+    try:
+        with progress_bars() as bar:
+            result = command.collect(options, bar)
+    except KeyboardInterrupt:
+        raise Interrupted("; every take that was good is in the folder: the same command goes on") from None
+    print_result(result, json, command.print_collected)
+    if result["left"]:
+        raise typer.Exit(1)
 
 
 @app.command()

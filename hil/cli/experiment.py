@@ -62,6 +62,9 @@ def analyse(
         list[Path] | None,
         typer.Option(metavar="FILE.toml", help="Items, subscales and answers to score; may be given again."),
     ] = None,
+    exclude: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The lab's own rules for what does not count.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for a page, figures for print and a tidy table.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -69,7 +72,9 @@ def analyse(
     """Tell whether interaction helps to see emotions: the source study's table, and calibrated estimates beside it."""
     from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis  # noqa: PLC0415
 
-    options = AnalyseOptions(counts, trials, emotions, out, overwrite, study, level, tuple(questionnaire or ()))
+    options = AnalyseOptions(
+        counts, trials, emotions, out, overwrite, study, level, tuple(questionnaire or ()), exclude
+    )
     with progress_bars() as bar:
         result = analyse(options, bar)
     print_result(result, json, print_analysis)

@@ -83,6 +83,7 @@ READ = {
     *("experiment run --calibration", "experiment run --latencies", "experiment run --headset"),
     *(
         "experiment analyse --questionnaire",
+        "experiment analyse --exclude",
         "experiment analyse study",
         "experiment power file",
         "rig play --calibration",

@@ -65,6 +65,10 @@ def analyse(
     exclude: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="The lab's own rules for what does not count.")
     ] = None,
+    xdf: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE.xdf", help="Recorded beside the runs: events on its time line; may be given again."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for a page, figures for print and a tidy table.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -73,7 +77,16 @@ def analyse(
     from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis  # noqa: PLC0415
 
     options = AnalyseOptions(
-        counts, trials, emotions, out, overwrite, study, level, tuple(questionnaire or ()), exclude
+        counts,
+        trials,
+        emotions,
+        out,
+        overwrite,
+        study,
+        level,
+        tuple(questionnaire or ()),
+        exclude,
+        tuple(xdf or ()),
     )
     with progress_bars() as bar:
         result = analyse(options, bar)

@@ -18,6 +18,7 @@ from highfive.hil.experiments.analysis.psychometric import Psychometric, pooled_
 from highfive.hil.experiments.analysis.source_table import EMOTIONS, WARNING, SourceTable, source_table
 from highfive.hil.experiments.exclusion import read_rules
 from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, interaction
+from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
 from highfive.hil.experiments.study_rows import answers_of, study_rows, tidy_rows
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
@@ -28,6 +29,8 @@ OVERALL = "overall"
 """The table's last row, which is nobody's."""
 ALL_TRIALS = "all_trials.csv"
 """In the results of a study: a row a trial, in all columns of the logs."""
+XDF_EVENTS = "xdf_events.csv"
+"""There: the log's events on the time lines of XDF files."""
 SIMULATED = "The source study's table is of people: simulated participants are refused."
 
 
@@ -45,6 +48,7 @@ class AnalyseOptions:
         level: of all intervals.
         questionnaires: files that say what was asked beside the trials, and where the answers are.
         exclude: file of the lab's own rules for what does not count; of a study's folder.
+        xdf: files that were recorded beside its runs; of a study's folder.
     """
 
     counts: Path | None
@@ -56,6 +60,7 @@ class AnalyseOptions:
     level: float = 0.95
     questionnaires: tuple[Path, ...] = ()
     exclude: Path | None = None
+    xdf: tuple[Path, ...] = ()
 
 
 def analyse(options: AnalyseOptions, bar: Bar | None = None) -> dict[str, Any]:
@@ -68,8 +73,9 @@ def analyse(options: AnalyseOptions, bar: Bar | None = None) -> dict[str, Any]:
         raise HighFiveError("--counts and --trials are two ways to give the same answers; give one of them")
     if options.study is not None and (options.counts is not None or options.trials is not None):
         raise HighFiveError(f"{options.study} has its own answers; leave out --counts and --trials, or the folder")
-    if options.exclude is not None and options.study is None:
-        raise HighFiveError("--exclude has rules for the trials of a study; give its folder")
+    if (options.exclude is not None or options.xdf) and options.study is None:
+        said = "--exclude has rules for the trials" if options.exclude is not None else "--xdf is of the runs"
+        raise HighFiveError(f"{said} of a study; give its folder")
     if options.counts is None and options.trials is None and options.study is None:
         raise HighFiveError(
             "nothing to analyse; give a study's folder, or --counts FILE.csv with participant,condition,correct,n"
@@ -102,6 +108,9 @@ def _of_study(
         result["table_refused"] = SIMULATED
         result["table"] = None
         del result["overall_warning"]
+    beside = [xdf_events(path, found.rows) for path in options.xdf]
+    if beside:
+        result["xdf"] = [one.about for one in beside]
     if lacking:
         result["lacking"] = lacking
     if rules is not None:
@@ -117,6 +126,8 @@ def _of_study(
     if options.out is not None:
         tidy = tidy_rows(found.rows, found.excluded, (*TIMING, *SYNCHRONY), moved.figures)
         write_whole(options.out / ALL_TRIALS, tidy)
+        if beside:
+            write_whole(options.out / XDF_EVENTS, events_csv(beside))
     return result, people, answers
 
 
@@ -212,6 +223,8 @@ def _print_study(result: dict[str, Any]) -> None:
             share = 100.0 * times["share_below"]["median"]
             print(f"  synchrony: {times['synchrony']['median']:.2f}, above {share:.0f}% of its pseudo-pairs "
                   f"({times['share_below']['n']} trials)")  # fmt: skip
+    for one in result.get("xdf", []):
+        print(f"{one['file']}: {one['matched']} contacts are markers of it, {one['events']} events on its time line")
     why = Counter(one["why"] for one in result["excluded"])
     for reason, count in why.most_common():
         print(f"not counted: {count} of {result['trials']['all']} trials: {reason}")

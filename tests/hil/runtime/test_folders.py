@@ -84,6 +84,7 @@ READ = {
     *(
         "experiment analyse --questionnaire",
         "experiment analyse --exclude",
+        "experiment analyse --xdf",
         "experiment analyse study",
         "experiment power file",
         "rig play --calibration",

@@ -18,6 +18,7 @@ from highfive.hil.experiments.analysis.psychometric import Psychometric, pooled_
 from highfive.hil.experiments.analysis.source_table import EMOTIONS, WARNING, SourceTable, source_table
 from highfive.hil.experiments.exclusion import read_rules
 from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, interaction
+from highfive.hil.experiments.recorded.methods import methods
 from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
 from highfive.hil.experiments.study_rows import answers_of, study_rows, tidy_rows
 from highfive.hil.runtime.console import Bar
@@ -29,6 +30,8 @@ OVERALL = "overall"
 """The table's last row, which is nobody's."""
 ALL_TRIALS = "all_trials.csv"
 """In the results of a study: a row a trial, in all columns of the logs."""
+METHODS = "methods.md"
+"""There: a paragraph for a paper, with brackets where the lab fills in."""
 XDF_EVENTS = "xdf_events.csv"
 """There: the log's events on the time lines of XDF files."""
 SIMULATED = "The source study's table is of people: simulated participants are refused."
@@ -126,6 +129,7 @@ def _of_study(
     if options.out is not None:
         tidy = tidy_rows(found.rows, found.excluded, (*TIMING, *SYNCHRONY), moved.figures)
         write_whole(options.out / ALL_TRIALS, tidy)
+        write_whole(options.out / METHODS, methods(study, found, options.level, rules).encode())
         if beside:
             write_whole(options.out / XDF_EVENTS, events_csv(beside))
     return result, people, answers

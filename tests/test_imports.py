@@ -59,7 +59,8 @@ ALLOWED: dict[str, set[str]] = {
     "hil.experiments": ERRORS
     | {"hil.runtime", "hil.sim.people.emotions", "hil.sim.people.grid", "hil.experiments.analysis"},
     "hil.experiments.recorded": MODEL
-    | {"hil.experiments", "hil.experiments.analysis", "hil.recording", "hil.runtime", "hil.sim.avatar"},
+    | {"hil.experiments", "hil.experiments.analysis", "hil.recording", "hil.runtime", "hil.sim.avatar"}
+    | {"mocap_bridge.files.xdf"},
     "hil.publish": MODEL | BRIDGE | SIM | ARM | {"hil.session", "hil.trials", "hil.recording"},
     "hil.experiments.analysis": MODEL,
     "hil.evaluation": MODEL | BRIDGE | SIM | {"calibration", "hil.datasets", "hil.session"},

@@ -14,7 +14,7 @@ from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
 from highfive.hil.arm.loop import ArmLoop, ArmTick, Watch, WayBack
 from highfive.hil.arm.planner import Retarget
-from highfive.hil.arm.planner_values import ConstraintRelaxation
+from highfive.hil.arm.planner_values import ConstraintRelaxation, PalmGoal
 from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.runtime.interrupts import WholeTick
@@ -224,23 +224,29 @@ def _meanwhile(ticks: Sequence[ArmTick], cycles: Sequence[Cycle]) -> list[Cycle]
 
 
 class ArmWatch:
-    """Lets the arm take part in a trial, and keeps what it does."""
+    """Lets the arm take part in a trial, and keeps what it does.
+
+    Attributes:
+        goal: what a tick of the session asks of the arm.
+        record: is called after each tick of the way back.
+    """
 
     def __init__(self, loop: ArmLoop) -> None:
         """Around a loop."""
         self.loop = loop
+        self.goal: Callable[[Tick], PalmGoal] = palm_goal
         self._ticks: list[ArmTick] = []
         self._session: list[Tick] = []
         self._cycles: list[Cycle] = []
         self._back = WayBack()
         self._given_up = ConstraintRelaxation()
         self._taken = 0, 0
-        self._record: Callable[[], None] = lambda: None
+        self.record: Callable[[], None] = lambda: None
         self._rested = False
 
-    def begin(self, record: Callable[[], None] = lambda: None) -> None:
-        """A new trial: the arm is checked again. ``record`` is called after each tick of the way back."""
-        self._record, self._rested = record, False
+    def begin(self) -> None:
+        """A new trial: the arm is checked again."""
+        self._rested = False
         self._ticks, self._session, self._cycles, self._back = [], [], [], WayBack()
         self._taken = 0, 0
         self.loop.begin()
@@ -270,10 +276,10 @@ class ArmWatch:
             if not self._back.ticks:
                 self._given_up = self.loop.relaxation
                 self._cycles += self.loop.cycles()
-        self.loop.rest(self._back, watch=lambda tick, cycles: self._record())
+        self.loop.rest(self._back, watch=lambda tick, cycles: self.record())
         with WholeTick():
             self._back.cycles.extend(self.loop.cycles())
-            self._record()
+            self.record()
 
     @property
     def kept_back(self) -> str:
@@ -284,7 +290,7 @@ class ArmWatch:
     def watch(self, tick: Tick) -> None:
         """One tick of the session."""
         self._session.append(tick)
-        self._ticks.append(self.loop.tick(palm_goal(tick)))
+        self._ticks.append(self.loop.tick(self.goal(tick)))
         self._cycles += self.loop.cycles()
 
     def fresh(self) -> tuple[Sequence[ArmTick], Sequence[Cycle]]:

@@ -133,7 +133,8 @@ class FaultRun:
                 self._recording = recording
                 source.first()
                 self._watch = watch = ArmWatch(loop)
-                watch.begin(lambda: recording.record_arm(watch))
+                watch.begin()
+                watch.record = lambda: recording.record_arm(watch)
                 recording.begins(virtual.arm)
                 phases.begin(FOLLOWING)
                 live = LiveTrial(source, here(), clock, settings=_LIVE)

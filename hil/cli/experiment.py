@@ -7,10 +7,23 @@ from typing import Annotated
 
 import typer
 
+from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import (
+    ArmCommand,
+    Armed,
+    Avatar,
+    AvatarSet,
+    Camera,
+    Cells,
+    FieldOfView,
+    Headset,
+    Height,
     Https,
+    Human,
+    HumanSet,
     Interrupted,
     Json,
+    Latencies,
     NoOpen,
     Overwrite,
     Port,
@@ -18,6 +31,7 @@ from highfive.hil.cli.options import (
     PublishNetwork,
     RecordLsl,
     Seed,
+    WhichArm,
 )
 from highfive.hil.runtime.console import print_result, progress_bars
 from highfive.model.errors import HighFiveError
@@ -48,6 +62,13 @@ def analyse(
         list[Path] | None,
         typer.Option(metavar="FILE.toml", help="Items, subscales and answers to score; may be given again."),
     ] = None,
+    exclude: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The lab's own rules for what does not count.")
+    ] = None,
+    xdf: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE.xdf", help="Recorded beside the runs: events on its time line; may be given again."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for a page, figures for print and a tidy table.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -55,7 +76,18 @@ def analyse(
     """Tell whether interaction helps to see emotions: the source study's table, and calibrated estimates beside it."""
     from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis  # noqa: PLC0415
 
-    options = AnalyseOptions(counts, trials, emotions, out, overwrite, study, level, tuple(questionnaire or ()))
+    options = AnalyseOptions(
+        counts,
+        trials,
+        emotions,
+        out,
+        overwrite,
+        study,
+        level,
+        tuple(questionnaire or ()),
+        exclude,
+        tuple(xdf or ()),
+    )
     with progress_bars() as bar:
         result = analyse(options, bar)
     print_result(result, json, print_analysis)
@@ -141,7 +173,7 @@ def power(
     print_result(result, json, print_power)
 
 
-@app.command()
+@app.command(cls=ArmCommand)
 def run(
     study: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")],
     participant: Annotated[str, typer.Option(metavar="CODE", help="Who takes part, such as P07.")],
@@ -165,6 +197,27 @@ def run(
         Path | None, typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session.")
     ] = None,
     latency: Annotated[float, typer.Option(help="What cameras, network and screen take, ms; made up for.")] = 0.0,
+    latencies: Latencies = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help="A servo arm takes part: emulated, or the serial port of a real one, which MOVES (with --arm)."
+        ),
+    ] = None,
+    arm: Armed = False,
+    which_arm: WhichArm = None,
+    rig_file: cli_rig.ThatArm = None,
+    limits: cli_rig.LimitsFile = None,
+    lower: cli_rig.Lower = None,
+    estop: cli_rig.Estop = None,
+    calibration: cli_rig.Calibration = None,
+    nobody_near: cli_rig.NobodyNear = False,
+    slow: cli_rig.Slow = False,
+    faults: cli_rig.Faults = None,
+    headset: Headset = None,
+    camera: Camera = None,
+    height: Height = None,
+    fov: FieldOfView = None,
     seed: Seed = 0,
     language: Annotated[
         str | None, typer.Option(metavar="LANG", help="Of the instructions, such as de (default: en, or the only one).")
@@ -188,19 +241,23 @@ def run(
 ) -> None:
     """Take one participant through the plan, every answer on the disk before the next trial begins."""
     from highfive.hil.commands import experiment_run as command  # noqa: PLC0415
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
     from highfive.hil.commands.experiment_options import RunOptions  # noqa: PLC0415
 
     chain = None
-    if no_avatar and (publish or publish_network or record_lsl):
-        raise HighFiveError("--no-avatar plays nothing: leave out --publish and --record-lsl")
+    servo_arm = arm_options(rig, arm, rig_file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm)
+    for said, given in (("--publish and --record-lsl", publish or publish_network or record_lsl), ("--rig", servo_arm)):
+        if no_avatar and given:
+            raise HighFiveError(f"--no-avatar plays nothing: leave out {said}")
     if not no_avatar:
         from highfive.hil.commands.session_outputs import published  # noqa: PLC0415
         from highfive.hil.commands.simulate import which_model  # noqa: PLC0415
-        from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions  # noqa: PLC0415
+        from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions, WebcamOptions  # noqa: PLC0415
 
         chain = SimulateOptions(
             source=source, human=person, marker_set=marker_set, model=which_model(model),
-            seed=seed, place=place, latency_ms=latency, view=PageOptions(port, not no_open, https),
+            seed=seed, place=place, latency_ms=latency, latencies=latencies, arm=servo_arm, headset=headset,
+            webcam=WebcamOptions(height, fov, camera), view=PageOptions(port, not no_open, https),
             publish=published(publish), publish_network=publish_network, record_lsl=tuple(record_lsl or ()),
         )  # fmt: skip
     options = RunOptions(
@@ -212,6 +269,54 @@ def run(
     except KeyboardInterrupt:
         raise Interrupted("; every trial that was over is in the log: go on with --resume") from None
     print_result(result, json, command.print_run)
+
+
+@app.command()
+def collect(
+    source: Annotated[str, typer.Option(help="Address of the system that sees both people, such as vicon://host.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Data folder, also one to be gone on with (default: out/collection-1, …)."),
+    ] = None,
+    human: Human = "human",
+    avatar: Avatar = "avatar",
+    human_set: HumanSet = None,
+    avatar_set: AvatarSet = None,
+    emotion: Annotated[
+        list[str] | None, typer.Option(help="Any word; may be given again (default: happy, angry, sad, neutral).")
+    ] = None,
+    cell: Cells = None,
+    repetitions: Annotated[int, typer.Option(min=1, max=1000, help="Takes of each emotion and cell.")] = 3,
+    test_repetitions: Annotated[int, typer.Option(min=0, help="So many of them, the last, are held out.")] = 1,
+    seconds: Annotated[float, typer.Option(min=1.0, max=120.0, help="Of a take, from the cue on.")] = 10.0,
+    between: Annotated[float, typer.Option(min=0.0, max=120.0, help="Before each cue, s.")] = 2.0,
+    any_cell: Annotated[bool, typer.Option("--any-cell", help="Hands may meet anywhere.")] = False,
+    simulated: Annotated[bool, typer.Option("--simulated", help="No people act: the folder says so.")] = False,
+    seed: Seed = 0,
+    typed: Annotated[bool, typer.Option("--typed", help="Commands are typed at this terminal, too.")] = False,
+    port: Port = None,
+    no_open: NoOpen = False,
+    https: Https = False,
+    json: Json = False,
+) -> None:
+    """Lead two people through high fives in every emotion and place, check each take, and fill a data folder."""
+    from highfive.hil.commands import experiment_collect as command  # noqa: PLC0415
+    from highfive.hil.commands.simulate_options import PageOptions  # noqa: PLC0415
+    from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
+
+    asked = command.asked(emotion, cell, repetitions, test_repetitions, seed, human, avatar, simulated)
+    options = command.CollectOptions(
+        out or next_folder("collection"), source, asked, human_set, avatar_set, seconds, between, any_cell, typed,
+        PageOptions(port, not no_open, https),
+    )  # fmt: skip
+    try:
+        with progress_bars() as bar:
+            result = command.collect(options, bar)
+    except KeyboardInterrupt:
+        raise Interrupted("; every take that was good is in the folder: the same command goes on") from None
+    print_result(result, json, command.print_collected)
+    if result["left"]:
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -20,10 +20,15 @@ from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import (
     ArmCommand,
     Armed,
+    Camera,
     Cells,
+    FieldOfView,
+    Headset,
+    Height,
     Https,
     Interrupted,
     Json,
+    Latencies,
     NoOpen,
     Overwrite,
     Port,
@@ -117,10 +122,7 @@ def simulate(
         float,
         typer.Option(help="What cameras, network and screen take, ms, beyond what a live system reports; made up for."),
     ] = 0.0,
-    latencies: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.toml", help="How late streams are, as calibrate event measured; made up for."),
-    ] = None,
+    latencies: Latencies = None,
     rig: Annotated[
         str | None,
         typer.Option(
@@ -138,12 +140,7 @@ def simulate(
     nobody_near: cli_rig.NobodyNear = False,
     slow: cli_rig.Slow = False,
     faults: cli_rig.Faults = None,
-    headset: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml", help="A headset worn beside a lab's system, as calibrate headset registered it."
-        ),
-    ] = None,
+    headset: Headset = None,
     view: Annotated[bool, typer.Option("--view", help="Show it live on a page in the browser.")] = False,
     port: Port = None,
     no_open: NoOpen = False,
@@ -151,18 +148,9 @@ def simulate(
     publish: Publish = None,
     publish_network: PublishNetwork = False,
     record_lsl: RecordLsl = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="VIDEO", help="With --source webcam: an .mjpeg or .y4m instead of a camera, nobody asked."
-        ),
-    ] = None,
-    height: Annotated[
-        float | None, typer.Option(help="With --source webcam: of the person, m (default: 1.75).")
-    ] = None,
-    fov: Annotated[
-        float | None, typer.Option(help="With --source webcam: degrees across the camera's picture (default: 70).")
-    ] = None,
+    camera: Camera = None,
+    height: Height = None,
+    fov: FieldOfView = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
     overwrite: Overwrite = False,
     json: Json = False,

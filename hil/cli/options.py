@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -116,4 +117,21 @@ PublishNetwork = Annotated[
 RecordLsl = Annotated[
     list[str] | None,
     typer.Option(metavar="NAME", help="Record this LSL stream beside the session; may be given again."),
+]
+
+Latencies = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.toml", help="How late streams are, as calibrate event measured; made up for."),
+]
+Headset = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.toml", help="A headset worn beside a lab's system, as calibrate headset registered it."),
+]
+Camera = Annotated[
+    Path | None,
+    typer.Option(metavar="VIDEO", help="With --source webcam: an .mjpeg or .y4m instead of a camera, nobody asked."),
+]
+Height = Annotated[float | None, typer.Option(help="With --source webcam: of the person, m (default: 1.75).")]
+FieldOfView = Annotated[
+    float | None, typer.Option(help="With --source webcam: degrees across the camera's picture (default: 70).")
 ]

@@ -16,7 +16,10 @@ from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts, r
 from highfive.hil.experiments.analysis.hierarchical import Effects, logit_differences, over_people
 from highfive.hil.experiments.analysis.psychometric import Psychometric, pooled_log_jnd, pooled_pse, pse_shift
 from highfive.hil.experiments.analysis.source_table import EMOTIONS, WARNING, SourceTable, source_table
+from highfive.hil.experiments.exclusion import read_rules
 from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, interaction
+from highfive.hil.experiments.recorded.methods import methods
+from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
 from highfive.hil.experiments.study_rows import answers_of, study_rows, tidy_rows
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
@@ -27,6 +30,10 @@ OVERALL = "overall"
 """The table's last row, which is nobody's."""
 ALL_TRIALS = "all_trials.csv"
 """In the results of a study: a row a trial, in all columns of the logs."""
+METHODS = "methods.md"
+"""There: a paragraph for a paper, with brackets where the lab fills in."""
+XDF_EVENTS = "xdf_events.csv"
+"""There: the log's events on the time lines of XDF files."""
 SIMULATED = "The source study's table is of people: simulated participants are refused."
 
 
@@ -43,6 +50,8 @@ class AnalyseOptions:
         overwrite: write there though something is there.
         level: of all intervals.
         questionnaires: files that say what was asked beside the trials, and where the answers are.
+        exclude: file of the lab's own rules for what does not count; of a study's folder.
+        xdf: files that were recorded beside its runs; of a study's folder.
     """
 
     counts: Path | None
@@ -53,6 +62,8 @@ class AnalyseOptions:
     study: Path | None = None
     level: float = 0.95
     questionnaires: tuple[Path, ...] = ()
+    exclude: Path | None = None
+    xdf: tuple[Path, ...] = ()
 
 
 def analyse(options: AnalyseOptions, bar: Bar | None = None) -> dict[str, Any]:
@@ -65,6 +76,9 @@ def analyse(options: AnalyseOptions, bar: Bar | None = None) -> dict[str, Any]:
         raise HighFiveError("--counts and --trials are two ways to give the same answers; give one of them")
     if options.study is not None and (options.counts is not None or options.trials is not None):
         raise HighFiveError(f"{options.study} has its own answers; leave out --counts and --trials, or the folder")
+    if (options.exclude is not None or options.xdf) and options.study is None:
+        said = "--exclude has rules for the trials" if options.exclude is not None else "--xdf is of the runs"
+        raise HighFiveError(f"{said} of a study; give its folder")
     if options.counts is None and options.trials is None and options.study is None:
         raise HighFiveError(
             "nothing to analyse; give a study's folder, or --counts FILE.csv with participant,condition,correct,n"
@@ -87,15 +101,23 @@ def _of_study(
     study: Path, options: AnalyseOptions, bar: Bar | None
 ) -> tuple[dict[str, Any], Sequence[PersonCounts], Sequence[Answer]]:
     """The figures of a study's folder, and what they are of."""
-    found = study_rows(study)
+    rules = None if options.exclude is None else read_rules(options.exclude)
+    found = study_rows(study, rules)
     answers = answers_of(found)
-    people = counts_of(answers, str(study)) if answers else []
+    people, lacking = _compared(answers, str(study))
     result = _study(replace(options, emotions=options.emotions or len(found.protocol.labels)), people, answers)
     result["source"] = str(study)
     if found.simulated and "table" in result:
         result["table_refused"] = SIMULATED
         result["table"] = None
         del result["overall_warning"]
+    beside = [xdf_events(path, found.rows) for path in options.xdf]
+    if beside:
+        result["xdf"] = [one.about for one in beside]
+    if lacking:
+        result["lacking"] = lacking
+    if rules is not None:
+        result["rules"] = {"file": rules.source, "digest": rules.digest}
     result |= {"hierarchical": result.get("hierarchical"), "psychometric": result.get("psychometric")}
     result["table"] = result.get("table")
     moved = interaction(study, found.counted, None if bar is None else bar("recordings", len(found.counted)))
@@ -107,7 +129,22 @@ def _of_study(
     if options.out is not None:
         tidy = tidy_rows(found.rows, found.excluded, (*TIMING, *SYNCHRONY), moved.figures)
         write_whole(options.out / ALL_TRIALS, tidy)
+        write_whole(options.out / METHODS, methods(study, found, options.level, rules).encode())
+        if beside:
+            write_whole(options.out / XDF_EVENTS, events_csv(beside))
     return result, people, answers
+
+
+def _compared(answers: Sequence[Answer], study: str) -> tuple[Sequence[PersonCounts], str]:
+    """The people of a study who can be compared, and in a line what is lacking to compare more."""
+    if not answers:
+        return [], ""
+    try:
+        people = counts_of(answers, study, least=1)
+        one = people[0].participant if len(people) == 1 else ""
+    except HighFiveError as error:
+        return [], str(error)
+    return people, f"{study} holds one person, {one}; what differs between people needs two or more" if one else ""
 
 
 def _read(options: AnalyseOptions) -> tuple[Sequence[PersonCounts], Sequence[Answer]]:
@@ -147,20 +184,21 @@ def recognition(people: Sequence[PersonCounts], emotions: int, level: float = 0.
         raise HighFiveError(
             f"a participant is called {OVERALL}, as the table's last row is; give that one another code"
         )
-    effects = over_people(*logit_differences(people), level)
     return {
         "people": len(people),
         "emotions": emotions,
         "table": _table(source_table(people, emotions)),
         "overall_warning": WARNING,
-        "hierarchical": _effects(effects),
+        "hierarchical": _effects(over_people(*logit_differences(people), level)) if len(people) > 1 else None,
     }
 
 
 def print_analysis(result: dict[str, Any]) -> None:
     """The same for people."""
-    if result.get("hierarchical") is not None:
+    if "table" in result and (result["table"] is not None or "table_refused" in result):
         _print_recognition(result)
+    if "lacking" in result:
+        print(result["lacking"])
     for condition, found in result.get("confusion", {}).items():
         rates = ", ".join(f"{name} {rate['mean']:.2f}" for name, rate in found["emotions"].items())
         print(f"{condition}: {rates}; {found['mutual_information']:.2f} bits (blind: {found['chance_bits']:.2f})")
@@ -189,6 +227,8 @@ def _print_study(result: dict[str, Any]) -> None:
             share = 100.0 * times["share_below"]["median"]
             print(f"  synchrony: {times['synchrony']['median']:.2f}, above {share:.0f}% of its pseudo-pairs "
                   f"({times['share_below']['n']} trials)")  # fmt: skip
+    for one in result.get("xdf", []):
+        print(f"{one['file']}: {one['matched']} contacts are markers of it, {one['events']} events on its time line")
     why = Counter(one["why"] for one in result["excluded"])
     for reason, count in why.most_common():
         print(f"not counted: {count} of {result['trials']['all']} trials: {reason}")
@@ -210,7 +250,8 @@ def _print_recognition(result: dict[str, Any]) -> None:
         print(result["table_refused"])
     else:
         _print_table(result)
-    found = result["hierarchical"]
+    if (found := result["hierarchical"]) is None:
+        return
     low, high = found["interval"]
     print(
         f"Calibrated: interactive − replay is {found['mean']:+.2f} logit ({100.0 * found['level']:g}% interval "

@@ -54,7 +54,7 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
         opened: list[tuple[Desk, Stage]] = []
 
         def ready() -> None:
-            opened.append(_opened(options, protocol, participant, wiring, clock, staged))
+            opened.append(_opened(options, protocol, participant, bar, wiring, clock, staged))
 
         log = stack.enter_context(open_log(options.study, head, _resumes(options, begun), clock, ready))
         stack.push(staged)  # closed before the log, which lets the next run begin
@@ -71,8 +71,8 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
 
 
 def _opened(
-    options: RunOptions, protocol: Protocol, participant: SimulatedParticipant | None, wiring: LiveWiring | None,
-    clock: Clock, stack: ExitStack,
+    options: RunOptions, protocol: Protocol, participant: SimulatedParticipant | None, bar: Bar,
+    wiring: LiveWiring | None, clock: Clock, stack: ExitStack,
 ) -> tuple[Desk, Stage]:  # fmt: skip
     """Who asks, and where trials are played; closed with ``stack``."""
     if options.dry:
@@ -80,7 +80,7 @@ def _opened(
         return Desk(PageInProcess(participant, clock), clock, look_ns=DRY_LOOK_NS), EmptyStage(clock)
     from highfive.hil.commands.experiment_session import open_stage  # noqa: PLC0415 (session and MuJoCo)
 
-    return open_stage(options, protocol, stack, participant, wiring)
+    return open_stage(options, protocol, stack, participant, bar, wiring)
 
 
 def _left(standing: Any, trials: Any) -> int:
@@ -99,14 +99,9 @@ def _check(options: RunOptions, protocol: Protocol) -> None:
             f"{protocol.name} shows clips, which no stage plays yet; --no-avatar tries plan, log and analysis"
         )
     if options.chain is not None:
-        from highfive.hil.commands.session_outputs import check_output_options  # noqa: PLC0415 (session and MuJoCo)
+        from highfive.hil.commands.experiment_session import check_chain  # noqa: PLC0415 (session and MuJoCo)
 
-        check_output_options(options.chain)
-    if options.chain is not None and options.chain.source == "headset" and protocol.replay.viewpoint == "recorded":
-        raise HighFiveError(
-            "a headset shows what its wearer looks at, so a recorded viewpoint cannot be shown; plan with "
-            '[replay] viewpoint = "live"'
-        )
+        check_chain(options.chain, protocol)
 
 
 def _consent(options: RunOptions, wanted: str) -> str:

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+import logging
 import shlex
 import sys
 from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING
 
+from highfive.hil.commands.arm_in_run import ArmInRun
 from highfive.hil.commands.experiment_options import RunOptions
-from highfive.hil.commands.experiment_stage import AvatarStage, stage_of
-from highfive.hil.commands.headset_session import headset_wiring, wears_headset, with_page
-from highfive.hil.commands.live_options import sees_webcam
+from highfive.hil.commands.experiment_stage import AvatarStage
+from highfive.hil.commands.headset_beside import drift_watch, registered_headset
+from highfive.hil.commands.headset_session import SCHEME, headset_wiring, wears_headset, with_page
+from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.live_session import live_person
-from highfive.hil.commands.page import open_page
+from highfive.hil.commands.page import saying_to
 from highfive.hil.commands.page_options import check_port
-from highfive.hil.commands.session_outputs import (
-    open_outlets,
-    open_publishers,
-    session_outputs,
-)
+from highfive.hil.commands.session_arm import arm_watch, with_arm
+from highfive.hil.commands.session_outputs import check_output_options, open_outlets, open_publishers, session_outputs
+from highfive.hil.commands.session_page import session_page
 from highfive.hil.commands.session_partners import worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.commands.simulated_participant import participant_on_page
@@ -27,9 +28,10 @@ from highfive.hil.commands.typed_commands import TypedCommands
 from highfive.hil.evaluation.reaction_models import open_model
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.observer import SimulatedParticipant
-from highfive.hil.experiments.protocol import Protocol
+from highfive.hil.experiments.protocol import Mode, Protocol
+from highfive.hil.experiments.study import session_folder
 from highfive.hil.runtime.clock import MACHINE
-from highfive.hil.runtime.console import say_aside
+from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.reach import SEEN_LATE
@@ -37,6 +39,7 @@ from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.capture import PERSON_SET
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.summary import SessionSettings
+from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.tracking.filter_settings import HEADSET
@@ -48,8 +51,41 @@ if TYPE_CHECKING:
     from highfive.hil.view.live_page import LivePage
 
 
+def check_chain(chain: SimulateOptions, protocol: Protocol) -> None:
+    """What does not go together of source, page, arm and outputs, as ``simulate`` refuses it, or with the experiment.
+
+    Raises:
+        HighFiveError: something does not.
+    """
+    if chain.source is not None and not is_live(chain.source):
+        raise HighFiveError(f"--source {chain.source}: people take part live; give an address, headset or webcam")
+    live = chain.source is not None
+    check_live_options(chain, live)
+    check_output_options(chain)
+    registered_headset(chain, live)
+    worn = wears_headset(chain)
+    if worn:
+        with_page(chain)
+    if (worn or chain.headset is not None) and protocol.replay.viewpoint == "recorded":
+        raise HighFiveError(
+            "a headset shows what its wearer looks at, so a recorded viewpoint cannot be shown; plan with "
+            '[replay] viewpoint = "live"'
+        )
+    if chain.arm is None:
+        return
+    if chain.arm.port == "virtual":
+        raise HighFiveError("a run goes at the pace of the clock; --rig virtual does not: --rig emulated")
+    if any(block.mode is Mode.NO_CONTINGENCY for block in protocol.blocks):
+        raise HighFiveError(
+            f"{protocol.name} has blocks in which she acts and is not answered (no_contingency): an arm that does not "
+            "answer must not be within her reach; leave out --rig, or plan without them"
+        )
+    if any(block.mode in (Mode.OWN_REPLAY, Mode.OTHER_REPLAY) for block in protocol.blocks) and live:
+        say_aside("in replays the arm does not answer: she has to stand where it does not reach", logging.WARNING)
+
+
 def open_stage(
-    options: RunOptions, protocol: Protocol, stack: ExitStack, participant: SimulatedParticipant | None,
+    options: RunOptions, protocol: Protocol, stack: ExitStack, participant: SimulatedParticipant | None, bar: Bar,
     wiring: LiveWiring | None = None,
 ) -> tuple[Desk, AvatarStage]:  # fmt: skip
     """Opens all that a run needs until ``stack`` ends.
@@ -59,23 +95,34 @@ def open_stage(
     """
     chain = options.chain
     assert chain is not None and chain.view is not None
-    if chain.source is not None and not is_live(chain.source):
-        raise HighFiveError(f"--source {chain.source}: people take part live; give an address, headset or webcam")
-    worn, webcam = wears_headset(chain), sees_webcam(chain)
+    live, worn, webcam = chain.source is not None, wears_headset(chain), sees_webcam(chain)
     chain = with_page(chain) if worn else chain
     assert chain.view is not None
     check_port(chain.view)
-    stack.enter_context(interrupted_between_ticks())
+    stack.enter_context(interrupted_between_ticks())  # first: an arm's handlers of Ctrl-C call this one
     stack.enter_context(quick_switching())
+    beside = registered_headset(chain, live)
+    chain = with_arm(chain, live, stack, wiring)
     publishers = open_publishers(chain, stack)
     model, scene = open_model(chain.model), build_scene()
     _check_styles(protocol, model.emotions)
-    page = _page(chain, protocol, stack, participant, tracks=worn or webcam)
-    person = _person(chain, page, stack, wiring)
-    worn_markers = load_marker_set(PERSON_SET) if person is None else person.marker_set
-    publishers += open_outlets(chain, worn_markers.names, person, stack)
+    opened = None if participant is None else partial(_takes_part, participant, stack)
+    about = {"mode": "experiment", "title": protocol.name, "emotions": [], "cells": []}
+    person, watch = None, None
+    if worn or webcam:  # the page is what tracks her
+        watch = arm_watch(chain, bar, load_marker_set(SCHEME), stack) if worn else None
+        page = session_page(chain, about, watch, stack, opened=opened)
+        person = _tracked_by(chain, page, stack, wiring)
+    else:
+        person = live_person(chain, stack, wiring, worn_set(chain)) if live else None
+        watch = arm_watch(chain, bar, _markers(person), stack)
+        page = session_page(chain, about, watch, stack, None if beside is None else (beside, person), opened)
+        if person is not None:
+            person.say = saying_to(page)
+    say_aside(f"that is the experimenter's; the participant's: {page.address}&role=participant")
+    publishers += open_outlets(chain, _markers(person).names, person, stack)
     session = Session(
-        model, dict(protocol.styles[0].weights), worn_markers, scene,
+        model, dict(protocol.styles[0].weights), _markers(person), scene,
         settings=UNSEEN_AT_REST if worn else None,
         tracking=HEADSET if worn else None if person is None else person.tracking,
         reach=SEEN_LATE if webcam else None,
@@ -83,14 +130,22 @@ def open_stage(
     settings = SessionSettings(
         seed=chain.seed, model=str(getattr(chain.model, "name", chain.model)), trials=0, style=None, corrected=True,
         physics=False, source=chain.source or "", command=shlex.join(["highfive", *sys.argv[1:]]),
+        arm="" if chain.arm is None else chain.arm.port, arm_name="" if chain.arm is None else chain.arm.arm,
     )  # fmt: skip
     desk = Desk(page, MACHINE, TypedCommands() if options.typed else lambda: ())
     outputs = partial(session_outputs, chain, publishers=publishers, person=person, clock=MACHINE)
-    stage = stage_of(
-        session, scene, page, desk, person, protocol, options.study, options.participant, options.session, settings,
-        outputs, MACHINE, stack,
+    stage = AvatarStage(
+        session, scene, page, desk, person, protocol,
+        session_folder(options.study, options.participant, options.session), settings, outputs, MACHINE,
+        None if watch is None else ArmInRun(watch, live=live),
+        None if beside is None or person is None else drift_watch(beside, person, page),
     )  # fmt: skip
+    stack.callback(stage.close)
     return desk, stage
+
+
+def _markers(person: LivePerson | None) -> MarkerSet:
+    return load_marker_set(PERSON_SET) if person is None else person.marker_set
 
 
 def _check_styles(protocol: Protocol, known: tuple[str, ...]) -> None:
@@ -101,34 +156,14 @@ def _check_styles(protocol: Protocol, known: tuple[str, ...]) -> None:
         raise HighFiveError(f"{protocol.name} shows {unknown[0]!r}; the model knows {', '.join(known)} (--model)")
 
 
-def _page(
-    chain: SimulateOptions, protocol: Protocol, stack: ExitStack, participant: SimulatedParticipant | None,
-    *, tracks: bool,
-) -> LivePage:  # fmt: skip
-    assert chain.view is not None
-
-    def takes_part(page: LivePage) -> None:
-        assert participant is not None
-        stack.enter_context(participant_on_page(participant, page.address))
-
-    about = {
-        "mode": "experiment", "title": protocol.name, "emotions": [], "cells": [], "arm": False, "rig": False,
-        "tracks": wears_headset(chain), "webcam": sees_webcam(chain),
-    }  # fmt: skip
-    opened = None if participant is None else takes_part
-    page = stack.enter_context(open_page(chain.view, about, opened=opened, tracks=tracks))
-    say_aside(f"that is the experimenter's; the participant's: {page.address}&role=participant")
-    return page
+def _takes_part(participant: SimulatedParticipant, stack: ExitStack, page: LivePage) -> None:
+    stack.enter_context(participant_on_page(participant, page.address))
 
 
-def _person(chain: SimulateOptions, page: LivePage, stack: ExitStack, wiring: LiveWiring | None) -> LivePerson | None:
-    """Who is there; None where a simulated person moves."""
-    if chain.source is None:
-        return None
+def _tracked_by(chain: SimulateOptions, page: LivePage, stack: ExitStack, wiring: LiveWiring | None) -> LivePerson:
+    """Who comes through the page: by its camera, or by a headset."""
     if sees_webcam(chain):
         from highfive.hil.commands.webcam_session import webcam_person  # noqa: PLC0415
 
         return webcam_person(chain, page, stack)
-    if wears_headset(chain):
-        return live_person(chain, stack, headset_wiring(chain, page, wiring), worn_set(chain), page)
-    return live_person(chain, stack, wiring, worn_set(chain))
+    return live_person(chain, stack, headset_wiring(chain, page, wiring), worn_set(chain), page)

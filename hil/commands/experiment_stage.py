@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.commands.play_trials import Kept
 from highfive.hil.commands.shown_again import RecordedMotion, ShownAgain, at_rest, for_as_long, recorded_motion
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.protocol import Mode, Protocol
 from highfive.hil.experiments.stage import Asked, Played, RunFailedError, RunStoppedError, TrialBrokenOffError
-from highfive.hil.experiments.study import session_folder
 from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.publish.outputs import SessionOutputs
 from highfive.hil.recording.background import BackgroundRecorder
@@ -32,13 +31,14 @@ from highfive.hil.trials.summary import SessionSettings
 from highfive.hil.trials.trial import as_captured, run_trial, style_name
 from highfive.hil.view.commands import Command
 from highfive.hil.view.interruption import Interruption
-from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.page_shown import PageShown
-from highfive.hil.view.session_view import SessionView
+from highfive.hil.view.session_view import SessionView, ShowingPage
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
+    from highfive.hil.commands.arm_in_run import ArmInRun
+    from highfive.hil.trials.head_watch import DriftWatch
     from highfive.hil.view.wire import PoseMessage
 
 S = 1_000_000_000
@@ -48,7 +48,7 @@ _MOST_SHOWN = 4096
 class StagePage:
     """The page as a trial sees it: what is asked for there goes to the run's desk, and a trial hears of it by that."""
 
-    def __init__(self, page: LivePage, desk: Desk) -> None:
+    def __init__(self, page: ShowingPage, desk: Desk) -> None:
         """Of a run."""
         self._page, self._desk = page, desk
 
@@ -117,20 +117,25 @@ class AvatarStage:
     """One run's stage; closes its recording with :meth:`close`."""
 
     def __init__(
-        self, session: Session, scene: Scene, page: LivePage, desk: Desk, person: LivePerson | None,
+        self, session: Session, scene: Scene, page: ShowingPage, desk: Desk, person: LivePerson | None,
         protocol: Protocol, folder: Path, settings: SessionSettings,
         outputs: Callable[[BackgroundRecorder], SessionOutputs], clock: Clock,
+        arm: ArmInRun | None = None, drift: DriftWatch | None = None,
     ) -> None:  # fmt: skip
         """Of a session that answers ``person``, or simulated people where there is none; records into ``folder``.
 
-        ``outputs`` hands on what goes into a first recording; it is called once.
+        ``outputs`` hands on what goes into a first recording; it is called once. ``arm`` takes part, and ``drift``
+        watches a headset that is worn beside a lab's system.
         """
         self._session, self._person, self._protocol, self._clock = session, person, protocol, clock
         self._desk, self._folder, self._settings = desk, folder, settings
         self._playout = KinematicPlayOut(scene)
         self._pictures: list[PageShown] = []
+        self._arm, self._drift = arm, drift
         self._view = SessionView(
-            StagePage(page, desk), session, self._playout, scene, clock=clock, shown=self._picture
+            StagePage(page, desk), session, self._playout, scene, clock=clock, shown=self._picture,
+            arm=None if arm is None else arm.watch.joints, rig=settings.arm_name or DEFAULT_ARM,
+            halted=lambda: arm is not None and bool(arm.watch.loop.trouble),
         )  # fmt: skip
         self._open_outputs = outputs
         self._outputs: SessionOutputs | None = None
@@ -140,11 +145,14 @@ class AvatarStage:
     def play(self, asked: Asked, cue: Callable[[], None]) -> Played:
         """See :class:`highfive.hil.experiments.stage.Stage`."""
         self._record_block(asked)
-        motion = None if asked.source is None else self._motion(asked.source)
+        source = None if asked.source is None else self._place(asked.source)
+        motion = None if source is None else self._motion(*source)
         partner = self._partner(asked, motion)
         live = None if self._person is None else self._person.trial()
         if live is not None and not live.begins():
             raise RunFailedError(live.trouble)
+        if self._arm is not None:
+            self._arm.begin(source, motion)
         self._session.set_style(asked.weights)
         witness = _Witness(live, asked.trial.mode == Mode.INTERACTIVE.value)
         try:
@@ -186,7 +194,7 @@ class AvatarStage:
         head = TrialHead(
             asked.ask - 1, partner, style_name(asked.weights), asked.weights, self._session.corrects, paced=True
         )
-        kept = Kept(self._outputs, head, None, self._session, None)
+        kept = Kept(self._outputs, head, None if self._arm is None else self._arm.watch, self._session, None)
         self._view.begin(asked.ask - 1, asked.ask, trial.cell, asked.weights)
         cue()
         until_ns = self._clock.now() + round(S * self._protocol.timing.trial_s)
@@ -198,20 +206,31 @@ class AvatarStage:
         def seen(tick: Tick) -> None:
             if live is not None:
                 live.watch(tick)
+            if self._arm is not None:
+                self._arm.seen(tick)
+            if self._drift is not None:
+                self._drift.watch(tick)
             self._view.watch(tick)
+            if self._desk.breaks_off:  # of a page with an arm on it the view leaves that to others
+                raise Interruption("next")
             if self._clock.now() > until_ns:
                 raise TrialBrokenOffError(f"it took longer than {self._protocol.timing.trial_s:g} s")
 
         inputs: Iterable[TickInput] = live or as_captured(self._view.in_time(C3DSource(partner.recording, RATE_HZ)))
         inputs = inputs if motion is None else for_as_long(inputs, motion)
-        result = run_trial(asked.ask - 1, partner, chain, self._playout, self._view.inputs(inputs), seen, keep)
+        inputs = inputs if self._arm is None else self._arm.watch.inputs(inputs)
+        with kept:
+            result = run_trial(asked.ask - 1, partner, chain, self._playout, self._view.inputs(inputs), seen, keep)
         kept.end(replace(result, style=head.style))
 
-    def _motion(self, source: TrialRow) -> RecordedMotion:
-        """Of a trial that is shown again."""
+    def _place(self, source: TrialRow) -> tuple[Path, str]:
+        """Recording of a trial that is shown again, and its title there."""
         folder = self._folder.parents[1] / source.participant / f"session-{source.session}"
+        return folder / source.recording, _title(source.trial, source.ask)
+
+    def _motion(self, path: Path, title: str) -> RecordedMotion:
         try:
-            return recorded_motion(folder / source.recording, _title(source.trial, source.ask))
+            return recorded_motion(path, title)
         except HighFiveError as error:
             raise TrialBrokenOffError(str(error)) from None
 
@@ -274,15 +293,3 @@ class AvatarStage:
 def _title(trial: str, ask: int) -> str:
     """By which a recording knows a trial."""
     return f"{trial}, asked as {ask}"
-
-
-def stage_of(
-    session: Session, scene: Scene, page: LivePage, desk: Desk, person: LivePerson | None, protocol: Protocol,
-    study: Path, code: str, number: int, settings: SessionSettings,
-    outputs: Callable[[BackgroundRecorder], SessionOutputs], clock: Clock, stack: ExitStack,
-) -> AvatarStage:  # fmt: skip
-    """A run's stage, whose recording is closed with ``stack``."""
-    folder = session_folder(study, code, number)
-    stage = AvatarStage(session, scene, page, desk, person, protocol, folder, settings, outputs, clock)
-    stack.callback(stage.close)
-    return stage

@@ -185,11 +185,11 @@ class Kept:
         if not self._begun:
             self._recorder.begin_trial(self._head)
         self._recorder.record_tick(recorded_tick(begins, tick, state.pose, tick_ms))
+        first, self._begun = not self._begun, True
         self.record_arm()
         happened = self._events(tick, state)
-        for event in happened if self._begun else ["trial_start", *happened]:
+        for event in ["trial_start", *happened] if first else happened:
             self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
-        self._begun = True
         if (asked := (self._session.weights, self._session.corrects)) != self._asked:
             self._asked = asked
             about = {"weights": dict(asked[0]), "corrects": asked[1], **self._about}
@@ -204,11 +204,13 @@ class Kept:
 
     def __enter__(self) -> Kept:
         """Self."""
+        if self._watch is not None:
+            self._watch.record = self.record_arm
         return self
 
     def __exit__(self, *_: object) -> None:
         """The arm goes to where it rests, if it is not there."""
-        if self._watch is not None and self._begun:
+        if self._watch is not None:
             self._watch.rest()
 
     def end(self, result: TrialResult) -> None:
@@ -218,8 +220,8 @@ class Kept:
         self._recorder.record_event("trial_end", style=result.style, **self._about)
 
     def record_arm(self) -> None:
-        """What the arm did since the last call."""
-        if self._watch is not None:
+        """What the arm did since the last call; after the first tick."""
+        if self._watch is not None and self._begun:
             self._recorder.record_arm(*self._watch.fresh())
 
 
@@ -293,7 +295,7 @@ def _trial(
         return run_trial(number, partner, session, playout, recorded, keep=kept), ""
     try:
         if watch is not None:
-            watch.begin(kept.record_arm)
+            watch.begin()
     except HighFiveError as error:
         return None, str(error)
     live = None if person is None else person.trial()

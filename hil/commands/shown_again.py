@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from highfive.hil.recording.session_reader import read_session
+from highfive.hil.recording.session_reader import SessionReader, read_session
+from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
 from highfive.hil.sim.avatar import Pose
 from highfive.hil.trials.partners import Partner
@@ -37,9 +38,13 @@ class RecordedMotion:
 
     def at(self, time_ns: int) -> tuple[Pose, HumanArm]:
         """The tick nearest to a time."""
-        after = int(np.clip(np.searchsorted(self.times_ns, time_ns), 1, len(self.times_ns) - 1))
-        place = after - int(time_ns - self.times_ns[after - 1] <= self.times_ns[after] - time_ns)
+        place = self.row(time_ns)
         return self.poses[place], self.people[place]
+
+    def row(self, time_ns: int) -> int:
+        """Which tick that is."""
+        after = int(np.clip(np.searchsorted(self.times_ns, time_ns), 1, len(self.times_ns) - 1))
+        return after - int(time_ns - self.times_ns[after - 1] <= self.times_ns[after] - time_ns)
 
 
 def recorded_motion(path: Path, title: str) -> RecordedMotion:
@@ -48,12 +53,7 @@ def recorded_motion(path: Path, title: str) -> RecordedMotion:
     Raises:
         HighFiveError: there is none, or it is damaged.
     """
-    if not path.is_file():
-        raise HighFiveError(f"its recording {path} is gone")
-    session = read_session(path)
-    span = next((one for one in session.spans if one.text("title") == title and not one.broken_off), None)
-    if span is None:
-        raise HighFiveError(f"{path} has no trial {title}")
+    session, span = recorded_trial(path, title)
     messages = session.read(span, _TOPICS)
     people, times = ({one.time_ns: one.data for one in messages.of(topic)} for topic in ("/person", "/tick"))
     ticks = [message for message in messages.of("/avatar") if message.time_ns in people and message.time_ns in times]
@@ -70,6 +70,21 @@ def recorded_motion(path: Path, title: str) -> RecordedMotion:
         )
     except (KeyError, ValueError, TypeError):
         raise HighFiveError(f"trial {title} in {path} is of another version, or damaged") from None
+
+
+def recorded_trial(path: Path, title: str) -> tuple[SessionReader, TrialSpan]:
+    """A recording, and where the trial of that title is in it.
+
+    Raises:
+        HighFiveError: there is none, or it cannot be read.
+    """
+    if not path.is_file():
+        raise HighFiveError(f"its recording {path} is gone")
+    session = read_session(path)
+    span = next((one for one in session.spans if one.text("title") == title and not one.broken_off), None)
+    if span is None:
+        raise HighFiveError(f"{path} has no trial {title}")
+    return session, span
 
 
 class ShownAgain:

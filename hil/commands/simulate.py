@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -13,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from highfive.hil.commands.headset_beside import registered_headset
-from highfive.hil.commands.headset_session import SCHEME, hand_of, headset_wiring, wears_headset, with_page
+from highfive.hil.commands.headset_session import SCHEME, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.page_options import check_port
 from highfive.hil.commands.play_trials import Played, over_line, over_message, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
+from highfive.hil.commands.session_arm import arm_watch, with_arm
 from highfive.hil.commands.session_outputs import check_output_options, open_outlets, open_publishers, session_outputs
 from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
@@ -35,7 +35,6 @@ from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, summarise
-from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.tracking.filter_settings import HEADSET
@@ -98,7 +97,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
         if beside is not None and options.view is None:
             options = replace(options, view=PageOptions())
         stack.enter_context(results_folder(folder, options.overwrite))
-        options = _with_arm(options, live, stack, wiring)
+        options = with_arm(options, live, stack, wiring)
         if sees_webcam(options):
             from highfive.hil.view.webcam_files import net_files  # noqa: PLC0415
 
@@ -107,7 +106,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
         with ExitStack() as parts:
             publishers = open_publishers(options, parts)
             if worn:  # the page is what tracks her
-                watch = _arm_watch(options, bar, load_marker_set(SCHEME), parts)
+                watch = arm_watch(options, bar, load_marker_set(SCHEME), parts)
                 page = _page(options, model, watch, parts)
                 wiring = headset_wiring(options, page, wiring)
             if sees_webcam(options):  # who is seen by the page is there after the page
@@ -124,7 +123,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             settings = _settings(options, len(partners))
             publishers += open_outlets(options, partners[0].marker_set.names, person, parts)
             if not worn:
-                watch = _arm_watch(options, bar, partners[0].marker_set, parts)
+                watch = arm_watch(options, bar, partners[0].marker_set, parts)
             # Before there is a recording: it compiles; who interrupts that leaves nothing in the next attempt's way.
             clock = MACHINE if wiring is None else wiring.clock
             clock = clock if watch is None else watch.loop.clock
@@ -143,23 +142,6 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
                 page.tell("over", message=over_message(played, folder), line=over_line(played))
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
         return _report(options, played, outputs, recorder.trouble, replayed, settings, folder, bar, lag)
-
-
-def _with_arm(options: SimulateOptions, live: bool, stack: ExitStack, wiring: LiveWiring | None) -> SimulateOptions:
-    """The options once the arm may be used; from then on the first Ctrl-C alone interrupts."""
-    if options.arm is None:
-        return options
-    from highfive.hil.arm.emergency_stop import uninterrupted  # noqa: PLC0415
-    from highfive.hil.arm.preconditions import check_arm  # noqa: PLC0415
-
-    arm = replace(options.arm, person=str(options.source) if live else "")
-    check_arm(arm)
-    stack.enter_context(uninterrupted((signal.SIGINT,), once=True))
-    if live and not arm.emulated:
-        from highfive.hil.commands.session_check import check_before_session  # noqa: PLC0415
-
-        check_before_session(arm, worn_set(options), wiring)
-    return replace(options, arm=arm)
 
 
 def _check(options: SimulateOptions, live: bool, again: bool) -> None:
@@ -216,41 +198,11 @@ def _page(
     beside: tuple[KeptRegistration, LivePerson | None] | None = None,
 ) -> LivePage:  # fmt: skip
     """The live page; the session begins when somebody looks on. ``beside`` is a headset that shows it, and whom."""
-    from highfive.hil.commands.page import open_page  # noqa: PLC0415
+    from highfive.hil.commands.session_page import session_page  # noqa: PLC0415
 
-    assert options.view is not None
-    webcam = sees_webcam(options)
     cells = list(options.cells or CELLS) if options.source is None else []
     about = {"mode": "session", "title": _shown(options.source), "emotions": list(model.emotions), "cells": cells}
-    worn = wears_headset(options)
-    if worn or webcam:
-        about |= {"tracks": worn, "hand": hand_of(options)}
-    if beside is not None:
-        from highfive.hil.commands.headset_beside import space_in_world  # noqa: PLC0415
-
-        kept, person = beside
-        assert person is not None
-        about |= {"tracks": True, "space": space_in_world(kept, person.placement)}
-    estop = None if watch is None else watch.loop.estop
-    rig = "" if options.arm is None else options.arm.arm
-    about |= {"arm": estop is not None, "rig": rig, "webcam": webcam}
-    opened = None
-    if webcam and options.webcam.video is not None:
-        from highfive.hil.commands.webcam_session import watch_video  # noqa: PLC0415
-
-        opened = partial(watch_video, options, stack=stack)
-    return stack.enter_context(
-        open_page(options.view, about, estop, opened, tracks=worn or webcam or beside is not None)
-    )
-
-
-def _arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitStack) -> ArmWatch | None:
-    if options.arm is None:
-        return None
-    from highfive.hil.arm.arm_trial import ArmWatch  # noqa: PLC0415
-    from highfive.hil.arm.lifecycle import ready_arm  # noqa: PLC0415
-
-    return ArmWatch(stack.enter_context(ready_arm(options.arm, bar, worn)))
+    return session_page(options, about, watch, stack, beside)
 
 
 def _report(

@@ -12,6 +12,7 @@ from typing import Any
 
 from highfive.hil.experiments.analysis.answers import Answer
 from highfive.hil.experiments.balance import PRACTICE
+from highfive.hil.experiments.exclusion import ExclusionRules
 from highfive.hil.experiments.protocol import Mode, Protocol
 from highfive.hil.experiments.study import LOG, participant_folder, participants, study_protocol
 from highfive.hil.experiments.trial_log import read_session, session_number
@@ -20,6 +21,9 @@ from highfive.model.errors import HighFiveError
 
 CONDITIONS = {Mode.INTERACTIVE.value: "interactive", Mode.OWN_REPLAY.value: "replay"}
 """Conditions of the comparison; another's replays and acting without contingency are other questions."""
+
+PRACTICE_WHY, FILLER_WHY, PILOT_WHY = "practice", "a filler block", "the pilot's"
+SIMULATED_WHY = "a simulated participant in a study of people"
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,9 @@ class StudyRows:
     software: tuple[str, ...]
 
 
-def study_rows(study: Path) -> StudyRows:
-    """All trials of a study. Where people took part, simulated participants do not count.
+def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
+    """All trials of a study. Where people took part, simulated participants do not count; nor does what ``rules`` of
+    the lab's leave out.
 
     Raises:
         HighFiveError: it is no study, nobody took part, or a log is damaged.
@@ -72,19 +77,17 @@ def study_rows(study: Path) -> StudyRows:
     people = any(not row.simulated for row in rows)
     fillers = {block.name for block in protocol.blocks if block.filler}
     pilot = protocol.code(0) if protocol.needs_donor else ""
-    counted, excluded = list[TrialRow](), list[Excluded]()
+    why = {row.row_key: _why(row, people, fillers, pilot) for row in rows}
+    if rules is not None:
+        _by_rules(rows, why, rules)
+    incomplete = _incomplete([row for row in rows if not why[row.row_key]])
     for row in rows:
-        if why := _why(row, people, fillers, pilot):
-            excluded.append(Excluded(row.participant, row.session, row.trial, row.ask, why))
-        else:
-            counted.append(row)
-    incomplete = _incomplete(counted)
-    excluded += [
-        Excluded(row.participant, row.session, row.trial, row.ask, f"{row.participant} has only one condition so far")
-        for row in counted
-        if row.participant in incomplete
+        if not why[row.row_key] and row.participant in incomplete:
+            why[row.row_key] = f"{row.participant} has only one condition so far"
+    counted = [row for row in rows if not why[row.row_key]]
+    excluded = [
+        Excluded(row.participant, row.session, row.trial, row.ask, why[row.row_key]) for row in rows if why[row.row_key]
     ]
-    counted = [row for row in counted if row.participant not in incomplete]
     versions = tuple(dict.fromkeys(row.software for row in rows))
     return StudyRows(protocol, tuple(rows), tuple(counted), tuple(excluded), not people, versions)
 
@@ -92,25 +95,41 @@ def study_rows(study: Path) -> StudyRows:
 def _why(row: TrialRow, people: bool, fillers: set[str], pilot: str) -> str:
     """Why a trial does not count, by the first rule that says so; empty where it does."""
     rules = (
-        (people and row.simulated, "a simulated participant in a study of people"),
-        (row.participant == pilot, "the pilot's"),
+        (people and row.simulated, SIMULATED_WHY),
+        (row.participant == pilot, PILOT_WHY),
         (row.broken_off != "", f"broken off: {row.broken_off}"),
         (row.excluded_why != "", row.excluded_why),
-        (row.block == PRACTICE, "practice"),
-        (row.block in fillers, "a filler block"),
+        (row.block == PRACTICE, PRACTICE_WHY),
+        (row.block in fillers, FILLER_WHY),
         (not row.answer, "no answer"),
     )
     return next((why for holds, why in rules if holds), "")
 
 
+_NEVER_COMPARED = (PRACTICE_WHY, FILLER_WHY, PILOT_WHY, SIMULATED_WHY)
+
+
+def _by_rules(rows: Sequence[TrialRow], why: dict[Key, str], rules: ExclusionRules) -> None:
+    """Puts in the reasons of the lab's rules: of trials first, then of people, by what of theirs still counts then."""
+    for row in rows:
+        if not why[row.row_key]:
+            why[row.row_key] = next((rule.why for rule in rules.trials if rule.holds(row)), "")
+    for code in dict.fromkeys(row.participant for row in rows):
+        asked = [row for row in rows if row.participant == code and why[row.row_key] not in _NEVER_COMPARED]
+        counted = [row for row in asked if not why[row.row_key]]
+        reason = next((rule.why for rule in rules.people if rule.holds(code, counted, len(asked))), "")
+        for row in counted if reason else ():
+            why[row.row_key] = reason
+
+
 def _incomplete(rows: Sequence[TrialRow]) -> set[str]:
-    """People with one condition alone, where two or more have both: a study that still runs can be looked at."""
+    """People with one condition alone, where somebody has both: a study that still runs can be looked at."""
     there: dict[str, set[str]] = {}
     for row in rows:
         if row.condition in CONDITIONS:
             there.setdefault(row.participant, set()).add(CONDITIONS[row.condition])
     both = [code for code, conditions in there.items() if len(conditions) > 1]
-    return {code for code in there if code not in both} if len(both) > 1 else set()
+    return {code for code in there if code not in both} if both else set()
 
 
 def answers_of(found: StudyRows) -> list[Answer]:

@@ -12,6 +12,7 @@ import ctypes
 import logging
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -177,14 +178,9 @@ class _Stream:
         while not closing:
             closing = self._closing.wait(_STEP_S)  # what has come until then is taken once more
             while samples := _pulled(inlet):
-                (values, stamps), arrival_ns = samples, self._clock.now()
-                stamps_ns = [round(1e9 * stamp) for stamp in stamps]
-                for stamp_ns, value in zip(stamps_ns, values, strict=True):
-                    stream.add(stamp_ns, tuple(value) if text else np.asarray(value, dtype=float), arrival_ns)
-                times = [stream.time_of(stamp_ns) for stamp_ns in stamps_ns]
-                self._taker.record_stream(
-                    StreamSamples(self._name, labels, text, values, stamps, times, arrival_ns, begins)
-                )
+                values, stamps = samples
+                came = StreamSamples(self._name, labels, text, values, stamps, (), self._clock.now(), begins)
+                self._taker.record_stream(on_session_clock(came, stream))
                 begins = False
             if self._clock.now() - renewed > RENEWED_NS:
                 renewed = self._clock.now()
@@ -219,9 +215,23 @@ class _SenderClock:
         if error.value or remote.value == self._measured_s:  # none newer
             return
         self._measured_s = remote.value
-        ours_s = remote.value + offset + self._from_lsl_s
-        sent_ns, came_ns = (round(1e9 * (ours_s + sign * 0.5 * trip.value)) for sign in (-1.0, 1.0))
-        self.clock.update(sent_ns, round(1e9 * remote.value), came_ns)
+        probed(self.clock, remote.value, offset + self._from_lsl_s, trip.value)
+
+
+def probed(clock: PingClock, remote_s: float, offset_s: float, trip_s: float) -> None:
+    """Takes in a measurement: the sender's clock said ``remote_s`` in the middle of a round trip of ``trip_s``; with
+    ``offset_s`` added that is the session's clock."""
+    ours_s = remote_s + offset_s
+    sent_ns, came_ns = (round(1e9 * (ours_s + sign * 0.5 * trip_s)) for sign in (-1.0, 1.0))
+    clock.update(sent_ns, round(1e9 * remote_s), came_ns)
+
+
+def on_session_clock(came: StreamSamples, stream: Stream[Any]) -> StreamSamples:
+    """The samples once they are in the session's ``stream``, with their times by its clock."""
+    stamps_ns = [round(1e9 * stamp) for stamp in came.stamps]
+    for stamp_ns, value in zip(stamps_ns, came.values, strict=True):
+        stream.add(stamp_ns, tuple(value) if came.text else np.asarray(value, dtype=float), came.came_ns)
+    return replace(came, times_ns=[stream.time_of(stamp_ns) for stamp_ns in stamps_ns])
 
 
 def _pulled(inlet: pylsl.StreamInlet) -> tuple[list[list[float | str]], list[float]] | None:

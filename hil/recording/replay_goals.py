@@ -59,7 +59,7 @@ class RecordedHighFives(Mapping[int, ReferenceTrajectory]):
                 f"{len(avatar_skeleton().names)}"
             )
         self._session, self._spans = session, dict[int, TrialSpan]()
-        self._read = lru_cache(maxsize=1)(self._reference)
+        self._read = lru_cache(maxsize=1)(lambda span: asked_of_arm(session, span))
         self.ticks: dict[int, int] = {}
         for span in session.spans:
             if (reference := self._read(span)) is not None:
@@ -82,29 +82,33 @@ class RecordedHighFives(Mapping[int, ReferenceTrajectory]):
         """Of the high fives."""
         return len(self._spans)
 
-    def _reference(self, span: TrialSpan) -> ReferenceTrajectory | None:
-        path, high_five = self._session.path, self._session.read(span, _TOPICS)
-        people, avatars, starts, contacts = (
-            [_Message(path, topic, tick, message) for tick, message in enumerate(high_five.of(topic))]
-            for topic in ("/person", "/avatar", "/trial", "/contact")
+
+def asked_of_arm(session: SessionReader, span: TrialSpan) -> ReferenceTrajectory | None:
+    """What one high five asks of the arm, a goal a tick of it; None where no palms met in it.
+
+    Raises:
+        HighFiveError: a value in it cannot be: it says which.
+    """
+    path, high_five = session.path, session.read(span, _TOPICS)
+    people, avatars, starts, contacts = (
+        [_Message(path, topic, tick, message) for tick, message in enumerate(high_five.of(topic))]
+        for topic in ("/person", "/avatar", "/trial", "/contact")
+    )
+    times = np.array([person.time_ns for person in people])
+    if not np.array_equal(times, [avatar.time_ns for avatar in avatars]):
+        raise HighFiveError(
+            f"{path}: high five {span.number + 1} has {len(people)} messages on /person and {len(avatars)} on "
+            "/avatar, which do not belong together; a session records both in every tick"
         )
-        times = np.array([person.time_ns for person in people])
-        if not np.array_equal(times, [avatar.time_ns for avatar in avatars]):
-            raise HighFiveError(
-                f"{path}: high five {span.number + 1} has {len(people)} messages on /person and {len(avatars)} on "
-                "/avatar, which do not belong together; a session records both in every tick"
-            )
-        if not starts or not contacts or len(people) < 2:
-            return None
-        start, contact = starts[0], contacts[-1]
-        if not contact.yes("met") or contact.data.get("met_time") is None:
-            return None
-        due = float(contact.numbers("met_time"))
-        if not 0.0 <= due <= 1e-9 * float(times[-1] - start.time_ns) + TOGETHER:  # a live person's clock jitters
-            raise contact.wrong(f"met_time is {due:g} s, which is not within the trial")
-        return _reference(
-            start.text("emotion"), start.text("cell"), round(due * RATE_HZ), _ours(avatars), _theirs(people)
-        )
+    if not starts or not contacts or len(people) < 2:
+        return None
+    start, contact = starts[0], contacts[-1]
+    if not contact.yes("met") or contact.data.get("met_time") is None:
+        return None
+    due = float(contact.numbers("met_time"))
+    if not 0.0 <= due <= 1e-9 * float(times[-1] - start.time_ns) + TOGETHER:  # a live person's clock jitters
+        raise contact.wrong(f"met_time is {due:g} s, which is not within the trial")
+    return _reference(start.text("emotion"), start.text("cell"), round(due * RATE_HZ), _ours(avatars), _theirs(people))
 
 
 @dataclass(frozen=True)

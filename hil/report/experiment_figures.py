@@ -45,8 +45,8 @@ def rates(result: dict[str, Any]) -> Drawing | None:
 
 
 def effects(result: dict[str, Any], people: Sequence[PersonCounts]) -> Drawing | None:
-    """Each person's logit difference, and the mean over people."""
-    if not people:
+    """Each person's logit difference, and the mean over people; None of one person."""
+    if len(people) < 2:
         return None
     d, v = logit_differences(people)
     half, places = 1.96 * np.sqrt(v), np.arange(len(people), 0, -1)

@@ -99,7 +99,7 @@ def _source_table(result: dict[str, Any]) -> str:
 
 def _hierarchical(result: dict[str, Any]) -> str:
     if not result.get("hierarchical"):
-        return ""
+        return f'<p class="warning">{escape(result["lacking"])}</p>' if "lacking" in result else ""
     return _effects_table({"interactive − replay, logit": result["hierarchical"]}, signed=True)
 
 

@@ -70,8 +70,8 @@ def read_answers(path: Path) -> list[Answer]:
     return answers
 
 
-def counts_of(answers: Sequence[Answer], source: str) -> list[PersonCounts]:
-    """How many answers to whole emotions were right; nobody if all were to morphs.
+def counts_of(answers: Sequence[Answer], source: str, least: int = 2) -> list[PersonCounts]:
+    """How many answers to whole emotions were right, of ``least`` people or more; nobody if all were to morphs.
 
     Raises:
         HighFiveError: people or conditions are missing that a comparison needs.
@@ -86,7 +86,7 @@ def counts_of(answers: Sequence[Answer], source: str) -> list[PersonCounts]:
         person: {condition: Count(sum(right), len(right)) for condition, right in conditions.items()}
         for person, conditions in found.items()
     }
-    return paired(counts, source)
+    return paired(counts, source, least)
 
 
 def confusions_of(answers: Sequence[Answer]) -> dict[str, Confusion]:

@@ -71,12 +71,13 @@ def check_condition(row: CsvRow, condition: str) -> str:
     return condition
 
 
-def paired(found: dict[str, dict[str, Count]], source: str) -> list[PersonCounts]:
+def paired(found: dict[str, dict[str, Count]], source: str, least: int = 2) -> list[PersonCounts]:
     """The people whose counts can be compared.
 
     Args:
         found: person → condition → count.
         source: what errors name: the file.
+        least: so many people are needed.
 
     Raises:
         HighFiveError: nobody, one person or one condition alone, or somebody who lacks a condition.
@@ -93,7 +94,7 @@ def paired(found: dict[str, dict[str, Count]], source: str) -> list[PersonCounts
         for condition in CONDITIONS:
             if condition not in counts:
                 raise HighFiveError(f"{source}: {person} has no {condition} trials; complete or leave out {person}")
-    if len(found) < 2:
+    if len(found) < least:
         raise HighFiveError(
             f"{source} holds one person, {next(iter(found))}; what differs between people needs two or more"
         )

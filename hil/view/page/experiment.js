@@ -67,15 +67,16 @@ class Participant {
     this.element.hidden = !content.length;
   }
 
-  ready({ first, practice, task }) {
+  ready({ first, practice, task, text: said }) {
     const go = made("button", { className: "go", textContent: "Go on (Enter)", onclick: () => this.connection.command("ready") });
-    const text = first ? markdown(this.about.instructions) : [made("h3", { textContent: practice ? "Practice" : "The next block" })];
+    const text = first ? markdown(this.about.instructions) : [];
+    if (said || !first) text.push(made("h3", { textContent: said || (practice ? "Practice" : "The next block") }));
     return [...text, made("p", { textContent: TASKS[task] }), go];
   }
 
-  wait() { return []; }
+  wait({ text }) { return text ? [made("p", { textContent: text })] : []; }
 
-  cue({ task }) { return [made("strong", { textContent: CUES[task] })]; }
+  cue({ task, text }) { return [made("strong", { textContent: CUES[task] }), ...this.wait({ text })]; }
 
   pause() { return [made("p", { textContent: "A pause: it goes on soon." })]; }
 

@@ -16,6 +16,7 @@ from command_line import failing
 from helpers.experiments import study, written
 from lsl_company import Hearing, Stimuli
 
+from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.commands.experiment_options import RunOptions
 from highfive.hil.commands.experiment_run import run
 from highfive.hil.commands.session_outputs import published
@@ -123,14 +124,29 @@ def test_a_killed_run_is_resumed_with_nothing_lost_and_two_at_once_are_refused(t
         (["--publish-network"], "add --publish"),
         (["--record-lsl", "A", "--record-lsl", "A"], "A is there twice"),
         (["--no-avatar", "--record-lsl", "A"], "leave out --publish and --record-lsl"),
+        (["--no-avatar", "--rig", "emulated"], "leave out --rig"),
+        (["--rig", "virtual"], "--rig virtual does not: --rig emulated"),
+        (["--rig", "/dev/ttyUSB0"], "only with --arm"),
+        (["--rig", "/dev/ttyUSB0", "--source", "headset"], "nothing says where the arm's base stands"),
+        (["--rig", "emulated", "--source", "webcam"], "no arm answers a webcam"),
+        (["--nobody-near"], "add --rig emulated, or --rig PORT"),
+        (["--camera", "film.y4m"], "add --source webcam"),
+        (["--height", "1.7"], "add --source webcam"),
+        (["--source", "webcam", "--fov", "500"], "--fov"),
+        (["--source", "webcam", "--marker-set", "paper"], "leave out --marker-set"),
+        (["--source", "headset", "--place", "place.toml"], "puts the avatar before a headset anew"),
+        (["--place", "place.toml"], "add --source ADDRESS"),
+        (["--latency", "30"], "add --source ADDRESS"),
+        (["--headset", "headset.toml"], "add --source ADDRESS"),
+        (["--latencies", "absent.toml"], "absent.toml"),
     ],
 )
-def test_what_is_wrong_of_who_hears_it_is_said_in_one_line(
+def test_what_does_not_go_together_is_said_in_one_line(
     words: list[str], says: str, fails, tmp_path: Path, observer: Path
 ) -> None:
     folder = study(tmp_path, "high_five", {"participants = 12": "participants = 1"})
     assert says in fails(
-        "--study", folder, "--participant", "P01", "--simulate-participant", observer, "--no-open", *words
+        "--study", folder, "--participant", "P00", "--simulate-participant", observer, "--no-open", *words
     )
     assert not list(folder.rglob("*.mcap"))
 
@@ -265,3 +281,9 @@ def test_trials_are_played_recorded_and_shown_again_as_they_were(tmp_path: Path,
     assert rows["I1-01"].contact_ns and rows["I1-01"].frame and (rows["I1-01"].peak_speed or 0.0) > 0.5
     assert rows["R1-01"].contact_ns is None and (rows["R1-01"].peak_speed or 0.0) < 0.2  # she only watched
     assert (rows["N1-01"].peak_speed or 0.0) > 0.5  # she acted
+
+
+def test_an_arm_that_does_not_answer_is_not_near_who_acts(tmp_path: Path, observer: Path) -> None:
+    chain = SimulateOptions(view=PageOptions(open_browser=False), arm=ArmOptions())
+    with pytest.raises(HighFiveError, match=r"no_contingency.*leave out --rig"):
+        run(RunOptions(small(tmp_path), "P01", simulated=observer, chain=chain), no_bar)

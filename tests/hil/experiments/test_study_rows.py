@@ -9,6 +9,7 @@ import pytest
 from helpers.experiments import head, study
 
 from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis
+from highfive.hil.experiments.exclusion import read_rules
 from highfive.hil.experiments.study_rows import study_rows
 from highfive.hil.experiments.trial_log import open_log
 from highfive.hil.experiments.trial_row import Outcome
@@ -103,16 +104,123 @@ def test_the_same_folder_gives_the_same_files_and_a_row_for_every_trial(folder: 
     json.dumps(results[0], allow_nan=False)
 
 
-def test_nothing_one_person_and_two_sources_are_refused(tmp_path: Path) -> None:
+def test_nothing_and_two_sources_are_refused(tmp_path: Path) -> None:
     made = study(tmp_path)
     for options, words in (
         (AnalyseOptions(None, study=made), "holds no answers"),
         (AnalyseOptions(None, study=tmp_path), "is no study"),
         (AnalyseOptions(tmp_path / "x.csv", study=made), "leave out --counts"),
         (AnalyseOptions(None), "nothing to analyse"),
+        (AnalyseOptions(tmp_path / "x.csv", exclude=tmp_path / "x.toml"), "give its folder"),
+        (AnalyseOptions(None, study=made, exclude=tmp_path / "x.toml"), "cannot read the rules"),
     ):
         with pytest.raises(HighFiveError, match=words):
             analyse(options)
-    take_part(made, "P01", {})
-    with pytest.raises(HighFiveError, match="one person"):
-        analyse(AnalyseOptions(None, study=made))
+
+
+def test_a_study_of_one_person_has_her_figures_and_a_line_of_what_needs_more(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = study(tmp_path, changes={"participants = 12": "participants = 4"})
+    take_part(made, "P01", {"interactive": 3, "own_replay": 9}, blocks=2)
+    one = analyse(AnalyseOptions(None, study=made, out=tmp_path / "begun"))
+    assert one["table"] is None and one["hierarchical"] is None
+    assert "interactive trials alone; the comparison needs replay trials" in one["lacking"]
+    assert one["timing"]["interactive"]["reaction_s"]["n"] > 10 and "interactive" in one["confusion"]
+    (tmp_path / "whole").mkdir()
+    made = study(tmp_path / "whole", changes={"participants = 12": "participants = 4"})
+    take_part(made, "P01", {"interactive": 3, "own_replay": 9})
+    alone = analyse(AnalyseOptions(None, study=made, out=tmp_path / "alone"))
+    assert "one person, P01; what differs between people needs two or more" in alone["lacking"]
+    assert alone["hierarchical"] is None and set(alone["table"]) == {"P01", "overall"}
+    print_analysis(alone)
+    assert "needs two or more" in capsys.readouterr().out
+    assert "needs two or more" in (tmp_path / "alone/report.html").read_text(encoding="utf-8")
+    take_part(made, "P02", {"interactive": 5, "own_replay": 6})
+    both = analyse(AnalyseOptions(None, study=made))
+    assert both["table"]["P01"] == alone["table"]["P01"] and "lacking" not in both
+    take_part(made, "P03", {}, blocks=2)
+    assert analyse(AnalyseOptions(None, study=made))["table"] == both["table"]
+
+
+RULES = """
+[[trials]]
+why = "slower than seen"
+column = "rt_s"
+above = 1.5
+conditions = ["own_replay"]
+
+[[trials]]
+why = "angry was said"
+column = "answer"
+is = "angry"
+
+[[people]]
+why = "fell asleep (notes)"
+codes = ["P02"]
+"""
+
+
+def test_a_labs_rules_leave_out_what_they_say_and_each_trial_has_its_first_reason(folder: Path, tmp_path: Path) -> None:
+    take_part(folder, "P03", {"interactive": 1})
+    take_part(folder, "P04", {"own_replay": 2})
+    path = tmp_path / "rules.toml"
+    path.write_text(RULES.replace("above = 1.5", "above = 2.5"), encoding="utf-8")
+    plain, ruled = (analyse(AnalyseOptions(None, study=folder, exclude=rules)) for rules in (None, path))
+    rows = study_rows(folder).rows
+    why = {(one["participant"], one["ask"]): one["why"] for one in ruled["excluded"]}
+    before = {(one["participant"], one["ask"]): one["why"] for one in plain["excluded"]}
+    for row in rows:
+        key = row.participant, row.ask
+        if key in before:
+            assert why[key] == before[key]  # the log's own reasons come first
+        elif row.answer == "angry":
+            assert why[key] == "angry was said"
+        else:
+            assert why.get(key, "") == ("fell asleep (notes)" if row.participant == "P02" else "")
+    assert set(ruled["table"]) == {"P01", "P03", "P04", "overall"}
+    assert ruled["rules"]["file"] == "rules.toml" and len(ruled["rules"]["digest"]) == 12
+    # Who has nothing of a condition left is left out, and named.
+    path.write_text(RULES, encoding="utf-8")
+    gone = analyse(AnalyseOptions(None, study=folder, exclude=path))
+    assert gone["table"] is None and "interactive trials alone" in gone["lacking"]
+    assert sum(one["why"] == "slower than seen" for one in gone["excluded"]) == 4 * 35
+
+
+def test_people_are_left_out_by_what_of_theirs_counts(folder: Path, tmp_path: Path) -> None:
+    """P01 lost 3 of 71 compared trials in each study, and was right in 57 of 69."""
+    path = tmp_path / "rules.toml"
+    for rule, leaves_out in (
+        ("not_counted_above = 0.02", {"P01", "P02"}), ("not_counted_above = 0.06", set()),
+        ("right_below = 0.83", {"P01"}), ("right_below = 0.82", set()), ("right_below = 0.9", {"P01", "P02"}),
+    ):  # fmt: skip
+        path.write_text(f'[[people]]\nwhy = "by rule"\n{rule}\n', encoding="utf-8")
+        found = study_rows(folder, read_rules(path))
+        assert {one.participant for one in found.excluded if one.why == "by rule"} == leaves_out, rule
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "has no rule"),
+        ("= 1", "it is no TOML file"),
+        ("trials = 3", "expected \\[\\[trials\\]\\] tables"),
+        ("[[trial]]\nwhy = 'x'", "trial means nothing here"),
+        ("[[trials]]\nwhy = 'x'\ncolumn = 'rt'\nbelow = 1", "column is 'rt'; there are answer, answer_ns"),
+        ("[[trials]]\nwhy = 'x'\ncolumn = 'rt_s'", "expected below, above, both, or is"),
+        ("[[trials]]\nwhy = 'x'\ncolumn = 'rt_s'\nbelow = nan", "expected a finite number"),
+        ("[[trials]]\nwhy = 'x'\ncolumn = 'answer'\nbelow = 1", "answer is no number; expected is"),
+        ("[[trials]]\nwhy = ' '\ncolumn = 'rt_s'\nbelow = 1", "why is empty"),
+        ("[[trials]]\nwhy = 'x'\ncolumn = 'rt_s'\nbelow = 1\nconditions = ['replay']", "condition 'replay'; there"),
+        ("[[people]]\nwhy = 'x'", "expected one of not_counted_above, right_below, codes"),
+        ("[[people]]\nwhy = 'x'\nright_below = 3", "expected a share from 0 to 1"),
+        ("[[people]]\nwhy = 'x'\ncodes = []", "expected a list of texts"),
+    ],
+)
+def test_rules_that_mean_nothing_are_one_line(text: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "rules.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(HighFiveError, match=says):
+        read_rules(path)
+    with pytest.raises(HighFiveError, match="cannot read the rules"):
+        read_rules(tmp_path / "absent.toml")

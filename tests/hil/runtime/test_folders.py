@@ -80,8 +80,12 @@ READ = {
         "experiment analyse --trials",
     ),
     *("experiment plan file", "experiment forget --study", "experiment run --simulate-participant"),
+    *("experiment run --rig-file", "experiment run --limits", "experiment run --estop", "experiment run --camera"),
+    *("experiment run --calibration", "experiment run --latencies", "experiment run --headset"),
     *(
         "experiment analyse --questionnaire",
+        "experiment analyse --exclude",
+        "experiment analyse --xdf",
         "experiment analyse study",
         "experiment power file",
         "rig play --calibration",
@@ -99,8 +103,8 @@ LINKS = {"rig emulate --port-link"}
 # Read where they are there, made where they are not: tests/calibration/test_placement_file.py.
 KEPT = {"simulate --place", "experiment run --place"}
 
-# Added to, and nothing of it is ever replaced: tests/hil/experiments/test_trial_log.py.
-ADDED_TO = {"experiment run --study"}
+# Added to, and nothing of it is ever replaced: tests/hil/experiments/test_trial_log.py, datasets/test_collection.py.
+ADDED_TO = {"experiment run --study", "experiment collect --out"}
 
 
 def commands(app: typer.Typer, above: str = "") -> Iterator[tuple[str, object]]:

@@ -1,0 +1,199 @@
+"""An experiment's trials with an arm, in virtual time: it answers, plays again, and leaves who is near it alone."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.experiments import head, protocol
+from numpy.typing import NDArray
+from virtual_system import VirtualSystem
+
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.arm_trial import ArmWatch
+from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
+from highfive.hil.commands.arm_in_run import ArmInRun
+from highfive.hil.commands.experiment_stage import AvatarStage
+from highfive.hil.commands.shown_again import recorded_motion, recorded_trial
+from highfive.hil.drivers.emulator.emulator_process import make_bus
+from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
+from highfive.hil.evaluation.reaction_models import open_model
+from highfive.hil.experiments.desk import Desk
+from highfive.hil.experiments.plan import PlannedTrial
+from highfive.hil.experiments.stage import Asked, RunFailedError, TrialBrokenOffError
+from highfive.hil.experiments.trial_row import TrialRow
+from highfive.hil.publish.outputs import SessionOutputs
+from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.session.session import Session
+from highfive.hil.sim.people.capture import PERSON_SET
+from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.live_partner import LivePerson, live_source
+from highfive.hil.trials.partners import simulated_partners
+from highfive.hil.trials.summary import SessionSettings
+from highfive.hil.view.commands import Command
+from highfive.hil.view.page_shown import PageShown
+from highfive.hil.view.wire import PoseMessage
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
+from highfive.model import DEFAULT_MODEL
+
+ADDRESS = "vicon://lab"
+
+
+class QuietPage:
+    """Pages on which somebody may press something, and nothing is shown."""
+
+    alive = True
+
+    def __init__(self) -> None:
+        self.pressed: list[Command] = []
+        self.poses = 0
+
+    def show(self, message: PoseMessage) -> None:
+        self.poses += 1
+
+    def tell(self, kind: str, **fields: Any) -> None: ...
+
+    def commands(self) -> list[Command]:
+        return []
+
+    def shown(self) -> list[PageShown]:
+        return []
+
+    def said(self) -> list[str]:
+        return []
+
+    def take(self, *names: str) -> Sequence[Command]:
+        pressed, self.pressed = self.pressed, []
+        return pressed
+
+
+class Run:
+    """A stage with a virtual arm; what ``person`` is there, where one is."""
+
+    def __init__(self, clock: VirtualClock, stack: ExitStack, folder: Path, person: LivePerson | None = None) -> None:
+        loop = stack.enter_context(virtual_arm(VirtualRig(clock, make_bus(emulator_options(ArmOptions())))))
+        self.page, self.loop, self.clock = QuietPage(), loop, clock
+        self.desk = Desk(self.page, clock)
+        worn = load_marker_set(PERSON_SET) if person is None else person.marker_set
+        scene = build_scene()
+        session = Session(open_model(DEFAULT_MODEL), {"neutral": 1.0}, worn, scene, clock=clock)
+        settings = SessionSettings(
+            seed=3, model="shipped", trials=0, style=None, corrected=True, physics=False, arm="virtual"
+        )
+        self.folder = folder / "P01" / "session-1"
+        self.folder.mkdir(parents=True)
+        arm = ArmInRun(ArmWatch(loop), live=person is not None)
+        self.stage = AvatarStage(
+            session, scene, self.page, self.desk, person, protocol("high_five"), self.folder, settings,
+            partial(SessionOutputs, clock=clock), clock, arm,
+        )  # fmt: skip
+        stack.callback(self.stage.close)
+
+    def play(self, block: str, mode: str, ask: int, source: TrialRow | None = None) -> TrialRow:
+        """Plays one trial; its row."""
+        trial = PlannedTrial(
+            name=f"{block}-01", block=block, mode=mode, style="neutral", weights={"neutral": 1.0}, answer="neutral",
+            cell="B2", source="" if source is None else source.trial,
+        )  # fmt: skip
+        self.desk.begin_trial()
+        played = self.stage.play(Asked(trial, ask, {"neutral": 1.0}, source), lambda: None)
+        about = head()
+        return TrialRow(
+            ask=ask, participant=about.participant, session=1, block=block, trial=trial.name, condition=mode,
+            style="neutral", expected="neutral", cell="B2", clip=0, source_trial=trial.source, viewpoint="", own_arm="",
+            software="1", seed=1, calibration="", simulated=True, begun_utc_ns=0, utc_ns=0,
+            recording=played.recording, contact_ns=played.contact_ns,
+        )  # fmt: skip
+
+    def way(self, row: TrialRow) -> NDArray[np.float64]:
+        """(C, J) rad, of the arm in a trial."""
+        session, span = recorded_trial(self.folder / row.recording, f"{row.trial}, asked as {row.ask}")
+        return np.array([message.data["positions"] for message in session.read(span, ("/arm",)).of("/arm")])
+
+    def met(self, row: TrialRow) -> NDArray[np.float64]:
+        """(3,) m, her palm as palms met."""
+        path, title = self.folder / row.recording, f"{row.trial}, asked as {row.ask}"
+        session, span = recorded_trial(path, title)
+        motion = recorded_motion(path, title)
+        due = round(1e9 * float(session.read(span, ("/contact",)).of("/contact")[-1].data["met_time"]))
+        return motion.people[motion.row(due)].palm.position
+
+
+def plate(run: Run, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) m, where it is at joints (J,), rad."""
+    arm = run.loop.retarget.arm
+    return arm.plate_at(arm.standing(joints)).position
+
+
+@pytest.fixture
+def clock() -> Iterator[VirtualClock]:
+    with VirtualClock() as clock:
+        yield clock
+
+
+@pytest.mark.slow
+def test_it_answers_and_goes_the_same_way_again_and_rests_after_each_trial(clock: VirtualClock, tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        run = Run(clock, stack, tmp_path)
+        run.play("I1", "interactive", 1)  # it begins where the emulator has it, not where it rests
+        first = run.play("I2", "interactive", 2)
+        run.play("I3", "interactive", 3)
+        again = run.play("R2", "own_replay", 4, first)
+        assert not run.loop.trouble
+        run.stage.close()
+        ways = [run.way(row) for row in (first, again)]
+        met = run.met(first)
+        away = [np.linalg.norm([plate(run, joints) - met for joints in way], axis=1) for way in ways]
+    assert first.contact_ns and again.contact_ns is None
+    assert away[0].min() < 0.02 and away[1].min() < 0.06  # the plate comes to where palms met
+    assert all(one[0] > 0.2 and one[-1] > 0.2 for one in away)  # from, and back to, where it rests
+    assert abs(int(away[1].argmin()) - int(away[0].argmin())) < 12  # cycles: a tenth of a second
+    assert all(np.abs(way[-1] - ways[0][0]).max() < 0.03 for way in ways)
+
+
+@pytest.mark.slow
+def test_an_arm_that_does_not_answer_is_not_played_to_who_stays_within_its_reach(
+    clock: VirtualClock, tmp_path: Path
+) -> None:
+    """She goes on raising her hand where she stands; the arm stands again before the run goes on."""
+    recording = simulated_partners(1, ("neutral",), ("B2",), 3)[0].recording
+    system = VirtualSystem(clock, recording)
+    with ExitStack() as stack:
+        source = stack.enter_context(closing(live_source(ADDRESS, None, system.wiring)))
+        run = Run(clock, stack, tmp_path, LivePerson(source, ADDRESS, clock=clock))
+        first = run.play("I1", "interactive", 1)
+        assert first.contact_ns
+        with pytest.raises(TrialBrokenOffError, match=r"m from the arm's base.*does not answer her; expected"):
+            run.play("R1", "own_replay", 2, first)
+        assert not run.loop.trouble
+        assert run.play("I2", "interactive", 3).contact_ns  # it is fit to answer her again
+
+
+@pytest.mark.slow
+def test_what_is_broken_off_brings_the_arm_to_rest_and_what_stops_it_ends_the_run(
+    clock: VirtualClock, tmp_path: Path
+) -> None:
+    with ExitStack() as stack:
+        run = Run(clock, stack, tmp_path)
+        whole = run.play("I1", "interactive", 1)
+        poses = run.page.poses
+
+        def presses(after: int, do: object) -> None:
+            while run.page.poses < after:
+                clock.wait_until(clock.now() + 1_000_000)
+            do()  # pyright: ignore[reportCallIssue]
+
+        clock.start("experimenter", lambda: presses(poses + 150, lambda: run.page.pressed.append(Command("break_off"))))
+        with pytest.raises(TrialBrokenOffError, match="by the experimenter"):
+            run.play("I1", "interactive", 2)
+        rested = run.loop.measured
+        assert rested is not None and np.abs(rested - run.way(whole)[-1]).max() < 0.03
+        poses = run.page.poses
+        clock.start("somebody", lambda: presses(poses + 150, run.loop.estop.pull))
+        with pytest.raises(RunFailedError, match=r"the arm was stopped: .*emergency stop"):
+            run.play("I1", "interactive", 3)
+        with pytest.raises(RunFailedError, match="emergency"):
+            run.play("I1", "interactive", 4)

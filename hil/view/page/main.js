@@ -131,10 +131,11 @@ const heard = {
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
   over(text) {
-    notice("over", [why, text.message].filter(Boolean).join("\n"));
+    const report = text.report && `The report, on the computer that ran it: ${text.report}`;
+    notice("over", [why, text.message, report].filter(Boolean).join("\n"));
     linkShown("calm", "over");
     linked = "over";
-    ended = text.line || text.message;
+    ended = text.message;
     connection.close();
     controls.end();
     spoken("");

@@ -98,7 +98,10 @@ class Interrupted(Exception):
     """Ctrl-C, and what is said behind the word: how to go on."""
 
 
-Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Port of the page (default: 8150, or a free one).")]
+PAGE_PORT = "Port of the page (default: 8150, or a free one)."
+Port = Annotated[int | None, typer.Option(min=1, max=65535, help=PAGE_PORT)]
+PagePort = Annotated[int | None, typer.Option("--page-port", min=1, max=65535, help=PAGE_PORT)]
+"""Where ``--port`` is the arm's."""
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Open no browser.")]
 Https = Annotated[
     bool, typer.Option("--https", help="Serve the page to the network, encrypted, for a phone or a headset.")

@@ -15,6 +15,7 @@ from highfive.hil.cli.options import (
     NoOpen,
     Overwrite,
     OverwriteFile,
+    PagePort,
     Seed,
     WhichArm,
 )
@@ -185,6 +186,7 @@ def play(
     slow: Slow = False,
     faults: Faults = None,
     view: Annotated[bool, typer.Option("--view", help="Show it live on a page, with an emergency stop.")] = False,
+    page_port: PagePort = None,
     no_open: NoOpen = False,
     https: Https = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the report (default: out/play-1, -2, …).")] = None,
@@ -201,7 +203,7 @@ def play(
     which = arm_options(port, arm, file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm)
     assert which is not None
     chosen, first = tuple(number - 1 for number in trial or ()), None if begin is None else begin - 1
-    page = page_options(view, None, None, None, no_open, https)
+    page = page_options(view, None, None, page_port, no_open, https, port_name="--page-port")
     options = PlayOptions(session, which, chosen, first, trials, overwrite, page)
     folder = out or next_folder("play")
     with progress_bars() as bar:

@@ -72,6 +72,7 @@ def _network(options: PageOptions) -> dict[str, Any]:
     if address is None:
         raise HighFiveError("this machine is in no network: leave out --https, and open the page here")
     say_aside(
-        "the page is open to this network for who has its address; the browser asks once to trust its certificate"
+        "the page is open to this network for who has its address; the browser warns of a connection that is not "
+        "private, for nobody vouches for this machine: compare the address, and go on (Advanced)"
     )
     return {"host": options.host, "names": (address,), "tls": certificate((address,))}

@@ -58,14 +58,10 @@ class Played:
     why: str = ""
 
 
-def over_line(played: Played) -> str:
-    """Whether the session ended early, and why."""
-    return f"The session ended early: {played.why}." if played.interrupted and played.why else "The session is over."
-
-
-def over_message(played: Played, folder: Path) -> str:
-    """What the page says at the end: :func:`over_line`, and where the report is."""
-    return f"{over_line(played)} The report, on the computer that ran it: {(folder / 'report.html').absolute()}"
+def over_told(played: Played, folder: Path) -> dict[str, str]:
+    """What the page is told at the end: whether the session ended early, and why, in words; and where the report is."""
+    line = f"The session ended early: {played.why}." if played.interrupted and played.why else "The session is over."
+    return {"message": line, "report": str((folder / "report.html").absolute())}
 
 
 def play(

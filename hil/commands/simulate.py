@@ -15,7 +15,7 @@ from highfive.hil.commands.headset_beside import registered_headset
 from highfive.hil.commands.headset_session import SCHEME, headset_wiring, wears_headset, with_page
 from highfive.hil.commands.live_options import check_live_options, sees_webcam
 from highfive.hil.commands.page_options import check_port
-from highfive.hil.commands.play_trials import Played, over_line, over_message, play
+from highfive.hil.commands.play_trials import Played, over_told, play
 from highfive.hil.commands.replay_session import check_replay_options, replay_of
 from highfive.hil.commands.session_arm import arm_watch, with_arm
 from highfive.hil.commands.session_outputs import check_output_options, open_outlets, open_publishers, session_outputs
@@ -139,7 +139,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             outputs = session_outputs(options, recorder, publishers, person, clock)
             played = play(options, session, scene, partners, person, outputs, bar, watch, page, replay, drift)
             if page is not None:
-                page.tell("over", message=over_message(played, folder), line=over_line(played))
+                page.tell("over", **over_told(played, folder))
         lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
         return _report(options, played, outputs, recorder.trouble, replayed, settings, folder, bar, lag)
 

@@ -22,11 +22,13 @@ class PageOptions:
         port: of this machine; None for the usual one, or a free one where that is in use.
         open_browser: opens the page here at once.
         https: served to the whole network, with a certificate of its own.
+        port_name: the option that chooses the port.
     """
 
     port: int | None = None
     open_browser: bool = True
     https: bool = False
+    port_name: str = "--port"
 
     @property
     def host(self) -> str:

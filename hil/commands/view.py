@@ -23,7 +23,7 @@ class ViewOptions:
     """What to show, and where.
 
     Attributes:
-        recording: an MCAP file, or the folder of a session; None for the short one that comes with High Five.
+        recording: an MCAP file, or a folder with one; None for the short one that comes with High Five.
         page: where it is shown.
     """
 
@@ -37,14 +37,13 @@ def view(options: ViewOptions) -> None:
     Raises:
         HighFiveError: the recording cannot be shown, the port is in use, or the server was ended from outside.
     """
-    path = options.recording or SHIPPED_RECORDING
-    path = path / "session.mcap" if path.is_dir() else path
-    say_aside(f"{path.name if options.recording else 'the high fives that come along'}: read, then the page's address")
-    session = read_session(path)
+    name = options.recording.absolute().name if options.recording else ""
+    say_aside(f"{name or 'the high fives that come along'}: read, then the page's address")
+    session = read_session(options.recording or SHIPPED_RECORDING)
     trials = RecordedTrials(session, build_scene())
     if not session.complete:
-        say_aside(f"{path} was cut short: it is shown up to its last whole half second", logging.WARNING)
-    about: dict[str, Any] = {"mode": "recording", "title": path.name if options.recording else ""}
+        say_aside(f"{session.path} was cut short: it is shown up to its last whole half second", logging.WARNING)
+    about: dict[str, Any] = {"mode": "recording", "title": name}
     about["cut"] = not session.complete
     if trials.without_arm:
         say_aside(f"it is shown without its servo arm: {trials.without_arm}", logging.WARNING)

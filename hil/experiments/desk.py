@@ -80,8 +80,7 @@ class Desk:
     def close(self, *, finished: bool) -> None:
         """The last that both are told: pages, and a headset that is worn, are let go."""
         self.show("over", finished=finished)
-        line = THANKS if finished else ENDS
-        self._page.tell("over", message=line, line=line)
+        self._page.tell("over", message=THANKS if finished else ENDS)
 
     def look(self) -> list[Said]:
         """Does as the experimenter asked; gives back what answers a question, in order."""

@@ -82,9 +82,7 @@ class LivePage:
             self._process.join(_CLOSE_S)
         else:
             self._close_boxes()
-            raise HighFiveError(
-                f"cannot show the page on port {port or PORT}: {answer['reason']}; choose another --port"
-            )
+            raise HighFiveError(f"cannot show the page on port {port or PORT}: {answer['reason']}; choose another")
         others.close()
         if tracker is not None:
             tracker.close()
@@ -167,7 +165,7 @@ class LivePage:
         """Closes; whoever looks on, or wears a headset, is told that it is over, and of what went wrong."""
         if error is not None and not self._over:
             why = f": {error}" if isinstance(error, HighFiveError) else ""
-            self.tell("over", message=f"It ended early{why}.", line=f"It ended early{why}.")
+            self.tell("over", message=f"It ended early{why}.")
         self.close()
 
     def _close_boxes(self) -> None:

@@ -32,6 +32,7 @@ from highfive.hil.view.allowance import Allowance
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import OF_PARTICIPANTS, parse_command
+from highfive.hil.view.elsewhere import for_elsewhere, is_here
 from highfive.hil.view.mailbox import Mailbox
 from highfive.hil.view.page_shown import parse_shown
 from highfive.hil.view.pages import POLICY, TYPES, WEBCAM_POLICY, File, page_files, refusal
@@ -115,6 +116,7 @@ class _Page:
     messages: Allowance = field(default_factory=lambda: Allowance(MOST_A_SECOND))
     shown: Allowance = field(default_factory=lambda: Allowance(SHOWN_A_SECOND))
     blind: bool = False  # a participant's, in an experiment: it is not told what is shown
+    here: bool = True  # on this machine
 
     def tell(self, text: str) -> None:
         """Queues a text; who has not taken so many is let go."""
@@ -194,7 +196,7 @@ class _Server:
                 self._posed = False
             for page in self._pages:
                 if not (page.blind and kind in HIDDEN):
-                    page.tell(text)
+                    page.tell(text if page.here or kind != "over" else for_elsewhere(text))
         if newest is not None:
             self._newest, self._posed = newest, True
             for page in self._pages:
@@ -236,7 +238,8 @@ class _Server:
         query = "" if connection.request is None else urlsplit(connection.request.path).query
         asked = parse_qs(query)
         name = asked.get("page", [""])[0][:LONGEST_NAME]
-        page = _Page(connection, self._came, name, blind=asked.get("role") == ["participant"])
+        here = is_here(connection.remote_address, connection.local_address)
+        page = _Page(connection, self._came, name, blind=asked.get("role") == ["participant"], here=here)
         about = {**self._options.about, "rig": bool(self._options.about.get("rig"))}  # not whose folder it is
         page.tell(encode_text("hello", version=VERSION, credit=CREDIT, **about))
         for kind, text in self._kept.items():

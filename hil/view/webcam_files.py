@@ -11,7 +11,7 @@ from highfive.hil.view.pages import BYTES, TYPES, File
 from highfive.model.errors import HighFiveError
 
 PACKAGE = "high_five_webcam"
-HOW = "pip install high-five-webcam, or in a checkout: make webcam"
+HOW = "make webcam in a checkout; elsewhere the extra, high-five[webcam] (docs/webcam.md)"
 """How to get it."""
 
 

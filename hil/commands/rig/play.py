@@ -96,8 +96,8 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     check_options(options.arm)  # before the session is read, which takes seconds
     if options.view is not None and options.arm.port == VIRTUAL:
         raise HighFiveError("--view shows what goes at the pace of the clock; --port virtual does not: --port emulated")
-    path = options.session / "session.mcap" if options.session.is_dir() else options.session
-    session = read_session(path)
+    session = read_session(options.session)
+    path = session.path
     recorded = RecordedHighFives(session)
     chosen = _chosen(options, recorded, path)
     if absent := [number for number in chosen if number not in recorded]:

@@ -13,7 +13,7 @@ from highfive.hil.arm.arm_trial import ArmTrial
 from highfive.hil.arm.loop import ArmLoop, ArmTick
 from highfive.hil.commands.page import open_page
 from highfive.hil.commands.page_options import check_port
-from highfive.hil.commands.play_trials import Played, over_line, over_message
+from highfive.hil.commands.play_trials import Played, over_told
 from highfive.hil.commands.simulate_options import PageOptions
 from highfive.hil.recording.session_reader import SessionReader
 from highfive.hil.runtime.clock import Clock
@@ -79,8 +79,7 @@ class PlayView:
         if self._loop.trouble:
             told = f"The arm was stopped: {self._loop.trouble}"
             self._page.tell("state", **self._about, **self._standing(), time_s=0.0, message=told)
-        played = Played(interrupted=bool(why), why=why)
-        self._page.tell("over", message=over_message(played, folder), line=over_line(played))
+        self._page.tell("over", **over_told(Played(interrupted=bool(why), why=why), folder))
 
     def _show(self, rate: float, tick: ArmTick | None = None) -> None:
         trial, at, now = self._trial, self._at, self._clock.now()

@@ -22,6 +22,7 @@ const BROKEN = {  // at the top right, and across the picture
 const CUT = "This recording has no end: it was cut short.";
 const FROZEN_MS = 250, FRESH_MS = 600, JUDGED_MS = 2500, CHARTS_MS = 100, TOLD_MS = 250, MOST_TOLD = 128;
 
+const NO_ENTRANCE = "This browser has no WebGL: no headset can be entered here, and there is no picture; figures and controls work.";
 const PAUSED = "Paused.", STALE = "No new poses come: what you see stands still.";
 
 /* What is amiss, each for as long as it holds: of those that hold the first is read across the picture. */
@@ -54,6 +55,7 @@ function entrance() {
     lacking,
   ].filter(Boolean).join(" ");
   if (headset?.session) notice("failed", "");
+  if (hello.tracks && !stage) notice("enter", NO_ENTRANCE);
   if (!hello.tracks || !headset || lacking === null || linked === "over") return;
   const beside = Boolean(hello.space?.rotation);  // a page on the desk is no mistake there
   notice("enter", headset.session ? "" : lacking ? (beside ? "" : lacking) : `Put the headset on, and press ${headset.modes.join(" or ")} here.`);
@@ -131,10 +133,11 @@ const heard = {
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
   over(text) {
-    notice("over", [why, text.message].filter(Boolean).join("\n"));
+    const report = text.report && `The report, on the computer that ran it: ${text.report}`;
+    notice("over", [why, text.message, report].filter(Boolean).join("\n"));
     linkShown("calm", "over");
     linked = "over";
-    ended = text.line || text.message;
+    ended = text.message;
     connection.close();
     controls.end();
     spoken("");

@@ -58,3 +58,15 @@ def test_a_port_in_use_is_said_before_people_are_made(https: bool, tmp_path: Pat
     assert not (tmp_path / "out").exists()
     check_port(view)  # it is free again
     check_port(PageOptions())
+
+
+def test_where_port_is_the_arms_the_pages_has_a_name_of_its_own() -> None:
+    options = page_options(True, None, None, 9153, False, False, port_name="--page-port")
+    assert options is not None and options.port == 9153
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(HighFiveError, match=r"in use: choose another \(--page-port\), or"):
+            check_port(PageOptions(taken.getsockname()[1], port_name="--page-port"))
+    with pytest.raises(HighFiveError, match=r"^--page-port is of the live page; add --view$"):
+        page_options(False, None, None, 9153, False, False, port_name="--page-port")

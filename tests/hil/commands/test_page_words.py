@@ -7,15 +7,15 @@ import pytest
 from websockets.sync.client import connect
 
 from highfive.hil.commands.page import saying_to
-from highfive.hil.commands.play_trials import Played, over_message
+from highfive.hil.commands.play_trials import Played, over_told
 from highfive.hil.view.live_page import LivePage
 
 
 @pytest.mark.parametrize("why", ["the arm was stopped: servo 4 (elbow): no answer", "ended on the page", ""])
 def test_the_page_says_why_a_session_ended_early_and_where_its_report_is(why: str) -> None:
-    message = over_message(Played(interrupted=bool(why), why=why), Path("out") / "session-1")
-    assert why in message and ("early" in message) == bool(why) and "\n" not in message
-    assert str(Path.cwd() / "out" / "session-1" / "report.html") in message
+    told = over_told(Played(interrupted=bool(why), why=why), Path("out") / "session-1")
+    assert why in told["message"] and ("early" in told["message"]) == bool(why) and "\n" not in told["message"]
+    assert told["report"] == str(Path.cwd() / "out" / "session-1" / "report.html")
 
 
 def test_what_a_live_person_is_told_is_on_terminal_and_page(caplog: pytest.LogCaptureFixture) -> None:

@@ -10,10 +10,12 @@ from mcap.records import Schema
 from mcap.writer import Writer
 from websockets.sync.client import connect
 
+from highfive.hil.commands.view import ViewOptions, view
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.recorded import recorded_trials
+from highfive.model.errors import HighFiveError
 
 
 def viewed(path: Path) -> tuple[dict[str, object], str, int, str]:
@@ -38,6 +40,20 @@ def test_a_recording_that_was_cut_short_says_so_on_terminal_and_page(share: floa
     hello, said, code, err = viewed(path)
     assert code == 0 and hello["kind"] == "hello" and hello["cut"] == (share < 1.0)
     assert ("was cut short" in said) == (share < 1.0) and "was cut short" not in err
+
+
+def test_a_folder_is_called_by_its_own_name_and_what_is_in_it_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "participant 3"
+    folder.mkdir()
+    with pytest.raises(HighFiveError, match=r"participant 3 is a folder without a recording"):
+        view(ViewOptions(folder))
+    (folder / "block-1.mcap").write_bytes(SHIPPED_RECORDING.read_bytes())
+    hello, said, code, _ = viewed(folder)
+    assert code == 0 and hello["title"] == "participant 3"
+    assert said.startswith("participant 3: read") and "session.mcap" not in said
+    (folder / "block-2.mcap").write_bytes(b"")
+    with pytest.raises(HighFiveError, match=r"2 recordings; give one of them: block-1.mcap, block-2.mcap"):
+        view(ViewOptions(folder))
 
 
 def altered(path: Path, settings: dict[str, object], arm: bool) -> Path:

@@ -123,7 +123,7 @@ def test_a_run_that_ends_early_asks_a_participant_nothing_more(page: LivePage) -
         open_as(page, browser, "participant")
         page.tell("participant", phase="question", asks="answer", answer="", until_ms=1e9)
         until(browser, "document.querySelectorAll('.answers button').length === 2")
-        page.tell("over", message="It ended early: the source went away.", line="It ended early: the source went away.")
+        page.tell("over", message="It ended early: the source went away.")
         until(browser, "document.querySelector('.participant.over')")
         assert browser.evaluate("document.querySelector('.participant').textContent") == "It ends here for now."
         assert browser.evaluate("document.querySelectorAll('.answers button').length") == 0

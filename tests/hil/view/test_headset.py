@@ -271,7 +271,7 @@ def test_she_is_told_in_the_headset_how_it_stands_and_let_out_of_the_dark_with_t
         assert told(browser, "No new poses come: what you see stands still.")["at"] == pytest.approx(
             [-0.45, 1.36, 0.2], abs=0.02
         )
-        page.tell("over", message="The session ended early: she left. The report: /x", line="The session ended early.")
+        page.tell("over", message="The session ended early.", report="/x/report.html")
         over = told(browser, "The session ended early.")
         assert browser.evaluate(
             UNTIL.format("highfive.stage.veil.material.opacity === 1 && highfive.stage.veil.visible")

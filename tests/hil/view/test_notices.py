@@ -60,7 +60,7 @@ def test_a_reason_is_read_again_when_a_worse_one_is_over(browser: Browser) -> No
         reads(browser, "Another headset is tracked already: this one only shows.")
         page.tell("headset", message="This headset is tracked now, in place of another one.", refused=False)
         reads(browser, "This recording has no end: it was cut short.")
-        page.tell("over", message="The session is over.", line="The session is over.")
+        page.tell("over", message="The session is over.")
         reads(browser, "The session is over.")
     time.sleep(1.0)  # nothing is said of a connection that is meant to be closed
     reads(browser, "The session is over.")

@@ -348,6 +348,16 @@ def test_without_webgl_there_are_figures_and_controls(page: LivePage) -> None:
         assert asked(page, 1) == [("pause", True)]
 
 
+def test_without_webgl_no_headset_is_entered_and_it_is_said() -> None:
+    with LivePage({**ABOUT, "tracks": True}, port=0) as page, Browser((900, 700), ("--disable-3d-apis",)) as browser:
+        browser.go(page.address)
+        until(browser, "window.highfive?.connection.synchronised")
+        until(browser, "document.getElementById('notice').textContent.includes('no headset can be entered here')")
+        assert browser.evaluate("document.getElementById('headset').hidden")
+        page.tell("over", message="It ended.")
+        until(browser, "document.getElementById('notice').textContent === 'It ended.'")
+
+
 def test_an_old_page_is_told_to_reload_and_one_with_another_key_where_to_go(page: LivePage) -> None:
     with Browser((900, 700)) as browser:
         older = (

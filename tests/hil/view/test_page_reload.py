@@ -72,13 +72,13 @@ def test_who_looks_on_is_told_that_it_ended_early(error: BaseException, line: st
             link = stack.enter_context(looks_on(page))
             raise error
         texts = [json.loads(text) for text in link]  # until the server is gone
-    assert [(text["kind"], text["line"]) for text in texts] == [("over", line)]
+    assert [(text["kind"], text["message"]) for text in texts] == [("over", line)]
 
 
 def test_who_was_told_the_end_is_not_told_another() -> None:
     with ExitStack() as stack:
         with pytest.raises(HighFiveError), LivePage({"mode": "session"}, port=0) as page:
             link = stack.enter_context(looks_on(page))
-            page.tell("over", message="all of it", line="all")
+            page.tell("over", message="all")
             raise HighFiveError("the report cannot be written")
-        assert [json.loads(text)["line"] for text in link] == ["all"]
+        assert [json.loads(text)["message"] for text in link] == ["all"]

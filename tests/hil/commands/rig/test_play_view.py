@@ -1,6 +1,7 @@
 """``rig play --view``: the page has people as recorded, the arm as it is, and the arm's emergency stop."""
 
 import json
+import socket
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -170,8 +171,13 @@ def test_what_is_not_at_the_pace_of_the_clock_is_not_shown(recorded: Path, tmp_p
 @pytest.mark.realtime
 @pytest.mark.parametrize("command", ["estop", "end"])
 def test_the_page_stops_or_ends_what_the_arm_plays(command: str, recorded: Path, tmp_path: Path) -> None:
-    process = start("rig", "play", recorded, "--view", "--no-open", "--out", out := tmp_path / "out", "--json")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    out, page = tmp_path / "out", ("--view", "--page-port", port, "--no-open")
+    process = start("rig", "play", recorded, *page, "--out", out, "--json")
     address, _ = page_address(process)
+    assert f":{port}/" in address
     texts: list[dict] = []
     with looks_on(address) as link:
         try:
@@ -190,7 +196,7 @@ def test_the_page_stops_or_ends_what_the_arm_plays(command: str, recorded: Path,
     summary = json.loads(said)
     over = texts[-1]
     assert code == 1 and over["kind"] == "over" and (out / "report.html").is_file(), error
-    assert summary["stopped"] in over["line"] and "report.html" in over["message"]
+    assert summary["stopped"] in over["message"] and over["report"] == str(out / "report.html")
     stopped = [text["stopped"] for text in texts if text["kind"] == "state"]
     if asked == "estop":
         assert "emergency stop" in summary["stopped"] and stopped[-1] and not stopped[0]

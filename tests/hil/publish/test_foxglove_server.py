@@ -53,7 +53,7 @@ def test_a_viewer_gets_the_messages_of_a_recording() -> None:
         assert link.subprotocol == "foxglove.sdk.v1"
         channels: dict[str, dict[str, str]] = {}
         while len(channels) < 5:
-            said = json.loads(link.recv(20.0))
+            said = json.loads(link.recv(60.0))
             if said["op"] == "serverInfo":
                 assert not {"clientPublish", "parameters", "services"} & set(said["capabilities"])
             if said["op"] == "advertise":
@@ -86,11 +86,11 @@ def test_a_viewer_gets_the_messages_of_a_recording() -> None:
         for tick in ticks:  # one after the other is taken: nothing is left out
             publisher.tick(tick)
             while not found["/markers"] or found["/markers"][-1][0] != tick.at_ns:
-                take(link.recv(20.0))
+                take(link.recv(60.0))
         publisher.arm(ArmPosture(6, ARM.ready))
         publisher.event(SessionEvent("contact", 7, {"trial": 3, "detail": None}))
         while not found["/log"] or found["/log"][-1][0] != 7:
-            take(link.recv(20.0))
+            take(link.recv(60.0))
     publisher.close()
     check_arm(*found["/tf"].pop())
     for topic, every in (("/markers", 1), ("/tf", 4), ("/skeleton", 4)):

@@ -52,9 +52,9 @@ def heard(ticks: list[RecordedTick]) -> Iterator[dict[str, tuple[pylsl.StreamInf
     publisher = LslPublisher(ticks[0].markers.names, (120.0, 0.0), 0.0045, pages=True)
     inlets = {}
     for name in NAMES:
-        (info,) = pylsl.resolve_byprop("name", name, timeout=20.0)
+        (info,) = pylsl.resolve_byprop("name", name, timeout=60.0)
         inlets[name] = pylsl.StreamInlet(info, recover=False)
-        inlets[name].open_stream(20.0)
+        inlets[name].open_stream(60.0)
     behind = BackgroundPublisher(publisher)
     for i, tick in enumerate(ticks):
         behind.give(tick)
@@ -62,11 +62,11 @@ def heard(ticks: list[RecordedTick]) -> Iterator[dict[str, tuple[pylsl.StreamInf
             behind.give(SessionEvent("contact", tick.at_ns, {"trial": i, "emotion": "happy", "style": "frölich"}))
             shown = Shown(i, tick.at_ns - 9_000_000, tick.at_ns + 16_500_000, 2)
             behind.give(ShownPicture(1, shown, 300_000))
-    infos = {name: inlet.info(20.0) for name, inlet in inlets.items()}
+    infos = {name: inlet.info(60.0) for name, inlet in inlets.items()}
     counts = {NAMES[0]: sum(t.sighting is not None for t in ticks), NAMES[1]: len(ticks), NAMES[2]: 4, NAMES[3]: 4}
     found = {}
     for name, inlet in inlets.items():
-        pulled = [inlet.pull_sample(20.0) for _ in range(counts[name])]
+        pulled = [inlet.pull_sample(60.0) for _ in range(counts[name])]
         assert inlet.pull_sample(0.0) == (None, None)  # and no more
         found[name] = infos[name], [sample for sample, _ in pulled], [stamp for _, stamp in pulled]
     behind.close()
@@ -147,9 +147,9 @@ def test_other_markers_than_announced_are_no_sample(ticks: list[RecordedTick]) -
 
 def test_who_takes_nothing_holds_nobody_up(ticks: list[RecordedTick]) -> None:
     publisher = LslPublisher(ticks[0].markers.names, (120.0, 120.0))
-    (info,) = pylsl.resolve_byprop("name", "HighFive-Avatar", timeout=20.0)
+    (info,) = pylsl.resolve_byprop("name", "HighFive-Avatar", timeout=60.0)
     asleep = pylsl.StreamInlet(info, max_buflen=1, recover=False)
-    asleep.open_stream(20.0)
+    asleep.open_stream(60.0)
     for _ in range(10):  # ten seconds of a session, far more than this inlet keeps
         for tick in ticks:
             publisher.tick(tick)

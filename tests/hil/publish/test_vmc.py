@@ -35,7 +35,7 @@ def receiver() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         found.bind(("127.0.0.1", 0))
-        found.settimeout(20.0)
+        found.settimeout(60.0)
         yield found
 
 

@@ -29,6 +29,8 @@ from highfive.model.errors import HighFiveError
 
 PATIENCE_S = 60.0
 """Of the tests, for what happens within a second or two on a machine that is not busy."""
+LONGEST_TRIP_S = 0.7
+"""The library drops a round of probes whose answers take longer."""
 
 
 @dataclass
@@ -121,9 +123,9 @@ def test_numbers_and_texts_come_in_order_with_their_stamps(taker: Taker, follow:
     assert chunks[0].labels == ("Fz", "2", "Pz") and not chunks[0].text
     stamps = np.array([stamp for chunk in chunks for stamp in chunk.stamps])
     np.testing.assert_allclose(stamps, now + 0.004 * np.arange(300), atol=1e-9)
-    # One machine has one clock: what the library measures of it is how long its packets take, here at most 5 ms.
+    # One machine has one clock: what the library measures of it is how long its packets take.
     ours = np.array([time_ns for chunk in chunks for time_ns in chunk.times_ns])
-    assert np.all(np.abs(1e-9 * ours - stamps) < 5e-3)
+    assert np.all(np.abs(1e-9 * ours - stamps) < LONGEST_TRIP_S)
 
 
 def test_each_is_one_of_the_sessions_streams_with_a_bound_of_its_clock(
@@ -132,18 +134,20 @@ def test_each_is_one_of_the_sessions_streams_with_a_bound_of_its_clock(
     gaze, events = outlet("TestGaze", 2), outlet("TestCues", 1, text=True)
     follow("TestGaze", "TestCues")
     taker.wait(lambda: taker.told("lsl_found") == 2)
-    at_ns = time.monotonic_ns() + 20_000_000
-    events.push_sample(["go"])
+    said_s, said_ns = pylsl.local_clock(), time.monotonic_ns()
+    at_ns = said_ns + 20_000_000
+    events.push_sample(["go"], said_s)
     for i in range(50):
-        gaze.push_sample([float(i), 0.5], pylsl.local_clock() - 0.2 + 0.004 * i)
+        gaze.push_sample([float(i), 0.5], said_s - 0.2 + 0.004 * i)
     taker.wait(lambda: len(taker.rows("TestGaze")) == 50 and taker.rows("TestCues"))
     found = {state.stream: state for state in streams.states(at_ns)}
     assert found.keys() == {"lsl/TestGaze", "lsl/TestCues"}
     for state in found.values():
-        # One machine has one clock: the bound is half a round trip, and holds.
-        assert state.bound_ms is not None and 0.0 < state.bound_ms < 5.0
+        # One machine has one clock: the bound is half a round trip, however long that takes, and holds.
+        assert state.bound_ms is not None and 0.0 < state.bound_ms < 1e3 * LONGEST_TRIP_S
         assert abs(state.offset_s) <= 1e-3 * state.bound_ms + 1e-3 and state.resets == 0
-    assert found["lsl/TestCues"].age_ms == pytest.approx(20.0, abs=10.0)
+    cues = found["lsl/TestCues"]
+    assert cues.bound_ms is not None and cues.age_ms == pytest.approx(20.0, abs=cues.bound_ms + 1.0)
     assert [event for event, _ in taker.events] == ["lsl_found", "lsl_found"]
     del gaze
     taker.wait(lambda: taker.told("lsl_lost"))

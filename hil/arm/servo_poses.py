@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -45,23 +45,40 @@ def pair_postures(arm: ServoArm, shape: ArmShape, count: int, seed: int) -> tupl
 
 
 def take_pairs(
-    drive: PostureDrive, watch: PlateWatch, arm: ServoArm, postures: Array, sides: Array, advance: Callable[[], object]
+    drive: PostureDrive,
+    watch: PlateWatch,
+    arm: ServoArm,
+    postures: Array,
+    sides: Array,
+    before: Sequence[TakenPose],
+    kept: Callable[[list[TakenPose]], object],
 ) -> list[TakenPose]:
     """Each posture (N, J), rad, twice, every joint first from one of its ``sides`` (N, J), then from the other.
+
+    Args:
+        drive, watch: arm and plate.
+        arm: as it is known.
+        postures, sides: where to go, and from where.
+        before: pairs that were taken already: they are not taken again.
+        kept: gets all pairs after each.
 
     Raises:
         HighFiveError: the arm was stopped, somebody stayed in the way, or the plate is not seen.
     """
-    poses: list[TakenPose] = []
+    poses = list(before)
+    new = [n for n, q in enumerate(postures) if not any(np.allclose(q, pose.asked, atol=1e-6) for pose in poses)]
+    postures, sides = postures[new], sides[new]
     for target in tour(arm, arm.ready, postures, POSTURES.clearance, drive.seconds):
         drive.go(target)
         if target is arm.ready or not (which := np.flatnonzero((postures == target).all(axis=1))).size:
             continue
+        pair = []
         for side in (sides[which[0]], -sides[which[0]]):
             drive.go(target - ASIDE * side)
             drive.go(target)
-            poses.append(taken(drive, watch, target, side))
-        advance()
+            pair.append(taken(drive, watch, target, side))
+        poses += pair
+        kept(poses)
     return poses
 
 

@@ -98,6 +98,18 @@ def emulate(
 
 
 @app.command()
+def draft(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="An arm of your own: model and arm.toml.")],
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Draft an own arm's limits and rig from its model and servos, to be looked at (docs/own_arm.md)."""
+    from highfive.hil.commands.rig.draft import draft_rig, print_draft  # noqa: PLC0415
+
+    print_result(draft_rig(str(folder), overwrite), json, print_draft)
+
+
+@app.command()
 def scan(
     ports: Annotated[list[str] | None, typer.Argument(metavar="PORT…", help="Ports (default: all there are).")] = None,
     all_ids: Annotated[bool, typer.Option("--all", help="Ask for all 253 IDs, not 1 to 20.")] = False,

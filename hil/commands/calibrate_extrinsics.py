@@ -32,7 +32,12 @@ from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
-from highfive.hil.commands.calibration_checks import check_calibration_file, check_in_a_room, check_system
+from highfive.hil.commands.calibration_checks import (
+    check_calibration_file,
+    check_in_a_room,
+    check_system,
+    kept_where_refused,
+)
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.trials.live_partner import live_source
@@ -147,7 +152,8 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
         watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
         with calibration_arm(run.options.arm, run.body, watch.in_the_way) as drive:
             poses = measured(run, drive, watch, bar)
-    return fitted(run, poses, drive.moving_s)
+    with kept_where_refused(run.half_done):
+        return fitted(run, poses, drive.moving_s)
 
 
 def not_kept(run: Calibrated) -> list[str]:

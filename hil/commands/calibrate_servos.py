@@ -17,7 +17,7 @@ import numpy as np
 
 from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint, load_arm, save_arm
 from highfive.calibration.arm_kinematics import ArmShape
-from highfive.calibration.pose_file import TakenPose, together
+from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
 from highfive.calibration.servo_fit import ServoFit, fit_servos
 from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import ArmOptions
@@ -34,7 +34,12 @@ from highfive.hil.arm.servo_poses import SWEEP_SPEED, frictions, pair_postures, 
 from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
-from highfive.hil.commands.calibration_checks import check_calibration_file, check_in_a_room, check_system
+from highfive.hil.commands.calibration_checks import (
+    check_calibration_file,
+    check_in_a_room,
+    check_system,
+    kept_where_refused,
+)
 from highfive.hil.drivers.bus.rig import COUNTS, Rig
 from highfive.hil.drivers.bus.rig_setup import shadow_counts
 from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
@@ -81,6 +86,17 @@ class KnownServos:
     rig: Rig
     found: ArmCalibration
     body: ServoArm
+
+    @property
+    def arm(self) -> str:
+        """Fingerprint."""
+        return fingerprint(self.rig, self.body.folder)
+
+    @property
+    def half_done(self) -> Path:
+        """Where pairs are kept until the calibration is written."""
+        out = self.options.out
+        return out.with_name(f"{out.stem}.pairs.json")
 
     @property
     def shape(self) -> ArmShape:
@@ -144,7 +160,8 @@ def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[st
         shadows = shadows_of(run, options.arm.port)
         with calibration_arm(options.arm, run.body, watch.in_the_way) as drive:
             seen = seen_servos(run, drive, watch, shadows, bar)
-    return written_servos(run, seen, agreed)
+    with kept_where_refused(run.half_done):
+        return written_servos(run, seen, agreed)
 
 
 def shadows_of(run: KnownServos, port: str, wiring: Wiring = MACHINE_WIRING) -> dict[str, int]:
@@ -173,11 +190,21 @@ def seen_servos(run: KnownServos, drive: PostureDrive, watch: PlateWatch, shadow
     """
     ready, options = run.body.ready, run.options
     postures, sides = pair_postures(run.body, run.shape, options.pairs, options.seed)
+    names, before = run.found.marker_names, list[TakenPose]()
+    if run.half_done.exists():
+        before = load_poses(run.half_done, run.arm, names, len(ready))
+        say_aside(f"{len(before) // 2} pairs are there from {run.half_done}; the rest is taken now")
     advance = bar("pairs and joints", len(postures) + len(ready))
+    advance("", len(before) // 2)
     check_way(run.body, drive.positions, ready, drive.command("release"))
     drive.go(ready)
     check_directions(drive, watch, run.shape, ready)
-    poses = take_pairs(drive, watch, run.body, postures, sides, advance)
+
+    def keep(poses: list[TakenPose]) -> None:
+        save_poses(run.half_done, run.arm, names, poses)
+        advance()
+
+    poses = take_pairs(drive, watch, run.body, postures, sides, before, keep)
     return Seen(poses, frictions(drive, run.body, advance), shadows, drive.moving_s)
 
 
@@ -207,6 +234,7 @@ def written_servos(run: KnownServos, seen: Seen, agreed: Agreed) -> dict[str, An
         kept = load_arm(options.out)
         if changed := [name for name in joints if _changes(name, joints[name], kept.joints[name])]:
             raise HighFiveError(f"{options.out} does not hold what was written ({changed[0]}); is the disk whole?")
+        run.half_done.unlink(missing_ok=True)
     return _summary(run, seen, fit, new, lines, written)
 
 
@@ -236,7 +264,7 @@ def _summary(
     return {
         "out": str(run.options.out),
         "written": written,
-        "arm": fingerprint(run.rig, run.body.folder),
+        "arm": run.arm,
         "pairs": len(seen.poses) // 2,
         "moving_s": round(seen.moving_s, 1),
         "off_before_mm": round(1e3 * fit.before, 2),

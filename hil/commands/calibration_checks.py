@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from highfive.hil.arm.arm_options import ArmOptions
@@ -39,3 +41,19 @@ def check_in_a_room(arm: ArmOptions) -> None:
     """
     if arm.emulated:
         raise HighFiveError(f"{arm.port}: an emulated arm stands in no room; give a serial port, and --arm")
+
+
+@contextmanager
+def kept_where_refused(poses: Path) -> Iterator[None]:
+    """Says of what is refused in here that the poses which it rests on are still there, and would be taken again.
+
+    Raises:
+        HighFiveError: what was refused.
+    """
+    try:
+        yield
+    except HighFiveError as error:
+        if not poses.exists():
+            raise
+        kept = f"the poses are kept in {poses}: delete it to take them anew, where the arm or its plate is changed"
+        raise HighFiveError(f"{error} ({kept})") from None

@@ -13,6 +13,7 @@ from hidden_calibration import hidden_calibration
 from kept_arm import kept_arm
 
 from highfive.calibration.arm_file import arm_text, load_arm, save_arm
+from highfive.calibration.pose_file import load_poses
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibration_arm import virtual_calibration_arm
 from highfive.hil.arm.fingerprint import fingerprint
@@ -33,8 +34,10 @@ from highfive.hil.commands.calibrate_servos import (
     shadows_of,
     written_servos,
 )
+from highfive.hil.commands.calibration_checks import kept_where_refused
 from highfive.hil.commands.rig.service import check, opened
 from highfive.hil.drivers.bus.rig import load_rig
+from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
@@ -64,9 +67,12 @@ def wanted(kept: Path, out: Path, pairs: int = 12) -> KnownServos:
 
 
 @contextmanager
-def room(run: KnownServos, truth: HiddenTruth) -> Iterator[tuple[PostureDrive, PlateWatch, dict[str, int]]]:
+def room(
+    run: KnownServos, truth: HiddenTruth, *on_the_bus: str
+) -> Iterator[tuple[PostureDrive, PlateWatch, dict[str, int]]]:
     with VirtualClock(truth.seed) as clock:
         bus, plant = hidden_bus(truth, load_rig())
+        bus.set_faults(parse_faults(on_the_bus))
         camera = PlateCamera(clock, truth, plant, CameraFaults())
         with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
             watch, virtual = PlateWatch(source, plate_of(run.found), clock), VirtualRig(clock, bus)
@@ -102,6 +108,23 @@ def test_what_servos_do_not_say_is_found(kept: Path, measured: Seen, tmp_path: P
     assert found["off_before_mm"] > 5.0 > 4.0 * found["off_mm"]
     assert any(line.startswith("shoulder: zero") for line in shown)
     assert found["moving_s"] < 180.0
+
+
+@pytest.mark.slow
+def test_a_port_that_dies_half_way_is_gone_on_from(kept: Path, tmp_path: Path) -> None:
+    run = wanted(kept, tmp_path / "new.toml", 6)
+    with pytest.raises(HighFiveError), room(run, now_there(), "unplug@75-600") as (drive, watch, shadows):
+        seen_servos(run, drive, watch, shadows, bar)
+    before = load_poses(run.half_done, run.arm, run.found.marker_names, 6)
+    assert 0 < len(before) < 12 and len(before) % 2 == 0
+    with room(run, now_there()) as (drive, watch, shadows):
+        seen = seen_servos(run, drive, watch, shadows, bar)
+    assert len(seen.poses) == 12 and len(seen.friction) == 6
+    np.testing.assert_array_equal([p.encoders for p in seen.poses[: len(before)]], [p.encoders for p in before])
+    np.testing.assert_array_equal(seen.poses[0].sides, -seen.poses[1].sides)
+    found = written_servos(run, seen, lambda _: False)
+    assert not found["written"] and run.half_done.exists()  # a no does not cost them
+    assert written_servos(run, seen, lambda _: True)["off_mm"] < 2.5 and not run.half_done.exists()
 
 
 @pytest.mark.slow
@@ -147,6 +170,16 @@ def test_a_shadow_that_stands_otherwise_than_it_did_is_refused_at_start_up(kept:
         else:
             with room(run, BEFORE):
                 pass
+
+
+def test_what_is_refused_says_that_its_poses_are_still_there(tmp_path: Path) -> None:
+    """Else a marker would be glued, and the poses of before taken for those after."""
+    poses = tmp_path / "arm.pairs.json"
+    for there in (False, True):
+        with pytest.raises(HighFiveError) as refused, kept_where_refused(poses):
+            raise HighFiveError("no arm fits")
+        assert (f"the poses are kept in {poses}: delete it" in str(refused.value)) is there
+        poses.write_text("{}")
 
 
 def test_torque_hides_how_shadows_stand(kept: Path, tmp_path: Path) -> None:

@@ -97,6 +97,7 @@ ELSEWHERE = {
     "import --to": "commands/test_import.py",
     "calibrate event --out": "commands/test_calibrate_event.py",
     "experiment plan --out": "commands/test_experiment.py",
+    "rig draft folder": "commands/rig/test_draft.py",
     "experiment plan --study": "commands/test_experiment.py",
 }
 LINKS = {"rig emulate --port-link"}
@@ -139,7 +140,7 @@ def test_no_command_writes_where_this_file_does_not_look() -> None:
     for name, tested in ELSEWHERE.items():
         assert "overwrite" in (Path(__file__).parent.parent / tested).read_text(), name
     for command, callback in commands(cli.app):
-        writes = any(name.startswith(f"{command} --") for name in FOLDERS | FILES | ELSEWHERE)
+        writes = any(name.rpartition(" ")[0] == command for name in FOLDERS | FILES | ELSEWHERE)
         assert ("overwrite" in inspect.signature(callback).parameters) == writes, command  # type: ignore[arg-type]
 
 

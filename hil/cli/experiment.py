@@ -193,6 +193,10 @@ def run(
         str | None, typer.Option("--person", "--human", help="Prefix of the person's markers, such as A or human.")
     ] = None,
     model: Annotated[str | None, typer.Option(metavar="FILE", help="Model file (default: the shipped one).")] = None,
+    clips: Annotated[
+        str | None,
+        typer.Option(metavar="DIR", help="Of an experiment that shows clips: their C3D files, or simulated."),
+    ] = None,
     place: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session.")
     ] = None,
@@ -261,7 +265,7 @@ def run(
             publish=published(publish), publish_network=publish_network, record_lsl=tuple(record_lsl or ()),
         )  # fmt: skip
     options = RunOptions(
-        study, participant, session, resume, consent, language, simulate_participant, no_avatar, typed, chain
+        study, participant, session, resume, consent, language, simulate_participant, no_avatar, typed, clips, chain
     )
     try:
         with progress_bars() as bar:

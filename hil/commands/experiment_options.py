@@ -22,6 +22,7 @@ class RunOptions:
         simulated: file of a simulated participant; None for a real one.
         dry: no avatar, in virtual time.
         typed: answers and commands are typed at this terminal, too.
+        clips: folder of the clips that are shown, or ``simulated``; None of an experiment without.
         chain: source, model and page, as of ``simulate``; its view is where the pages are.
     """
 
@@ -34,4 +35,5 @@ class RunOptions:
     simulated: Path | None = None
     dry: bool = False
     typed: bool = False
+    clips: str | None = None
     chain: SimulateOptions | None = None

@@ -94,10 +94,10 @@ def _check(options: RunOptions, protocol: Protocol) -> None:
         raise HighFiveError("--no-avatar is for simulated participants; add --simulate-participant FILE.toml")
     if options.dry:
         return
-    if protocol.motion is Motion.CLIPS:
-        raise HighFiveError(
-            f"{protocol.name} shows clips, which no stage plays yet; --no-avatar tries plan, log and analysis"
-        )
+    if (protocol.motion is Motion.CLIPS) is (options.clips is None):
+        shows = "shows clips: give --clips DIR with " if options.clips is None else "shows no clips: leave out --clips"
+        named = f"{protocol.styles[0].name}_1.c3d and so on, or --clips simulated" if options.clips is None else ""
+        raise HighFiveError(f"{protocol.name} {shows}{named}")
     if options.chain is not None:
         from highfive.hil.commands.experiment_session import check_chain  # noqa: PLC0415 (session and MuJoCo)
 

@@ -7,9 +7,11 @@ import shlex
 import sys
 from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from highfive.hil.commands.arm_in_run import ArmInRun
+from highfive.hil.commands.clips import SIMULATED, load_clips
 from highfive.hil.commands.experiment_options import RunOptions
 from highfive.hil.commands.experiment_stage import AvatarStage
 from highfive.hil.commands.headset_beside import drift_watch, registered_headset
@@ -28,7 +30,7 @@ from highfive.hil.commands.typed_commands import TypedCommands
 from highfive.hil.evaluation.reaction_models import open_model
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.observer import SimulatedParticipant
-from highfive.hil.experiments.protocol import Mode, Protocol
+from highfive.hil.experiments.protocol import Mode, Motion, Protocol
 from highfive.hil.experiments.study import session_folder
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar, say_aside
@@ -73,6 +75,8 @@ def check_chain(chain: SimulateOptions, protocol: Protocol) -> None:
         )
     if chain.arm is None:
         return
+    if protocol.motion is Motion.CLIPS:
+        raise HighFiveError(f"{protocol.name} shows clips of an avatar that turns round; no arm does: leave out --rig")
     if chain.arm.port == "virtual":
         raise HighFiveError("a run goes at the pace of the clock; --rig virtual does not: --rig emulated")
     if any(block.mode is Mode.NO_CONTINGENCY for block in protocol.blocks):
@@ -105,7 +109,9 @@ def open_stage(
     chain = with_arm(chain, live, stack, wiring)
     publishers = open_publishers(chain, stack)
     model, scene = open_model(chain.model), build_scene()
-    _check_styles(protocol, model.emotions)
+    clips = None if options.clips is None else load_clips(options.clips, protocol)
+    if clips is None:
+        _check_styles(protocol, model.emotions)
     opened = None if participant is None else partial(_takes_part, participant, stack)
     about = {"mode": "experiment", "title": protocol.name, "emotions": [], "cells": []}
     person, watch = None, None
@@ -122,13 +128,13 @@ def open_stage(
     say_aside(f"that is the experimenter's; the participant's: {page.address}&role=participant")
     publishers += open_outlets(chain, _markers(person).names, person, stack)
     session = Session(
-        model, dict(protocol.styles[0].weights), _markers(person), scene,
+        model, dict(protocol.styles[0].weights) if clips is None else {model.emotions[0]: 1.0}, _markers(person), scene,
         settings=UNSEEN_AT_REST if worn else None,
         tracking=HEADSET if worn else None if person is None else person.tracking,
         reach=SEEN_LATE if webcam else None,
     )  # fmt: skip
     settings = SessionSettings(
-        seed=chain.seed, model=str(getattr(chain.model, "name", chain.model)), trials=0, style=None, corrected=True,
+        seed=chain.seed, model=_motion_of(chain, options.clips), trials=0, style=None, corrected=True,
         physics=False, source=chain.source or "", command=shlex.join(["highfive", *sys.argv[1:]]),
         arm="" if chain.arm is None else chain.arm.port, arm_name="" if chain.arm is None else chain.arm.arm,
     )  # fmt: skip
@@ -138,10 +144,17 @@ def open_stage(
         session, scene, page, desk, person, protocol,
         session_folder(options.study, options.participant, options.session), settings, outputs, MACHINE,
         None if watch is None else ArmInRun(watch, live=live),
-        None if beside is None or person is None else drift_watch(beside, person, page),
+        None if beside is None or person is None else drift_watch(beside, person, page), clips,
     )  # fmt: skip
     stack.callback(stage.close)
     return desk, stage
+
+
+def _motion_of(chain: SimulateOptions, clips: str | None) -> str:
+    """What recordings say that the motion is of."""
+    if clips is None:
+        return str(getattr(chain.model, "name", chain.model))
+    return "simulated clips" if clips == SIMULATED else f"clips of {Path(clips).name}"
 
 
 def _markers(person: LivePerson | None) -> MarkerSet:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
+from highfive.hil.commands.clips import Clip, TappedClip, going_on
 from highfive.hil.commands.play_trials import Kept
 from highfive.hil.commands.shown_again import RecordedMotion, ShownAgain, at_rest, for_as_long, recorded_motion
 from highfive.hil.experiments.desk import Desk
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
     from highfive.hil.view.wire import PoseMessage
 
 S = 1_000_000_000
+TAPPING = "B3"
+"""Where a simulated person, who only knows high fives, raises her hand to tap: the avatar's right shoulder."""
 _MOST_SHOWN = 4096
 
 
@@ -121,17 +124,18 @@ class AvatarStage:
         protocol: Protocol, folder: Path, settings: SessionSettings,
         outputs: Callable[[BackgroundRecorder], SessionOutputs], clock: Clock,
         arm: ArmInRun | None = None, drift: DriftWatch | None = None,
+        clips: Mapping[tuple[str, int], Clip] | None = None,
     ) -> None:  # fmt: skip
         """Of a session that answers ``person``, or simulated people where there is none; records into ``folder``.
 
         ``outputs`` hands on what goes into a first recording; it is called once. ``arm`` takes part, and ``drift``
-        watches a headset that is worn beside a lab's system.
+        watches a headset that is worn beside a lab's system. ``clips`` are shown in place of the model's answer.
         """
         self._session, self._person, self._protocol, self._clock = session, person, protocol, clock
         self._desk, self._folder, self._settings = desk, folder, settings
         self._playout = KinematicPlayOut(scene)
         self._pictures: list[PageShown] = []
-        self._arm, self._drift = arm, drift
+        self._arm, self._drift, self._clips = arm, drift, clips
         self._view = SessionView(
             StagePage(page, desk), session, self._playout, scene, clock=clock, shown=self._picture,
             arm=None if arm is None else arm.watch.joints, rig=settings.arm_name or DEFAULT_ARM,
@@ -153,7 +157,8 @@ class AvatarStage:
             raise RunFailedError(live.trouble)
         if self._arm is not None:
             self._arm.begin(source, motion)
-        self._session.set_style(asked.weights)
+        if self._clips is None:
+            self._session.set_style(asked.weights)
         witness = _Witness(live, asked.trial.mode == Mode.INTERACTIVE.value)
         try:
             self._play(asked, partner, live, motion, witness, cue)
@@ -184,7 +189,10 @@ class AvatarStage:
     ) -> None:  # fmt: skip
         trial = asked.trial
         assert self._outputs is not None
-        chain: Session | ShownAgain = self._session
+        clip = None
+        if self._clips is not None and motion is None:
+            clip = TappedClip(self._session, self._clips[trial.style, trial.clip])
+        chain: Session | ShownAgain | TappedClip = clip or self._session
         if motion is not None:
             watches = trial.mode != Mode.NO_CONTINGENCY.value
             chain = ShownAgain(
@@ -202,9 +210,12 @@ class AvatarStage:
         def keep(begins: TickInput, tick: Tick, state: PlayState, tick_ms: float) -> None:
             kept(begins, tick, state, tick_ms)
             witness(begins, tick, state)
+            if clip is not None and clip.tapped and witness.met is None:
+                witness.met = replace(begins, frame=begins.frame or (witness.last.frame if witness.last else None))
+                self._record_event("tapped", trial=asked.ask - 1, detail=f"clip {trial.style} {trial.clip}")
 
         def seen(tick: Tick) -> None:
-            if live is not None:
+            if live is not None and clip is None:  # a clip says itself when it is over
                 live.watch(tick)
             if self._arm is not None:
                 self._arm.seen(tick)
@@ -218,9 +229,12 @@ class AvatarStage:
 
         inputs: Iterable[TickInput] = live or as_captured(self._view.in_time(C3DSource(partner.recording, RATE_HZ)))
         inputs = inputs if motion is None else for_as_long(inputs, motion)
+        inputs = inputs if clip is None else clip.until_over(inputs)
         inputs = inputs if self._arm is None else self._arm.watch.inputs(inputs)
         with kept:
             result = run_trial(asked.ask - 1, partner, chain, self._playout, self._view.inputs(inputs), seen, keep)
+        if clip is not None and not clip.over:
+            raise TrialBrokenOffError("the shoulder was not tapped" if not clip.tapped else "the clip was not over")
         kept.end(replace(result, style=head.style))
 
     def _place(self, source: TrialRow) -> tuple[Path, str]:
@@ -239,8 +253,10 @@ class AvatarStage:
         if self._person is not None:
             partner = self._person.partner("")
         else:
-            emotion, cell = next(iter(EMOTIONS)), asked.trial.cell or "B2"
+            emotion, cell = next(iter(EMOTIONS)), asked.trial.cell or ("B2" if self._clips is None else TAPPING)
             partner = simulated_partner(emotion, cell, 0, np.random.default_rng([self._settings.seed, asked.ask]))
+            if self._clips is not None:
+                partner = going_on(partner, self._protocol.timing.trial_s)
             if motion is not None and asked.trial.mode != Mode.NO_CONTINGENCY.value:
                 partner = at_rest(partner, motion)
         return replace(partner, title=_title(asked.trial.name, asked.ask), cell=asked.trial.cell)

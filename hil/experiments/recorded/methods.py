@@ -70,7 +70,8 @@ def _apparatus(protocol: Protocol, about: Mapping[str, Any]) -> str:
     )
     source = str(about.get("source") or "")
     tracked = f"the participant was tracked by {source} " if source else "the participant was tracked by "
-    model = f" (model file {about['model']})" if about.get("model") and protocol.motion is Motion.MODEL else ""
+    kind = "model file " if protocol.motion is Motion.MODEL else ""
+    model = f" ({kind}{about['model']})" if about.get("model") else ""
     arm = f" A servo arm ({about['arm_name']}) took part." if about.get("arm_name") else ""
     return (
         "**Apparatus.** Participants stood before a life-size avatar of 53 joints in MuJoCo, at 120 Hz. "

@@ -1,112 +1,36 @@
 """An experiment's trials with an arm, in virtual time: it answers, plays again, and leaves who is near it alone."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from helpers.experiments import head, protocol
+from helpers.virtual_stage import VirtualStage
 from numpy.typing import NDArray
 from virtual_system import VirtualSystem
 
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.arm_trial import ArmWatch
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
-from highfive.hil.commands.arm_in_run import ArmInRun
-from highfive.hil.commands.experiment_stage import AvatarStage
 from highfive.hil.commands.shown_again import recorded_motion, recorded_trial
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
-from highfive.hil.evaluation.reaction_models import open_model
-from highfive.hil.experiments.desk import Desk
-from highfive.hil.experiments.plan import PlannedTrial
-from highfive.hil.experiments.stage import Asked, RunFailedError, TrialBrokenOffError
+from highfive.hil.experiments.stage import RunFailedError, TrialBrokenOffError
 from highfive.hil.experiments.trial_row import TrialRow
-from highfive.hil.publish.outputs import SessionOutputs
 from highfive.hil.runtime.virtual_clock import VirtualClock
-from highfive.hil.session.session import Session
-from highfive.hil.sim.people.capture import PERSON_SET
-from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.live_partner import LivePerson, live_source
 from highfive.hil.trials.partners import simulated_partners
-from highfive.hil.trials.summary import SessionSettings
 from highfive.hil.view.commands import Command
-from highfive.hil.view.page_shown import PageShown
-from highfive.hil.view.wire import PoseMessage
-from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
-from highfive.model import DEFAULT_MODEL
 
 ADDRESS = "vicon://lab"
 
 
-class QuietPage:
-    """Pages on which somebody may press something, and nothing is shown."""
-
-    alive = True
-
-    def __init__(self) -> None:
-        self.pressed: list[Command] = []
-        self.poses = 0
-
-    def show(self, message: PoseMessage) -> None:
-        self.poses += 1
-
-    def tell(self, kind: str, **fields: Any) -> None: ...
-
-    def commands(self) -> list[Command]:
-        return []
-
-    def shown(self) -> list[PageShown]:
-        return []
-
-    def said(self) -> list[str]:
-        return []
-
-    def take(self, *names: str) -> Sequence[Command]:
-        pressed, self.pressed = self.pressed, []
-        return pressed
-
-
-class Run:
-    """A stage with a virtual arm; what ``person`` is there, where one is."""
+class Run(VirtualStage):
+    """A stage with a virtual arm."""
 
     def __init__(self, clock: VirtualClock, stack: ExitStack, folder: Path, person: LivePerson | None = None) -> None:
-        loop = stack.enter_context(virtual_arm(VirtualRig(clock, make_bus(emulator_options(ArmOptions())))))
-        self.page, self.loop, self.clock = QuietPage(), loop, clock
-        self.desk = Desk(self.page, clock)
-        worn = load_marker_set(PERSON_SET) if person is None else person.marker_set
-        scene = build_scene()
-        session = Session(open_model(DEFAULT_MODEL), {"neutral": 1.0}, worn, scene, clock=clock)
-        settings = SessionSettings(
-            seed=3, model="shipped", trials=0, style=None, corrected=True, physics=False, arm="virtual"
-        )
-        self.folder = folder / "P01" / "session-1"
-        self.folder.mkdir(parents=True)
-        arm = ArmInRun(ArmWatch(loop), live=person is not None)
-        self.stage = AvatarStage(
-            session, scene, self.page, self.desk, person, protocol("high_five"), self.folder, settings,
-            partial(SessionOutputs, clock=clock), clock, arm,
-        )  # fmt: skip
-        stack.callback(self.stage.close)
-
-    def play(self, block: str, mode: str, ask: int, source: TrialRow | None = None) -> TrialRow:
-        """Plays one trial; its row."""
-        trial = PlannedTrial(
-            name=f"{block}-01", block=block, mode=mode, style="neutral", weights={"neutral": 1.0}, answer="neutral",
-            cell="B2", source="" if source is None else source.trial,
-        )  # fmt: skip
-        self.desk.begin_trial()
-        played = self.stage.play(Asked(trial, ask, {"neutral": 1.0}, source), lambda: None)
-        about = head()
-        return TrialRow(
-            ask=ask, participant=about.participant, session=1, block=block, trial=trial.name, condition=mode,
-            style="neutral", expected="neutral", cell="B2", clip=0, source_trial=trial.source, viewpoint="", own_arm="",
-            software="1", seed=1, calibration="", simulated=True, begun_utc_ns=0, utc_ns=0,
-            recording=played.recording, contact_ns=played.contact_ns,
-        )  # fmt: skip
+        self.loop = stack.enter_context(virtual_arm(VirtualRig(clock, make_bus(emulator_options(ArmOptions())))))
+        super().__init__(clock, stack, folder, person, loop=self.loop)
 
     def way(self, row: TrialRow) -> NDArray[np.float64]:
         """(C, J) rad, of the arm in a trial."""

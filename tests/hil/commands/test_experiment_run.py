@@ -71,7 +71,7 @@ def test_what_is_wrong_is_said_before_anything_is_asked(tmp_path: Path, observer
         (RunOptions(tmp_path, "P01", simulated=observer, dry=True), "is no study"),
         (RunOptions(folder, "P01", dry=True, consent="1"), "--simulate-participant"),
         (options(folder, observer, resume=True), "no session 1 to resume"),
-        (RunOptions(folder, "P01", consent="1"), "shows clips"),
+        (RunOptions(folder, "P01", consent="1"), "shows clips: give --clips DIR"),
     ):
         with pytest.raises(HighFiveError, match=words):
             run(given, no_bar)

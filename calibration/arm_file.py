@@ -1,7 +1,8 @@
 """The calibration of one arm in one room, kept in a file that people can read, and that tells when it was changed.
 
 Tables: ``[meta]``, ``[arm]``, ``[world]`` (where the room is: :mod:`highfive.calibration.registration`), ``[mount]``,
-``[plate]``, ``[joints.NAME]``, ``[latency]`` (once it is measured) and ``[quality]``; SI units in the names.
+``[plate]``, ``[joints.NAME]``, ``[latency]`` (once it is measured), ``[quality]`` and ``[[pose]]``; SI units in the
+names.
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from highfive.calibration.placement_file import check_frame, vector
-from highfive.calibration.registration import FORMAT, Registration, registration_of
+from highfive.calibration.registration import FORMAT, Registration, aware, registration_of
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
 from highfive.model.geometry.rotations import Array
@@ -70,6 +71,22 @@ class CalibratedJoint:
 
 
 @dataclass(frozen=True)
+class KeptPose:
+    """One posture that the calibration rests on.
+
+    Attributes:
+        encoders: (J,) rad, what the servos said.
+        residual: m, of its markers, root mean square; strays counted in full.
+        held_out: m, distance of the plate's middle from where it was seen, by a fit that did not know this posture;
+            None where the plate was not seen whole.
+    """
+
+    encoders: Array
+    residual: float
+    held_out: float | None
+
+
+@dataclass(frozen=True)
 class ArmCalibration:
     """What is known of one arm in one room.
 
@@ -86,6 +103,9 @@ class ArmCalibration:
         rms: m, of what is left of the markers.
         temperatures: °C of the joints' servos, lowest and highest while it was measured; None where nobody read them.
         latency: s, by name, once it is measured; empty before.
+        servos_date, latency_date: UTC, when play, friction and shadows, and when lags were measured; None where that
+            was not done, or not told: the registration's date is that of its room, links and plate.
+        poses: that it rests on; empty where they were not kept.
     """
 
     registration: Registration
@@ -104,6 +124,9 @@ class ArmCalibration:
     rms: float
     temperatures: tuple[float, float] | None
     latency: Mapping[str, float]
+    servos_date: datetime | None = None
+    latency_date: datetime | None = None
+    poses: tuple[KeptPose, ...] = ()
 
 
 def save_arm(path: Path, found: ArmCalibration, *, replace: bool = False) -> None:
@@ -122,12 +145,14 @@ def save_arm(path: Path, found: ArmCalibration, *, replace: bool = False) -> Non
 def arm_text(found: ArmCalibration) -> str:
     """The file's content."""
     room = found.registration
+    days = {"servos_date": found.servos_date, "latency_date": found.latency_date}
     lines = [
         "# Where one arm stands in one room, and by what it differs from its drawing: highfive calibrate extrinsics.",
         "# What is changed here by hand is refused: measure again.",
         "[meta]",
         f"format = {FORMAT}",
-        f"date = {room.date.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        f"date = {_date(room.date)}",
+        *(f"{key} = {_date(day)}" for key, day in days.items() if day is not None),
         f"tool = {_text(found.tool)}",
         f"command = {_text(found.command)}",
         f"note = {_text(found.note)}",
@@ -169,6 +194,9 @@ def arm_text(found: ArmCalibration) -> str:
     ]
     if found.temperatures is not None:
         lines.append(f"temperatures_C = {_list(np.array(found.temperatures))}")
+    for pose in found.poses:
+        lines += ["\n[[pose]]", f"encoders_rad = {_list(pose.encoders)}", f"residual_m = {pose.residual:.6f}"]
+        lines += [] if pose.held_out is None else [f"held_out_m = {pose.held_out:.6f}"]
     body = "\n".join(lines) + "\n\n[check]\n"
     return f'{body}{DIGEST}"{_digest(body)}"\n'
 
@@ -214,6 +242,7 @@ def _calibration(path: Path, data: Mapping[str, Any], settings: ArmFileSettings)
     times = data.get("latency", {})
     if not is_table(times):
         raise HighFiveError("[latency] is no table")
+    joints = {name: _joint(table(data, "joints"), name, settings) for name in table(data, "joints")}
     return ArmCalibration(
         registration=registration_of(path, data),
         tool=typed(meta, "meta.", "tool", str),
@@ -225,13 +254,37 @@ def _calibration(path: Path, data: Mapping[str, Any], settings: ArmFileSettings)
         plate_normal=normal,
         marker_names=tuple(markers),
         markers=places,
-        joints={name: _joint(table(data, "joints"), name, settings) for name in table(data, "joints")},
+        joints=joints,
         held_out_median=number(quality, "quality.", "held_out_median_m", float, 0.0, 1.0),
         held_out_max=number(quality, "quality.", "held_out_max_m", float, 0.0, 1.0),
         rms=number(quality, "quality.", "residual_rms_m", float, 0.0, 1.0),
         temperatures=None if heat is None else (float(heat[0]), float(heat[1])),
         latency={name: number(times, "latency.", name, float, -1.0, 1.0) for name in times},
+        servos_date=_day(meta, "servos_date"),
+        latency_date=_day(meta, "latency_date"),
+        poses=_poses(data.get("pose", []), len(joints)),
     )
+
+
+def _day(meta: Mapping[str, Any], name: str) -> datetime | None:
+    return aware(meta, "meta.", name) if name in meta else None
+
+
+def _poses(rows: object, joints: int) -> tuple[KeptPose, ...]:
+    if not isinstance(rows, list):
+        raise HighFiveError("[[pose]] is no list of tables")
+    found, where = [], "pose."
+    for row in rows:
+        if not is_table(row):
+            raise HighFiveError("a [[pose]] is no table")
+        found.append(
+            KeptPose(
+                encoders=vector(row, where, "encoders_rad", joints),
+                residual=number(row, where, "residual_m", float, 0.0, 1.0),
+                held_out=_maybe(row, where, "held_out_m", 0.0, 1.0),
+            )
+        )
+    return tuple(found)
 
 
 def _joint(joints: Mapping[str, Any], name: str, settings: ArmFileSettings) -> CalibratedJoint:
@@ -254,6 +307,10 @@ def _joint(joints: Mapping[str, Any], name: str, settings: ArmFileSettings) -> C
 
 def _maybe(entry: Mapping[str, Any], where: str, name: str, low: float, high: float) -> float | None:
     return number(entry, where, name, float, low, high) if name in entry else None
+
+
+def _date(value: datetime) -> str:
+    return f"{value.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 def _text(value: str) -> str:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint
+from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint, KeptPose
 from highfive.calibration.arm_fit import ArmFit
 from highfive.calibration.arm_plate import Plate
+from highfive.calibration.arm_poses import ArmPoses
 from highfive.calibration.plate_template import PlateTemplate
 from highfive.calibration.registration import Registration
 from highfive.model.geometry import rotations
@@ -62,6 +63,7 @@ def world_of(fit: ArmFit, position: Array, rotation: Array) -> tuple[Array, Arra
 def calibration_of(
     path: Path,
     fit: ArmFit,
+    poses: ArmPoses,
     plate: Plate,
     template: PlateTemplate,
     off: Array,
@@ -73,6 +75,7 @@ def calibration_of(
     Args:
         path: of the file.
         fit: of all poses.
+        poses: N of them.
         plate: in it.
         template: of the plate.
         off: (N,) m, of poses that were held out; NaN where the plate was not seen.
@@ -112,4 +115,15 @@ def calibration_of(
         rms=fit.rms,
         temperatures=source.temperatures,
         latency={},
+        poses=_kept_poses(fit, poses, off),
+    )
+
+
+def _kept_poses(fit: ArmFit, poses: ArmPoses, off: Array) -> tuple[KeptPose, ...]:
+    """Each with what is left of it."""
+    seen = np.maximum(poses.seen.sum(axis=1), 1)
+    left = np.sqrt(np.sum(np.where(poses.seen, fit.residuals, 0.0) ** 2, axis=1) / seen)
+    return tuple(
+        KeptPose(encoders, float(rms), float(one) if np.isfinite(one) else None)
+        for encoders, rms, one in zip(poses.encoders, left, off, strict=True)
     )

@@ -108,11 +108,7 @@ def registration_of(path: Path, data: Mapping[str, Any]) -> Registration:
     meta, arm, world, quality = (table(data, name) for name in ("meta", "arm", "world", "quality"))
     if (version := typed(meta, "meta.", "format", int)) != FORMAT:
         raise HighFiveError(f"meta.format is {version}, this program reads {FORMAT}")
-    if type(day := meta.get("date")) is date:
-        raise HighFiveError(f"meta.date is a date without a time; write {day}T10:00:00+01:00")
-    measured = typed(meta, "meta.", "date", datetime)
-    if measured.tzinfo is None:
-        raise HighFiveError("meta.date has no time zone; write it in UTC, such as 2026-11-23T09:30:00Z")
+    measured = aware(meta, "meta.", "date")
     rotation, translation = vector(world, "world.", "rotation", 4), vector(world, "world.", "translation_m", 3)
     check_frame(rotation, translation)
     p95 = typed(quality, "quality.", "held_out_p95_m", float)
@@ -120,7 +116,7 @@ def registration_of(path: Path, data: Mapping[str, Any]) -> Registration:
         raise HighFiveError(f"quality.held_out_p95_m is {p95}, expected a distance in m")
     return Registration(
         path=path,
-        date=measured.astimezone(UTC),
+        date=measured,
         arm=typed(arm, "arm.", "fingerprint", str),
         system=typed(world, "world.", "system", str),
         world_from_mocap=rotation,
@@ -128,3 +124,17 @@ def registration_of(path: Path, data: Mapping[str, Any]) -> Registration:
         poses=typed(quality, "quality.", "poses", int),
         held_out_p95=p95,
     )
+
+
+def aware(entry: Mapping[str, Any], where: str, name: str) -> datetime:
+    """A time with its zone, in UTC.
+
+    Raises:
+        HighFiveError: it is not there, or no such time.
+    """
+    if type(day := entry.get(name)) is date:
+        raise HighFiveError(f"{where}{name} is a date without a time; write {day}T10:00:00+01:00")
+    measured = typed(entry, where, name, datetime)
+    if measured.tzinfo is None:
+        raise HighFiveError(f"{where}{name} has no time zone; write it in UTC, such as 2026-11-23T09:30:00Z")
+    return measured.astimezone(UTC)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, ArmFolder, find_arm
+from highfive.hil.arm_model.arm_folder import ARMS, DEFAULT_ARM, ArmFolder, find_arm
 from highfive.hil.arm_model.from_mujoco import compiled_body
 from highfive.hil.drivers.bus.rig import DEFAULT_RIG, Rig, load_rig
 from highfive.hil.safety.limits import Ceilings, Limits
@@ -28,7 +29,7 @@ def ceilings_of(folder: ArmFolder) -> Ceilings:
     """What the arm's joints and servos can."""
     body = compiled_body(folder)
     stops = tuple((float(low), float(high)) for low, high in zip(body.low, body.high, strict=True))
-    return Ceilings(folder.names, stops, tuple(folder.stall_currents.tolist()))
+    return Ceilings(folder.names, stops, tuple(folder.stall_currents.tolist()), tuple(folder.voltages.tolist()))
 
 
 def rig_file(folder: ArmFolder) -> Path:
@@ -59,7 +60,13 @@ def rig_of(folder: ArmFolder, file: Path | None = None, *, simulated: bool = Fal
                 f"{path}: {joint.name} has {len(joint.ids)} × {joint.model}; {folder.name} has {driven.servos} × "
                 f"{driven.model} there"
             )
-    return rig
+    return called(rig, folder, file)
+
+
+def called(rig: Rig, folder: ArmFolder, file: Path | None) -> Rig:
+    """A rig that knows by what a command line names it: its arm, and its file where that is not the arm's own."""
+    name = folder.key if folder.folder == ARMS / folder.key else str(folder.folder)
+    return replace(rig, file=file, arm="" if folder == find_arm(DEFAULT_ARM) else name)
 
 
 def resting_pose(folder: ArmFolder) -> np.ndarray:

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.contact_outcome import ContactOutcome, ReferenceTrajectory, judged, notice, reference_in
-from highfive.hil.arm.loop import ArmLoop, ArmTick, WayBack
+from highfive.hil.arm.loop import ArmLoop, ArmTick, Watch, WayBack
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import ConstraintRelaxation
 from highfive.hil.arm_model.servo_arm import PlatePose, ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle
+from highfive.hil.runtime.interrupts import WholeTick
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.speeds import closing_speed, face_speed
 from highfive.hil.safety.states import HALTED, State
@@ -148,12 +149,10 @@ class ArmTrial:
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
 
 
-def played_until_stopped(
-    reference: ReferenceTrajectory, loop: ArmLoop, watch: Callable[[ArmTick], None] | None = None
-) -> ArmTrial | None:
+def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop, watch: Watch | None = None) -> ArmTrial | None:
     """Has the arm play one high five as far as it comes; ``loop.trouble`` says why it was stopped, if it was.
 
-    ``watch`` gets each tick, as in :meth:`~highfive.hil.arm.loop.ArmLoop.play`.
+    ``watch`` as in :meth:`~highfive.hil.arm.loop.ArmLoop.play`.
 
     Returns:
         what it did; None where that are fewer than :data:`FEWEST` ticks or cycles.
@@ -236,9 +235,12 @@ class ArmWatch:
         self._back = WayBack()
         self._given_up = ConstraintRelaxation()
         self._taken = 0, 0
+        self._record: Callable[[], None] = lambda: None
+        self._rested = False
 
-    def begin(self) -> None:
-        """A new trial: the arm is checked again."""
+    def begin(self, record: Callable[[], None] = lambda: None) -> None:
+        """A new trial: the arm is checked again. ``record`` is called after each tick of the way back."""
+        self._record, self._rested = record, False
         self._ticks, self._session, self._cycles, self._back = [], [], [], WayBack()
         self._taken = 0, 0
         self.loop.begin()
@@ -246,9 +248,32 @@ class ArmWatch:
     def inputs(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
         """What the trial's ticks begin with; after the last of them the arm goes to where it rests."""
         yield from self.loop.timed(inputs)
-        self._given_up = self.loop.relaxation
-        self._cycles += self.loop.cycles()
-        self.loop.rest(self._back)
+        self.rest()
+
+    def rest(self) -> None:
+        """The arm goes to where it rests, if it has followed in this trial and did not go there yet; all is recorded.
+
+        Whoever interrupts that has pulled the emergency stop: the arm brakes, which is recorded, too.
+        """
+        if not self._ticks or self._rested:
+            return
+        try:
+            self._go_back()
+        except KeyboardInterrupt:
+            self._go_back()
+            raise
+        finally:
+            self._rested = True
+
+    def _go_back(self) -> None:
+        with WholeTick():
+            if not self._back.ticks:
+                self._given_up = self.loop.relaxation
+                self._cycles += self.loop.cycles()
+        self.loop.rest(self._back, watch=lambda tick, cycles: self._record())
+        with WholeTick():
+            self._back.cycles.extend(self.loop.cycles())
+            self._record()
 
     @property
     def kept_back(self) -> str:

@@ -151,6 +151,10 @@ LAG = "_lag_s"
 """What the names of joints' lags end with in a calibration."""
 
 
+MOCAP_AGE, MOCAP_LATE = "mocap_age_s", "mocap_late_s"
+"""How old a frame is as it arrives, and how late it is at the time at which a session takes it to have been seen."""
+
+
 def known_limits(limits: Limits, rig: Rig, folder: ArmFolder) -> Limits:
     """Limits of joints whose zeros were measured: a servo has one turn, which its zero has moved.
 

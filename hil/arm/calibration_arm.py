@@ -44,7 +44,7 @@ def calibration_arm(options: ArmOptions, body: ServoArm, in_the_way: Callable[[]
         terminal = 0 if sys.stdin.isatty() else None
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
         stack.enter_context(answered_by_a_stop())
-        stack.callback(tell_torque, options.port, rig, options.rig, options.arm)
+        stack.callback(tell_torque, options.port, rig)
         arm = ArmProcess(options.port, weakened(rig, limits), RATE_HZ, estop, ALLOWANCE_MS)
         stack.callback(arm.close)
         arm.wait_ready(START_S)
@@ -76,7 +76,8 @@ def _driven(
     in_the_way: Callable[[], str],
 ) -> Iterator[PostureDrive]:  # fmt: skip
     check = lambda: checked(arm, body, rig, limits, options, clock)  # noqa: E731
-    drive = PostureDrive(arm, body, limits, sags(rig, body.folder) + body.compliance, check, estop, clock, in_the_way)
+    sag, command = sags(rig, body.folder) + body.compliance, lambda verb: rig.command(verb, options.port)
+    drive = PostureDrive(arm, body, limits, sag, check, estop, clock, in_the_way, command)
     try:
         yield drive
     finally:

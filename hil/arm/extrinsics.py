@@ -49,7 +49,7 @@ def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape, re
     if wrong := reversed_joints(shape, middle, lower, upper, seen):
         raise HighFiveError(
             f"{', '.join(wrong)}: turned the other way than the servos say; correct `reversed` in the rig's file, then "
-            "highfive rig configure"
+            f"{drive.command('configure')}"
         )
 
 

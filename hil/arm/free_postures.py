@@ -51,10 +51,10 @@ def free_postures(arm: ServoArm, seed: int, settings: PostureSettings = POSTURES
     return np.array(found)
 
 
-def check_way(arm: ServoArm, start: Array, end: Array) -> None:
+def check_way(arm: ServoArm, start: Array, end: Array, release: str) -> None:
     """Refuses a straight way, from where an arm was found, on which it would meet floor, mount or itself.
 
-    A limp arm may rest on one of them: then it comes no nearer.
+    A limp arm may rest on one of them: then it comes no nearer. ``release`` is the command that makes it limp.
 
     Raises:
         HighFiveError: it would.
@@ -62,7 +62,7 @@ def check_way(arm: ServoArm, start: Array, end: Array) -> None:
     if not way_is_free(arm, start, end, min(0.0, arm.clearance(start)) - RESTS):
         raise HighFiveError(
             "the straight way from where the arm is to where it waits leads through the floor, its mount or itself; "
-            "move it by hand (highfive rig release), and start again"
+            f"move it by hand ({release}), and start again"
         )
 
 

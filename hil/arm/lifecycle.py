@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 from highfive.hil.arm.arm_files import rig_file, rig_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
@@ -18,7 +16,7 @@ from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.preconditions import check_arm, check_options, check_person, refuse_unless_ready, room
 from highfive.hil.arm.rig_planner import planner
-from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.arm_host import ArmHost
 from highfive.hil.drivers.bus.arm_process import ArmProcess
@@ -102,7 +100,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
         stack.enter_context(answered_by_a_stop())
         if not options.emulated:
-            stack.callback(tell_torque, options.port, rig, options.rig, options.arm)
+            stack.callback(tell_torque, options.port, rig)
         allowance = PATIENCE_MS if options.emulated else ALLOWANCE_MS
         arm = ArmProcess(port, weakened(rig, limits), RATE_HZ, estop, allowance)
         stack.callback(arm.close)
@@ -236,19 +234,15 @@ def _posture(arm: ArmHost, body: ServoArm, limits: Limits, clock: Clock, *, held
     return found
 
 
-def tell_torque(port: str, rig: Rig, file: Path | None, arm: str = DEFAULT_ARM) -> None:
+def tell_torque(port: str, rig: Rig) -> None:
     """Says in one line that an arm is left with torque on, how to let it go; read from its servos. One that does not
     answer may hold.
 
     Args:
         port: of the arm; nobody else has it open.
         rig: the arm.
-        file: of the rig; None for the arm's own.
-        arm: its name, or folder.
     """
-    words = ["highfive", "rig", "release", port, *(["--rig", str(file)] if file else [])]
-    words += ["--arm", arm] if arm != DEFAULT_ARM else []
-    how = f"to let it go, hold the arm, then: {shlex.join(words)}"
+    how = f"to let it go, hold the arm, then: {rig.command('release', port)}"
     try:
         bus = ServoBus(port, rig.baud_rate, rig.models, PATIENCE_MS)
         try:

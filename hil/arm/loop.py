@@ -18,6 +18,7 @@ from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointCommand
 from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.runtime.interrupts import WholeTick
 from highfive.hil.safety import envelope
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.people import Human, Sighting
@@ -71,6 +72,10 @@ class WayBack:
 
     ticks: list[ArmTick] = field(default_factory=list)
     cycles: list[Cycle] = field(default_factory=list)
+
+
+Watch = Callable[[ArmTick, Sequence[Cycle]], None]
+"""Is given each tick, and the cycles of the bus since the one before."""
 
 
 class Driver(Protocol):
@@ -261,14 +266,14 @@ class ArmLoop:
         return ArmTick(self._frame_ns, goal, step.joints, report, retarget_ms, step_ms)
 
     def play(
-        self, goals: Iterable[PalmGoal], back: WayBack | None = None, watch: Callable[[ArmTick], None] | None = None
+        self, goals: Iterable[PalmGoal], back: WayBack | None = None, watch: Watch | None = None
     ) -> tuple[list[ArmTick], list[Cycle]]:
         """Goals of a high five, one per tick, from now on; then to where the arm rests. Ends early once it was stopped.
 
         Args:
             goals: of the ticks.
             back: added to on the way back.
-            watch: gets each tick once its command is given, also on the way back; it has to be quick.
+            watch: is called once a tick's command is given, also on the way back; it has to be quick.
 
         Returns:
             the ticks, and the cycles of the bus until the last of them.
@@ -288,20 +293,21 @@ class ArmLoop:
                 due = now
             self.note_frame()
             ticks.append(self.tick(goal))
+            fresh = self.cycles()
+            cycles += fresh
             if watch is not None:
-                watch(ticks[-1])
-            cycles += self.cycles()
+                watch(ticks[-1], fresh)
             due += period
             if self.trouble and not self._braking:
                 break
-        self.rest(back, watch=watch)
+        self.rest(WayBack() if back is None else back, watch=watch)
         return ticks, cycles
 
     def rest(
         self,
         back: WayBack | None = None,
         longest_s: float = REST_S,
-        watch: Callable[[ArmTick], None] | None = None,
+        watch: Watch | None = None,
     ) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
         end.
@@ -309,19 +315,21 @@ class ArmLoop:
         Args:
             back: added to meanwhile; None leaves the cycles unread.
             longest_s: s, that this takes.
-            watch: as in :meth:`play`.
+            watch: as in :meth:`play`; where there is a ``back``.
         """
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
         due, end = self.clock.now(), self.clock.now() + round(longest_s * 1e9)
         while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
-            self.note_frame()
-            tick = self.tick(goal, run=False)
-            if back is not None:
-                back.ticks.append(tick)
-                back.cycles.extend(self.cycles())
-            if watch is not None:
-                watch(tick)
+            with WholeTick():  # what an interrupt cuts short would not be recorded
+                self.note_frame()
+                tick = self.tick(goal, run=False)
+                if back is not None:
+                    fresh = self.cycles()
+                    back.ticks.append(tick)
+                    back.cycles.extend(fresh)
+                    if watch is not None:
+                        watch(tick, fresh)
             due += round(1e9 * self.limits.timing.period_s)
             self.clock.wait_until(due)
 

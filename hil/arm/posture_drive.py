@@ -58,6 +58,7 @@ class PostureDrive:
         estop: Latch,
         clock: Clock,
         in_the_way: Callable[[], str],
+        command: Callable[[str], str],
         settings: DriveSettings = DRIVE,
     ) -> None:
         """Has everything checked; the arm stands.
@@ -71,6 +72,7 @@ class PostureDrive:
             estop: the emergency stop.
             clock: of the driver.
             in_the_way: why the arm must not move now, in one line; '' where it may. Asked in every tick.
+            command: what to type for a command of ``highfive rig`` about this arm.
             settings: how fast.
 
         Raises:
@@ -78,6 +80,7 @@ class PostureDrive:
         """
         self._arm, self._body, self._limits, self._sag = arm, body, limits, sag
         self._estop, self.clock, self._in_the_way, self.settings = estop, clock, in_the_way, settings
+        self.command = command
         self._standing = standing(clock.now(), len(limits.joints))
         self._check = checked()
         if self._check.mismatches:
@@ -127,8 +130,11 @@ class PostureDrive:
             encoders += [cycle.state.positions for cycle in self._arm.unread()]
             look()
 
-    def follow(self, course: Callable[[float], Array], seconds: float) -> list[Cycle]:
-        """Leads the arm along a course, (J,) rad at s from now on, and returns the bus's cycles meanwhile.
+    def follow(
+        self, course: Callable[[float], Array], seconds: float, look: Callable[[], object] = lambda: None
+    ) -> list[Cycle]:
+        """Leads the arm along a course, (J,) rad at s from now on, and returns the bus's cycles meanwhile; ``look`` is
+        called every tick.
 
         Raises:
             HighFiveError: the arm was stopped, or somebody is in the way.
@@ -142,6 +148,7 @@ class PostureDrive:
             self.moving_s += period
             self.tick(course(done))
             cycles += self._arm.unread()
+            look()
         return cycles
 
     def rest(self, longest_s: float = 30.0) -> None:

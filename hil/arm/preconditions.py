@@ -135,4 +135,4 @@ def refuse_unless_ready(port: str, rig: Rig, limits: Limits, wiring: Wiring = MA
     finally:
         bus.close()
     if troubles:
-        raise HighFiveError(f"{first_of(troubles)}; nothing moves (highfive rig check {port} shows all)")
+        raise HighFiveError(f"{first_of(troubles)}; nothing moves ({rig.command('check', port)} shows all)")

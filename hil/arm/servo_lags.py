@@ -1,23 +1,81 @@
-"""How late each joint of an arm is: each in turn is led along a chirp, slowly, and its encoder is listened to."""
+"""How late each joint of an arm is: each in turn is led along a chirp, slowly, and its encoder is listened to.
+
+Where a motion capture system sees the plate, its markers are listened to as well: how late that is comes with it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from highfive.calibration.arm_file import ArmCalibration
+from highfive.calibration.arm_kinematics import ArmShape
 from highfive.calibration.chirp import ChirpSettings, chirp
 from highfive.calibration.servo_lag import ServoLag, servo_lag
 from highfive.hil.arm.free_postures import check_way
+from highfive.hil.arm.mocap_lags import MocapDelay, SeenFrames, mocap_delay, ways
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm_model.servo_arm import ServoArm
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.limits import Limits
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 NS, MS = 1e-9, 1e-3
 
 LONGEST_S, UNSURE_S = 0.15, 0.005
 """A servo's lag, and how sure it has to be."""
+
+
+@dataclass
+class PlateSeen:
+    """Who sees the plate while joints are led along, and what that told.
+
+    Attributes:
+        frames: of the motion capture, with the plate's markers first.
+        shape: the arm as drawn, with its markers.
+        found: its calibration.
+        strengths: (J,) N·m/A, of a joint's servos together.
+        reply: s, that the servos' answer takes on the line: they measure as it begins.
+        delays: of the motion capture, by the joints that tell of it.
+    """
+
+    frames: SeenFrames
+    shape: ArmShape
+    found: ArmCalibration
+    strengths: Array
+    reply: float
+    delays: dict[str, MocapDelay] = field(default_factory=dict)
+
+    def ways(self, angles: Array) -> Array:
+        """(M, 3, J) m/rad, along which joints move the markers, about angles (J,), rad, zeros in them."""
+        zeros = np.array([self.found.joints[name].zero for name in self.shape.names])
+        return ways(self.shape, self.found, angles - zeros)
+
+    def tell(self, joint: int, cycles: Sequence[Cycle], ready: Array) -> None:
+        """Takes in what was seen of a joint that was led along, about ``ready`` (J,), rad."""
+        states = [cycle.state for cycle in cycles if cycle.state.answered.all()]
+        read = np.array([state.time_ns for state in states], np.int64) - round(1e9 * self.reply)
+        angles, speeds, currents = (
+            np.array([getattr(state, name) for state in states]) for name in ("positions", "velocities", "currents")
+        )
+        own = [self.found.joints[name] for name in self.shape.names]
+        play, soft = np.array([one.play for one in own]), np.array([one.compliance for one in own])
+        # Where links are: behind play and compliance, neither of which an encoder sees. Others give way, too.
+        links = angles + 0.5 * play * np.sign(speeds) - soft * self.strengths * currents
+        all_ways = self.ways(ready)
+        way = all_ways[..., joint]
+        shares = np.einsum("maj,ma->j", all_ways, way) / np.sum(way**2)
+        if (found := mocap_delay(read, links @ shares, self.frames, way)) is not None:
+            self.delays[self.shape.names[joint]] = found
+
+
+def slow_enough(drive: PostureDrive, arm: ServoArm, limits: Limits, joint: int) -> float:
+    """rad/s, that a joint may have about where the arm waits: by its limit, and that of any point of the arm."""
+    ways = np.linalg.norm(arm.points(arm.ready)[1][..., joint], axis=1)  # (P,) m/rad
+    return min(limits.joints[joint].speed, drive.settings.point_speed / max(float(ways.max()), 1e-6))
 
 
 def servo_lags(
@@ -27,32 +85,35 @@ def servo_lags(
     joints: Sequence[str],
     advance: Callable[[], object] = lambda: None,
     settings: ChirpSettings | None = None,
+    plate: PlateSeen | None = None,
+    reply: float = 0.0,
 ) -> dict[str, ServoLag]:
     """From command to encoder, by the driver's clock: of joints by their names, about where the arm waits.
 
-    No chirp is faster than the limits of its joint, nor than a point of the arm may be.
+    No chirp is faster than the limits of its joint, nor than a point of the arm may be. Where the plate is seen, what
+    joints tell of the motion capture goes into ``plate.delays``. ``reply``: s, that an answer takes on the line.
 
     Raises:
         HighFiveError: the arm was stopped, or a joint does not follow; which.
     """
     s, found = settings or ChirpSettings(), {}
-    check_way(arm, drive.positions, arm.ready)
+    check_way(arm, drive.positions, arm.ready, drive.command("release"))
     drive.go(arm.ready)
-    ways = np.linalg.norm(arm.points(arm.ready)[1], axis=1)  # (P, J) m/rad
     for name in joints:
         joint = limits.names.index(name)
         own, along = limits.joints[joint], np.eye(len(limits.joints))[joint]
-        speed = min(own.speed, drive.settings.point_speed / max(float(ways[:, joint].max()), 1e-6))
+        speed = slow_enough(drive, arm, limits, joint)
         course = lambda t, along=along, speed=speed, most=own.braking: (  # noqa: E731
             arm.ready + along * chirp(np.array([t]), speed, most, s)[0]
         )
-        cycles = [cycle for cycle in drive.follow(course, s.seconds + 0.1) if cycle.sent is not None]
-        told = np.array([cycle.sent.positions[joint] for cycle in cycles if cycle.sent is not None])
-        heard = np.array([cycle.state.answered[joint] for cycle in cycles])
-        at, begun = NS * np.array([[cycle.state.time_ns, cycle.begun_ns] for cycle in cycles]).T
-        angles = np.array([cycle.state.positions[joint] for cycle in cycles])
+        if plate is not None:
+            plate.frames.begin()
+        look = (lambda: None) if plate is None else plate.frames.look
+        cycles = [cycle for cycle in drive.follow(course, s.seconds + 0.1, look) if cycle.sent is not None]
         try:
-            found[name] = lag = servo_lag(begun - begun[0], told, (at - begun[0])[heard], angles[heard])
+            found[name] = lag = lag_of(cycles, joint, reply)
+            if plate is not None:
+                plate.tell(joint, cycles, arm.ready)
         except HighFiveError as error:
             raise HighFiveError(f"{name}: {error}") from None
         if not (0.0 <= lag.lag <= LONGEST_S and lag.lag_error <= UNSURE_S):
@@ -63,3 +124,12 @@ def servo_lags(
         drive.go(arm.ready)
         advance()
     return found
+
+
+def lag_of(cycles: Sequence[Cycle], joint: int, reply: float) -> ServoLag:
+    """Of one joint, in cycles that sent goals; ``reply``: s, that an answer takes on the line."""
+    told = np.array([cycle.sent.positions[joint] for cycle in cycles if cycle.sent is not None])
+    heard = np.array([cycle.state.answered[joint] for cycle in cycles])
+    at, begun = NS * np.array([[cycle.state.time_ns, cycle.begun_ns] for cycle in cycles]).T
+    angles = np.array([cycle.state.positions[joint] for cycle in cycles])
+    return servo_lag(begun - begun[0], told, (at - reply - begun[0])[heard], angles[heard])

@@ -26,12 +26,14 @@ class Servo:
     """A servo at its usual voltage.
 
     Attributes:
+        voltage: V, that is.
         stall, no_load: N·m and rad/s.
         stall_current: A.
         mass: kg.
         armature, friction, damping: kg·m², N·m and N·m·s of rotor and gears, seen from the joint.
     """
 
+    voltage: float
     stall: float
     no_load: float
     stall_current: float
@@ -130,6 +132,11 @@ class ArmFolder:
     def stall_currents(self) -> np.ndarray:
         """(J,) A, of each servo of a joint."""
         return np.array([joint.servo.stall_current for joint in self.joints])
+
+    @property
+    def voltages(self) -> np.ndarray:
+        """(J,) V, usual for the joints' servos."""
+        return np.array([joint.servo.voltage for joint in self.joints])
 
 
 def shipped() -> tuple[str, ...]:

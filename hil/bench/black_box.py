@@ -27,6 +27,7 @@ class BlackBox:
         times: ns of the clock.
         goals: (J,) rad, of the first servo of each joint.
         allowed: (J,) A, goal currents.
+        currents: (J,) A, the largest that a servo of the joint draws.
         positions, velocities: (J,) rad and rad/s of the body.
         said: (J,) rad, where the first servo of each joint has it: off by its horn.
         powered: (J,) bool, torque is on in every servo of the joint.
@@ -41,6 +42,7 @@ class BlackBox:
     times: list[int] = field(default_factory=list)
     goals: list[list[float]] = field(default_factory=list)
     allowed: list[list[float]] = field(default_factory=list)
+    currents: list[Array] = field(default_factory=list)
     positions: list[Array] = field(default_factory=list)
     velocities: list[Array] = field(default_factory=list)
     said: list[Array] = field(default_factory=list)
@@ -63,6 +65,7 @@ class BlackBox:
         self.times.append(now_ns)
         self._look_at_registers()
         self.trips.append(self.bus.watchdog_trips)
+        self.currents.append(np.array([max(abs(servo.motion.current) for servo in joint) for joint in self._all]))
         positions, velocities = self.bus.body
         self.positions.append(np.array(positions))
         self.velocities.append(np.array(velocities))
@@ -105,7 +108,7 @@ class BlackBox:
 
     def clear(self) -> None:
         """Forgets what was."""
-        rows_of = (self.times, self.goals, self.allowed, self.positions, self.velocities, self.said)
+        rows_of = (self.times, self.goals, self.allowed, self.currents, self.positions, self.velocities, self.said)
         for rows in (*rows_of, self.powered, self.sound, self.released, self.trips, self.watched):
             rows.clear()
 

@@ -117,7 +117,7 @@ class _Bench:
         source = Source("bench", "bench", datetime(2026, 1, 1, tzinfo=UTC), "", "")
         mount = (np.array(DEFAULT_MOUNT.position), DEFAULT_MOUNT.quaternion)
         off = held_out(self.shape, poses, UP, TEMPLATE)
-        kept = calibration_of(Path("bench"), fit, plate_of_fit(fit, TEMPLATE), TEMPLATE, off, mount, source)
+        kept = calibration_of(Path("bench"), fit, poses, plate_of_fit(fit, TEMPLATE), TEMPLATE, off, mount, source)
 
         def look(truth: HiddenTruth) -> PoseCheck:
             return check_poses(self.shape, kept, self.seen(five, truth))

@@ -143,7 +143,7 @@ def _judge_way_back(
 
 
 def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
-    """Goal currents, where the body was, that nobody lets it fall, and whether it stands in the end.
+    """Goal currents, what servos draw, where the body was, that nobody lets it fall, and whether it stands in the end.
 
     A joint that its servos have let down by themselves, by a fault of the bus, moves as it falls.
     """
@@ -152,6 +152,8 @@ def judge_body(laws: Laws, box: BlackBox, limits: Limits) -> None:
     allowed = np.array(box.allowed)[powered.all(axis=1)]
     if len(allowed):
         laws.judge("goal current, of what is allowed", float((allowed / current).max()), 1.0 + 1e-3)
+    drawn = np.array(box.currents)
+    laws.judge("body: current, of what is allowed", float((drawn / current).max()), 1.0 + 1e-3)
     positions, velocities = np.array(box.positions), np.abs(np.array(box.velocities))
     low, high = np.array(limits.ceilings.mechanical).T
     beyond = np.maximum(positions - high, low - positions)

@@ -133,23 +133,32 @@ class FaultRun:
                 self._recording = recording
                 source.first()
                 self._watch = watch = ArmWatch(loop)
-                watch.begin()
+                watch.begin(lambda: recording.record_arm(watch))
+                recording.begins(virtual.arm)
                 phases.begin(FOLLOWING)
                 live = LiveTrial(source, here(), clock, settings=_LIVE)
                 try:
-                    for begins in watch.inputs(_followed_by(live, phases)) if live.begins() else ():
-                        tick = session.step(begins.frame, begins.time_ns)
-                        live.watch(tick)
-                        watch.watch(tick)
-                        recording.record(begins, tick, watch)
-                    if recording.ticks:
-                        recording.record_arm(watch)  # of the way back
+                    self._follow(live, session, watch, recording, phases)
                 finally:
                     troubles = (loop.trouble, live.trouble, recording.trouble, watch.kept_back)
                     self.said += [line for line in troubles if line]
                 self.trial = self._done(watch)
         finally:
             phases.end()
+
+    def _follow(
+        self, live: LiveTrial, session: Session, watch: ArmWatch, recording: FaultRecording, phases: SessionPhases
+    ) -> None:
+        """A high five, and the way back from it; recorded as :class:`highfive.hil.commands.play_trials.Kept` does."""
+        try:
+            for begins in watch.inputs(_followed_by(live, phases)) if live.begins() else ():
+                tick = session.step(begins.frame, begins.time_ns)
+                live.watch(tick)
+                watch.watch(tick)
+                recording.record(begins, tick, watch)
+        finally:
+            watch.rest()
+            recording.ends()
 
     def _done(self, watch: ArmWatch) -> ArmTrial | None:
         """What the arm did; the frame of the contact is found by its time, if it came so far."""
@@ -161,6 +170,11 @@ class FaultRun:
             else round(1e-9 * (contact_ns - first) * RATE_HZ)
         )
         return watch.end(self._partner.emotion, self._partner.cell, met)
+
+    @property
+    def _stalled(self) -> bool:
+        """The host stood still at some time: it could not take what the driver did meanwhile."""
+        return any(it.happening.kind in ("host stall", "machine stall") for it in self.occurred)
 
     def _has_host(self) -> bool:
         return all(task.alive for task in self._host[:1])
@@ -204,7 +218,7 @@ class FaultRun:
                     host.interrupt(KeyboardInterrupt())
                 if it.kind in ("host killed", "machine killed"):
                     if self._recording is not None:
-                        self._recording.kill()
+                        self._recording.kill(stalled=self._stalled)
                     for task in self._host:
                         task.kill()
                 if it.kind in ("driver killed", "machine killed") and driver is not None:

@@ -246,6 +246,12 @@ def calibrate_servos(
 @calibrate.command("latency", cls=ArmCommand)
 def calibrate_latency(
     port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm; virtual: emulated, not kept.")],
+    source: Annotated[
+        str | None, typer.Option(help="The motion capture system that sees the plate: how late it is, too.")
+    ] = None,
+    wand: Annotated[
+        str | None, typer.Option(metavar="LABEL", help="A marker to be followed: the whole, end to end.")
+    ] = None,
     arm: Armed = False,
     which_arm: WhichArm = None,
     calibration: _Calibrated = None,
@@ -267,8 +273,28 @@ def calibrate_latency(
     which = arm_options(port, arm, rig_file, limits, None, estop, calibration, False, True, None, which_arm)
     assert which is not None
     with progress_bars() as bar:
-        result = calibrate_latency(LatencyOptions(which, out, overwrite), bar)
+        result = calibrate_latency(LatencyOptions(which, source, wand, out, overwrite), bar)
     print_result(result, json, print_latency)
+
+
+@calibrate.command("show")
+def calibrate_show(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE.toml [OTHER.toml]", help="One of an arm, or two.")],
+    arm: cli_rig.ArmName = cli_rig.DEFAULT_NAME,
+    rig_file: cli_rig.ThatArm = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the room and each posture's residuals there.")
+    ] = None,
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Show what is calibrated of an arm, when and how well; of two, how they differ (exit code 1: they disagree)."""
+    from highfive.hil.commands.calibrate_show import ShowOptions, calibrate_show, print_show  # noqa: PLC0415
+
+    result = calibrate_show(ShowOptions(tuple(files), arm, rig_file, picture, overwrite))
+    print_result(result, json, print_show)
+    if result.get("difference", {}).get("disagreement"):
+        raise typer.Exit(1)
 
 
 @calibrate.command("event")

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from highfive.calibration.arm_file import save_arm
+from highfive.calibration.arm_file import load_arm, save_arm
 from highfive.calibration.arm_fit import check_fit, fit_arm
 from highfive.calibration.arm_kinematics import ArmShape
 from highfive.calibration.arm_observability import check_excitation, not_observed
 from highfive.calibration.arm_plate import check_loose, held_out, plate_of_fit
 from highfive.calibration.arm_result import Source, calibration_of
+from highfive.calibration.kept_servos import LAGS, SERVOS, KeptServos, kept_servos, with_servos, without_play
 from highfive.calibration.plate_template import PlateTemplate, load_template
 from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
@@ -94,6 +95,18 @@ class Calibrated:
         """Fingerprint."""
         return fingerprint(self.rig, self.body.folder)
 
+    @cached_property
+    def kept(self) -> KeptServos:
+        """What of the file that is to be replaced is still valid; nothing where there is none."""
+        out = self.options.out
+        if not out.exists():
+            return KeptServos()
+        try:
+            before = load_arm(out)
+        except HighFiveError as error:
+            return KeptServos(dropped={f"{SERVOS} or {LAGS}": str(error)})
+        return kept_servos(before, self.arm, parse_address(self.options.source).scheme, datetime.now(UTC))
+
     @property
     def half_done(self) -> Path:
         """Where poses are kept until the calibration is written."""
@@ -127,12 +140,29 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
     """
     run = checked_extrinsics(options)
     check_in_a_room(options.arm)
+    for line in not_kept(run):
+        say_aside(line)
     with closing(live_source(options.source, None)) as source:
         source.first()
         watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
         with calibration_arm(run.options.arm, run.body, watch.in_the_way) as drive:
             poses = measured(run, drive, watch, bar)
     return fitted(run, poses, drive.moving_s)
+
+
+def not_kept(run: Calibrated) -> list[str]:
+    """What of the calibration that is replaced will not be in the new one, and what measures it again: a line each."""
+    options, port, out = run.options, run.options.arm.port, str(run.options.out)
+    same = ("--calibration", out, "--out", out, "--overwrite")
+    again = {
+        SERVOS: run.rig.calibrate("servos", port, "--source", options.source, *same),
+        LAGS: run.rig.calibrate("latency", port, *same),
+    }
+    lines = []
+    for what, why in run.kept.dropped.items():
+        commands = [command for name, command in again.items() if name in what]
+        lines.append(f"{options.out}: {what} in it are not kept, for {why}; afterwards: {'; '.join(commands)}")
+    return lines
 
 
 def measured(run: Calibrated, drive: PostureDrive, watch: PlateWatch, bar: Bar) -> list[TakenPose]:
@@ -149,7 +179,7 @@ def measured(run: Calibrated, drive: PostureDrive, watch: PlateWatch, bar: Bar) 
     postures = chosen_postures(run)
     advance = bar("poses", len(postures))
     advance("", len(before))
-    check_way(run.body, drive.positions, run.body.ready)
+    check_way(run.body, drive.positions, run.body.ready, drive.command("release"))
     drive.go(run.body.ready)
     check_directions(drive, watch, shape, run.body.ready)
 
@@ -172,7 +202,8 @@ def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str
     Raises:
         HighFiveError: nothing should rest on it; the poses stay.
     """
-    options, shape, template, poses = run.options, run.shape, run.template, together(taken)
+    options, shape, template = run.options, run.shape, run.template
+    poses = without_play(together(taken), run.kept.play(shape.names))
     check_excitation(shape.names, poses)
     fit = fit_arm(shape, poses, UP)
     check_loose(fit, poses, template)
@@ -188,7 +219,8 @@ def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str
         command="highfive calibrate extrinsics",
         note=options.note,
     )
-    kept = calibration_of(options.out, fit, plate, template, off, (np.array(mount.position), mount.quaternion), source)
+    place = (np.array(mount.position), mount.quaternion)
+    kept = with_servos(calibration_of(options.out, fit, poses, plate, template, off, place, source), run.kept)
     save_arm(options.out, kept, replace=options.overwrite)
     run.half_done.unlink(missing_ok=True)
     return {
@@ -207,6 +239,12 @@ def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str
         "zeros_deg": {name: round(float(np.degrees(joint.zero)), 2) for name, joint in kept.joints.items()},
         "strays": int(np.sum((fit.weights > 0.0) & (fit.weights < 0.25))),
         "not_observed": list(not_observed(fit)),
+        "kept": {
+            what: day.isoformat()
+            for what, day in ((SERVOS, kept.servos_date), (LAGS, kept.latency_date))
+            if day is not None
+        },
+        "not_kept": not_kept(run),
         "mismatches": list(kept.registration.mismatches(run.arm, source.system, source.date)),
     }
 
@@ -221,6 +259,10 @@ def print_extrinsics(summary: dict[str, Any]) -> None:
     )
     print(f"Residuals {summary['residual_mm']:.1f} mm; {summary['strays']} markers were astray.")
     print(f"Not told by these poses, and left as drawn: {len(summary['not_observed'])} numbers (--json names them).")
+    for what, day in summary["kept"].items():
+        print(f"Kept of the calibration that it replaces: {what} ({day[:10]}).")
+    for line in summary["not_kept"]:
+        print(line)
     for line in summary["mismatches"]:
         print(f"Not to be relied on: {line}")
     print(f"Written: {summary['out']}")

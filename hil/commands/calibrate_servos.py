@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -156,8 +157,8 @@ def shadows_of(run: KnownServos, port: str, wiring: Wiring = MACHINE_WIRING) -> 
     try:
         if live := [servo for servo in run.rig.servos if bus.read(servo, "torque_enable")]:
             raise HighFiveError(
-                f"servo {live[0]}: torque is on, and shadows are looked at without; hold the arm, and highfive rig "
-                f"release {port}"
+                f"servo {live[0]}: torque is on, and shadows are looked at without; hold the arm, and "
+                f"{run.rig.command('release', port)}"
             )
         return shadow_counts(bus, run.rig)
     finally:
@@ -173,7 +174,7 @@ def seen_servos(run: KnownServos, drive: PostureDrive, watch: PlateWatch, shadow
     ready, options = run.body.ready, run.options
     postures, sides = pair_postures(run.body, run.shape, options.pairs, options.seed)
     advance = bar("pairs and joints", len(postures) + len(ready))
-    check_way(run.body, drive.positions, ready)
+    check_way(run.body, drive.positions, ready, drive.command("release"))
     drive.go(ready)
     check_directions(drive, watch, run.shape, ready)
     poses = take_pairs(drive, watch, run.body, postures, sides, advance)
@@ -196,7 +197,7 @@ def written_servos(run: KnownServos, seen: Seen, agreed: Agreed) -> dict[str, An
         name: replace(joint, friction=seen.friction.get(name), shadow=gaps.get(name))
         for name, joint in fit.found.joints.items()
     }
-    new = replace(fit.found, joints=joints)
+    new = replace(fit.found, joints=joints, servos_date=datetime.now(UTC))
     folder = run.body.folder
     known_arm(folder, new)
     known_limits(limits_of(folder), known_rig(rig_of(folder, options.arm.rig), new), folder)

@@ -166,7 +166,7 @@ class AvatarStage:
         """No more trials."""
         self._block = ""
         if self._outputs is not None:
-            self._outputs.record_event("session_end")
+            self._outputs.end()
             self._outputs.__exit__(None, None, None)
             self._outputs = None
 

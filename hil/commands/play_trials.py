@@ -116,7 +116,7 @@ def play(
                 except PluginError as error:  # a model of the user's own
                     result, trouble = None, str(error)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    _tell_broken_off(number, trouble, recorder, watch, view, first=not results)
+                    _tell_broken_off(number, trouble, recorder, watch, view, first=not results, empty=not kept.begun)
                     return replace(played, interrupted=True, why=trouble)
                 result = replace(result, style=programme.style_name(style))
                 kept.end(result)
@@ -136,7 +136,7 @@ def play(
         except KeyboardInterrupt:
             return replace(played, interrupted=True, why="interrupted at the computer that ran it")
         finally:
-            recorder.record_event("session_end")
+            recorder.end()
             gc.unfreeze()
     return replace(played, interrupted=programme.ended, why="ended on the page" if programme.ended else "")
 
@@ -156,7 +156,9 @@ def _nothing_yet() -> ArmResults:
 
 
 class Kept:
-    """A high five on its way into the recording, tick by tick."""
+    """A high five on its way into the recording, tick by tick; in a ``with``, however it ends: so does the arm's way
+    back to where it rests.
+    """
 
     def __init__(
         self,
@@ -179,7 +181,7 @@ class Kept:
         if not self._begun:
             self._recorder.begin_trial(self._head)
         self._recorder.record_tick(recorded_tick(begins, tick, state.pose, tick_ms))
-        self._record_arm()
+        self.record_arm()
         happened = self._events(tick, state)
         for event in happened if self._begun else ["trial_start", *happened]:
             self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
@@ -191,13 +193,28 @@ class Kept:
         if self._replay is not None:
             self._replay.check(self._head.number, tick)
 
+    @property
+    def begun(self) -> bool:
+        """A tick of it was recorded."""
+        return self._begun
+
+    def __enter__(self) -> Kept:
+        """Self."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """The arm goes to where it rests, if it is not there."""
+        if self._watch is not None and self._begun:
+            self._watch.rest()
+
     def end(self, result: TrialResult) -> None:
         """It is over, and judged."""
-        self._record_arm()
+        self.record_arm()
         self._recorder.end_trial(result)
         self._recorder.record_event("trial_end", style=result.style, **self._about)
 
-    def _record_arm(self) -> None:
+    def record_arm(self) -> None:
+        """What the arm did since the last call."""
         if self._watch is not None:
             self._recorder.record_arm(*self._watch.fresh())
 
@@ -220,9 +237,9 @@ def _view(
 
 def _tell_broken_off(
     number: int, trouble: str, recorder: SessionOutputs, watch: ArmWatch | None, view: SessionView | None,
-    *, first: bool,
+    *, first: bool, empty: bool,
 ) -> None:  # fmt: skip
-    """A high five that was broken off.
+    """A high five that was broken off; ``empty``: before its first tick.
 
     Raises:
         HighFiveError: it was the first one.
@@ -230,10 +247,13 @@ def _tell_broken_off(
     remedy = "" if watch is None else _remedy(watch, None)
     if view is not None:
         view.ends(trouble, stopped=watch is not None and bool(watch.loop.trouble))
+    if first and empty:
+        recorder.discard()  # it would only be in the way of the next attempt
+    else:
+        recorder.record_event("trial_broken_off", trial=number, detail=trouble)
     if first:
-        recorder.discard()  # an empty recording would only be in the way of the next attempt
-        raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}")
-    recorder.record_event("trial_broken_off", trial=number, detail=trouble)
+        kept = "" if empty else "; what there was of it is recorded"
+        raise HighFiveError(f"no high five could be played: {trouble}{remedy and '; ' + remedy}{kept}")
     say_aside(f"high five {number + 1} was broken off and does not count: {trouble}", logging.WARNING)
     _advise(remedy)
 
@@ -269,7 +289,7 @@ def _trial(
         return run_trial(number, partner, session, playout, recorded, keep=kept), ""
     try:
         if watch is not None:
-            watch.begin()
+            watch.begin(kept.record_arm)
     except HighFiveError as error:
         return None, str(error)
     live = None if person is None else person.trial()
@@ -283,11 +303,13 @@ def _trial(
             each.watch(tick)
 
     if live is None:
-        return run_trial(number, partner, session, playout, inputs, seen, kept), ""
+        with kept:
+            return run_trial(number, partner, session, playout, inputs, seen, kept), ""
     assert person is not None
     told = len(kept.streams.events)
     person.say(f"high five {number + 1}, {style}: raise the {person.hand} hand")
-    result = run_trial(number, partner, session, playout, inputs, seen, kept) if live.begins() else None
+    with kept:
+        result = run_trial(number, partner, session, playout, inputs, seen, kept) if live.begins() else None
     if result is None or live.trouble:
         return None, live.trouble
     ahead = float(np.median(live.ahead_ms))

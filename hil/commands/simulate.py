@@ -270,10 +270,13 @@ def _report(
     arm, drawings = None, []
     if played.arm is not None:
         from highfive.hil.arm.arm_figures import arm_summary  # noqa: PLC0415
+        from highfive.hil.arm_model.arm_folder import find_arm  # noqa: PLC0415
         from highfive.hil.report.arm_report import draw_arm  # noqa: PLC0415
 
         figures = played.arm.figures
-        arm, drawings = arm_summary(figures), draw_arm(list(played.arm.whole.values()), lag, figures)
+        assert options.arm is not None
+        names = find_arm(options.arm.arm).names
+        arm, drawings = arm_summary(figures), draw_arm(list(played.arm.whole.values()), lag, figures, names)
     summary = summarise(
         played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm,
         streams=outputs.stream_rows(),

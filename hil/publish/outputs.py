@@ -76,6 +76,7 @@ class SessionOutputs:
 
     def go_on_in(self, recorder: BackgroundRecorder) -> None:
         """Records into another file from now on, and closes the one before; who listens hears nothing of it."""
+        self.streams.end()
         self._recorder.record_event("session_end")
         with self._changing:
             over, self._recorder = self._recorder, recorder
@@ -118,6 +119,12 @@ class SessionOutputs:
         with self._changing:
             self._recorder.record_event(event, at_ns, **about)
         self._publish(event, at_ns if at_ns is not None else self._end_ns or self._clock.now(), about)
+
+    def end(self) -> None:
+        """The session is over; nothing of others' streams is recorded any more."""
+        self._leave_streams()
+        self.streams.end()
+        self.record_event("session_end")
 
     def record_shown(self, page: int, shown: Shown, bound_ns: int, *, tracks: bool = False) -> None:
         """See :meth:`BackgroundRecorder.record_shown`; ``tracks``: the person comes through that page."""

@@ -81,6 +81,10 @@ class BackgroundRecorder:
         """See :meth:`SessionRecorder.record_arm`."""
         self._give(lambda: self._recorder.record_arm(ticks, cycles))
 
+    def begin_played(self, at_ns: int) -> None:
+        """See :meth:`SessionRecorder.begin_played`."""
+        self._give(lambda: self._recorder.begin_played(at_ns), always=True)
+
     def end_trial(self, result: TrialResult) -> None:
         """See :meth:`SessionRecorder.end_trial`."""
         self._give(lambda: self._recorder.end_trial(result), always=True)
@@ -116,9 +120,10 @@ class BackgroundRecorder:
             say_aside(f"{error}; the end of the session is not recorded", logging.WARNING)
 
     def discard(self) -> None:
-        """Leaves nothing of this recording, where the disk answers."""
+        """Leaves nothing of this recording, where the disk answers; what comes after that is of none."""
         if self._stop():
             self._recorder.discard()
+            self.trouble = f"nothing is kept of the recording {self._recorder.path}"
 
     def __enter__(self) -> BackgroundRecorder:
         """Self."""

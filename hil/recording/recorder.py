@@ -38,7 +38,6 @@ from highfive.model.errors import HighFiveError
 from highfive.model.files import unfinished
 
 if TYPE_CHECKING:
-    from highfive.hil.arm.arm_trial import ArmTrial
     from highfive.hil.arm.loop import ArmTick
     from highfive.hil.drivers.bus.cycle_ring import Cycle
 
@@ -106,6 +105,7 @@ class SessionRecorder:
         self._zero_ns: int | None = None  # of the session's clock, where the recording's has its 0
         self._head: TrialHead | None = None  # of a high five that has not begun yet
         self._start = self._end = self._safe = self._count = 0  # ns, of the recording's clock; ticks
+        self._newest = 0  # ns, of what an arm did last
         self._open = False  # messages wait for the end of their chunk
         self._transforms = viewer_messages.Transforms(settings.arm_name or DEFAULT_ARM)
         try:
@@ -192,17 +192,17 @@ class SessionRecorder:
             self._add("/arm", now, messages.arm_cycle(cycle))
             if cycle.number % DRAWN_EVERY == 0:
                 self._add_drawn("/tf", now, self._transforms.arm(now, cycle.state.positions))
+        # On the way back nothing else cuts chunks; and after a stall there is much in one call.
+        if times := [self._at(tick.frame_ns) for tick in ticks] + [self._at(cycle.state.time_ns) for cycle in cycles]:
+            self._newest = max(times)
+            self._cut_chunk(self._newest, min(times))
 
-    def record_played(self, arm: ArmTrial) -> None:
-        """What the arm did in a high five that was recorded before, and after it, a second after what came before."""
-        first = arm.ticks[0].frame_ns
-        self._start = self._end + PAUSE_NS if self._count else 0
-        self._zero_ns = first - self._start
+    def begin_played(self, at_ns: int) -> None:
+        """An arm begins, ``at_ns`` of its clock, to play a high five that was recorded before: a second after what came
+        before."""
+        self._start = self._newest + PAUSE_NS if self._count else 0
+        self._zero_ns = at_ns - self._start
         self._count += 1
-        whole = arm.with_back
-        self.record_arm(whole.ticks, whole.cycles)
-        self._end = self._at(whole.ticks[-1].frame_ns)
-        self._flush()
 
     def end_trial(self, result: TrialResult) -> None:
         """The judgement of a high five, and makes all of it safe."""
@@ -311,10 +311,11 @@ class SessionRecorder:
         self._end = max(now, self._end)
         self._cut_chunk(now)
 
-    def _cut_chunk(self, now: int) -> None:
-        if self._chunk_start is None:
-            self._chunk_start = now
-        elif now - self._chunk_start >= CHUNK_NS:
+    def _cut_chunk(self, now: int, since: int | None = None) -> None:
+        """Writes the chunk if it has become long; what came last is of ``since`` to ``now``."""
+        began = now if since is None else since
+        self._chunk_start = began if self._chunk_start is None else min(began, self._chunk_start)
+        if now - self._chunk_start >= CHUNK_NS:
             self._flush()
 
     def _add(self, topic: str, time_ns: int, message: Mapping[str, Any]) -> None:

@@ -16,7 +16,6 @@ from highfive.hil.arm.arm_trial import MS, ArmTrial
 from highfive.hil.report.colours import PERSON, colour_of
 from highfive.hil.report.drawing import FAINT, INK, Drawing, draw, new_figure
 from highfive.hil.report.page import figures, table
-from highfive.hil.safety.limits import JOINTS
 from highfive.hil.session.session import RATE_HZ
 
 SENT, ACTUAL = "#E69F00", "#0072B2"
@@ -24,31 +23,37 @@ _HALF_S = 1.0
 """Shown before and after contact."""
 
 
-def draw_arm(trials: Sequence[ArmTrial], lag: float, figures_of: Sequence[ArmFigures]) -> list[Drawing]:
+def draw_arm(
+    trials: Sequence[ArmTrial], lag: float, figures_of: Sequence[ArmFigures], names: Sequence[str]
+) -> list[Drawing]:
     """All figures of the arm.
 
     Args:
         trials: of which every tick is known.
         lag: s, of the joints after where they were planned.
         figures_of: every high five.
+        names: of the joints.
     """
     if not trials:
         return []
     return draw([
-        partial(joints, trials[0], lag), partial(meeting, trials), partial(effort, figures_of), partial(bus, figures_of)
+        partial(joints, trials[0], lag, names), partial(meeting, trials), partial(effort, figures_of, names),
+        partial(bus, figures_of),
     ])  # fmt: skip
 
 
-def joints(trial: ArmTrial, lag: float) -> Drawing:
+def joints(trial: ArmTrial, lag: float, names: Sequence[str]) -> Drawing:
     """Joint angles of one high five: planned, sent, and what the servos said."""
     figure = new_figure(9.0, 5.2)
-    grid = figure.subplots(2, 3, sharex=True)
+    grid = figure.subplots(2, (len(names) + 1) // 2, sharex=True)
     contact = _contact(trial)
-    for joint, axes in enumerate(grid.flat):
+    for axes in grid.flat[len(names) :]:
+        axes.set_axis_off()
+    for joint, (name, axes) in enumerate(zip(names, grid.flat, strict=False)):
         axes.plot(trial.times + lag - contact, np.degrees(trial.planned[:, joint]), color=FAINT, lw=2.2)
         axes.plot(trial.cycle_times - contact, np.degrees(trial.sent[:, joint]), color=SENT, lw=1.0)
         axes.plot(trial.cycle_times - contact, np.degrees(trial.actual[:, joint]), color=ACTUAL, lw=1.2)
-        axes.set_title(JOINTS[joint].replace("_", " "))
+        axes.set_title(name.replace("_", " "))
         _about_contact(axes)
     for axes in grid[-1]:
         axes.set_xlabel("s from contact")
@@ -100,13 +105,13 @@ def meeting(trials: Sequence[ArmTrial]) -> Drawing:
     return Drawing("arm_meeting", caption, figure, "Servo arm")
 
 
-def effort(trials: Sequence[ArmFigures]) -> Drawing:
+def effort(trials: Sequence[ArmFigures], joint_names: Sequence[str]) -> Drawing:
     """Following error and current of each joint, over all trials."""
     figure = new_figure(9.0, 3.2)
     left, right = figure.subplots(1, 2)
     errors = np.degrees(np.abs(np.concatenate([trial.following for trial in trials])))
     currents = np.abs(np.concatenate([trial.currents for trial in trials]))
-    names = [name.replace("_", "\n") for name in JOINTS]
+    names = [name.replace("_", "\n") for name in joint_names]
     for axes, values, label in ((left, errors, "following error, °"), (right, currents, "current per servo, A")):
         for joint in range(values.shape[1]):
             p50, p95, p100 = np.percentile(values[:, joint], [50, 95, 100])

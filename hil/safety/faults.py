@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from highfive.hil.drivers.servo_errors import hardware_errors
 from highfive.hil.drivers.values import JointHealth, JointState
-from highfive.hil.safety.limits import Limits, Servo, Timing
+from highfive.hil.safety.limits import USUAL_VOLTAGE, Ceilings, Limits, Servo, Timing
 from highfive.hil.safety.rules import Rule
 from highfive.model.geometry.rotations import Array
 
@@ -143,11 +143,13 @@ def temperature(names: Sequence[str], servo: Servo, values: JointHealth | None) 
     return f"{names[found.index(hottest)]} has {hottest:.0f} °C, at most {servo.temperature:.0f}"
 
 
-def voltage(names: Sequence[str], servo: Servo, values: JointHealth | None) -> str:
-    """Servos with too low or too high a voltage."""
+def voltage(own: Ceilings, servo: Servo, values: JointHealth | None) -> str:
+    """Servos with too low or too high a voltage, beside what they are for."""
     for joint, found in enumerate([] if values is None else values.voltages.tolist()):
-        if not servo.voltage_low <= found <= servo.voltage_high:
-            return f"{names[joint]} has {found:.1f} V, not {servo.voltage_low:.1f} to {servo.voltage_high:.1f}"
+        share = own.voltages[joint] / USUAL_VOLTAGE
+        low, high = share * servo.voltage_low, share * servo.voltage_high
+        if not low <= found <= high:
+            return f"{own.names[joint]} has {found:.1f} V, not {low:.1f} to {high:.1f}"
     return ""
 
 
@@ -176,7 +178,7 @@ def faults(
         Rule.SHADOW_MISMATCH: shadow_mismatch(names, limits.servo, watch, now_ns),
         Rule.HEALTH: health(limits.servo, values, now_ns),
         Rule.TEMPERATURE: temperature(names, limits.servo, values),
-        Rule.VOLTAGE: voltage(names, limits.servo, values),
+        Rule.VOLTAGE: voltage(limits.ceilings, limits.servo, values),
         Rule.DEADLINE: deadline(limits.timing, watch),
     }
     return {rule: reason for rule, reason in reasons.items() if reason}

@@ -30,6 +30,10 @@ STALL_CURRENTS = np.array([4.4, 4.4, 4.4, 4.4, 4.4, 2.3])
 """(J,) A at 12 V, of the joint's servos: XM540-W270, the last one XM430-W350 (the maker's tables)."""
 
 
+USUAL_VOLTAGE = 12.0
+"""V, of the servos that limits of voltages are for; those for others have the same shares of theirs."""
+
+
 @dataclass(frozen=True)
 class Ceilings:
     """An arm's joints, and what no limits file can raise.
@@ -38,11 +42,13 @@ class Ceilings:
         names: of the joints, in the order of every array.
         mechanical: (J, 2) rad, lowest and highest position of each.
         stall_currents: (J,) A, of each of a joint's servos.
+        voltages: (J,) V, usual for them.
     """
 
     names: tuple[str, ...] = JOINTS
     mechanical: tuple[tuple[float, float], ...] = tuple((float(low), float(high)) for low, high in MECHANICAL)
     stall_currents: tuple[float, ...] = tuple(STALL_CURRENTS.tolist())
+    voltages: tuple[float, ...] = (USUAL_VOLTAGE,) * len(JOINTS)
 
 
 Section = TypeVar("Section", bound="DataclassInstance")
@@ -100,7 +106,7 @@ class Servo:
 
     Attributes:
         temperature: °C.
-        voltage_low, voltage_high: V at the servo.
+        voltage_low, voltage_high: V at a servo for 12 V; at others the same shares of what they are for.
         following: rad between where a joint was commanded to be and where it is ...
         following_s: ... for longer than this, s.
         shadow: rad between the two servos of a joint ...

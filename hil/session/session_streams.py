@@ -59,6 +59,10 @@ class SessionStreams:
         """It is there no more."""
         self._server.close(stream)
 
+    def end(self) -> None:
+        """They are over: what was only counted of them is told."""
+        self._server.tell_counts()
+
     def follow(self, source: LiveSource, *, by_page: bool = False) -> None:
         """A live system, or each of several that are merged, from its next frame on; ``by_page`` of a headset's or a
         webcam's, which come through the page."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from highfive.hil.session.kinds import Kind
 from highfive.hil.session.stream_watch import StreamWatch, WatchSettings
@@ -182,8 +182,8 @@ class Stream(Generic[Sample]):
         self._line.forget_from(time_ns)
 
     def _changed(self, layout: object) -> str:
-        def short(one: object) -> str:
-            return f"{len(one)} ({one!r:.40})" if isinstance(one, tuple) else repr(one)  # pyright: ignore[reportUnknownArgumentType]
+        def short(one: Any) -> str:  # names, or a shape
+            return f"{len(one)} ({one!r:.40})" if one and isinstance(one[0], str) else repr(one)
 
         return f"changed its channels from {short(self._layout)} to {short(layout)}; it begins anew"
 
@@ -195,6 +195,10 @@ class Stream(Generic[Sample]):
     def time_of(self, stamp_ns: int) -> int:
         """When a sample with that stamp was, ns of this computer's clock, as the stream's clock is known by now."""
         return self._clock.local(stamp_ns) - self._settings.latency_ns
+
+    def tell_counts(self, now_ns: int | None = None) -> None:
+        """See :meth:`highfive.hil.session.stream_watch.StreamWatch.tell_counts`."""
+        self._watch.tell_counts(now_ns)
 
     def state(self, aligned: Aligned[Sample]) -> StreamState:
         """How it stands, where it was asked for a time and this is what it was then."""

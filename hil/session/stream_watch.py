@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from highfive.hil.runtime.console import counted
 from highfive.hil.session.sync_events import Happened, SyncEvent, Told
 from highfive.model.settings import Settings, setting
 
@@ -45,7 +46,8 @@ class StreamWatch:
     def __init__(self, name: str, told: Told, settings: WatchSettings, *, held: bool) -> None:
         """Args: ``held``: what comes holds until the next one, so that no rate is expected."""
         self._name, self._told, self._settings, self._regular = name, told, settings, not held
-        self._repeated: dict[Happened, tuple[int, int]] = {}  # when it was told last, and how often it was not since
+        # When it was told last, how often it was not since, and when it was last.
+        self._repeated: dict[Happened, tuple[int, int, int]] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -66,15 +68,24 @@ class StreamWatch:
             self._said.add(happened)
 
     def _tell(self, happened: Happened, time_ns: int, text: str) -> bool:
-        """Whether it is told now. Of what came again too soon the number is told with the next."""
-        told_ns, again = self._repeated.get(happened, (None, 0))
+        """Whether it is told now. Of what came again too soon the number is told with the next, or by itself."""
+        told_ns, again, _ = self._repeated.get(happened, (None, 0, 0))
         if told_ns is not None and 0 <= time_ns - told_ns < self._settings.quiet_ns and happened in _REPEATED:
-            self._repeated[happened] = told_ns, again + 1
+            self._repeated[happened] = told_ns, again + 1, time_ns
             return False
-        self._repeated[happened] = time_ns, 0
-        count = f" ({again} times more since that was told last)" if again else ""
+        self._repeated[happened] = time_ns, 0, time_ns
+        count = f" ({counted(again, 'time')} more since that was told last)" if again else ""
         self._told(SyncEvent(happened, self._name, time_ns, f"{self._name} {text}{count}"))
         return True
+
+    def tell_counts(self, now_ns: int | None = None) -> None:
+        """Tells how often it was of what came again too soon to be told, and has not come for a minute since; of all
+        of that where ``now_ns`` is None, for the stream is over. The event is of when it came last."""
+        for happened, (told_ns, again, last_ns) in list(self._repeated.items()):
+            if again and (now_ns is None or now_ns - last_ns >= self._settings.quiet_ns):
+                self._repeated[happened] = told_ns, 0, last_ns
+                text = f"{self._name} {happened.value}: {counted(again, 'time')} more since that was told last"
+                self._told(SyncEvent(happened, self._name, last_ns, text))
 
     def changes(self, text: str, time_ns: int) -> None:
         """It has other channels from now on; ``text`` says which."""

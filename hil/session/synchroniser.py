@@ -83,7 +83,8 @@ class Synchroniser:
         return stream
 
     def close(self, stream: Stream[Any]) -> None:
-        """Forgets a stream; its name is free again."""
+        """Forgets a stream; its name is free again. What of it was only counted is told."""
+        stream.tell_counts()
         self._streams = {name: one for name, one in self._streams.items() if one is not stream}
 
     def reset(self) -> None:
@@ -97,9 +98,18 @@ class Synchroniser:
         return Moment(time_ns, {name: aligned for name, aligned in found if aligned is not None})
 
     def states(self, time_ns: int) -> list[StreamState]:
-        """How each stream that has begun stands at ``time_ns``, in the order in which they were opened."""
+        """How each stream that has begun stands at ``time_ns``, in the order in which they were opened.
+
+        What was only counted of a stream, and is over since a minute, is told.
+        """
         moment, streams = self.at(time_ns), self._streams
+        self.tell_counts(time_ns)
         return [streams[name].state(aligned) for name, aligned in moment.items() if name in streams]
+
+    def tell_counts(self, now_ns: int | None = None) -> None:
+        """See :meth:`highfive.hil.session.stream_watch.StreamWatch.tell_counts`; of every stream."""
+        for stream in self._streams.values():
+            stream.tell_counts(now_ns)
 
     def _tell(self, event: SyncEvent) -> None:
         if self._told is not None:

@@ -16,6 +16,8 @@ ARM = ("right_shoulder", "right_elbow", "right_wrist")
 _LOW = ("neck", "trunk_4", "trunk_3", "left_shoulder", "pelvis")
 _HIGH = ("head", "head_top", "nose", "left_ear", "left_eye", "upper_neck", "neck")
 _KNUCKLES = ("right_middle_1", "right_index_1", "right_ring_1", "right_little_1")
+_NAMED = 6
+"""Labels that a message names."""
 _BEYOND_WRIST = ("right_hand", "right_hand_tip")
 
 
@@ -37,8 +39,7 @@ def joint_centre_set(reference: MarkerSet, labels: Sequence[str], known: Mapping
     missing += [] if high and low != high else ["head"]
     missing += [] if left else ["left_shoulder"]
     if missing or not low or not high:
-        found = ", ".join(f"{label} as {name}" for name, label in known.items()) or "no joint centre"
-        raise HighFiveError(f"no {', '.join(missing)} is recognised (recognised: {found})")
+        raise HighFiveError(f"no {', '.join(missing)} is recognised ({_what_is(labels, known)})")
     names = [name for name in reference.names if name in known]
     arm = replace(
         reference.arm,
@@ -65,6 +66,18 @@ def left_out(marker_set: MarkerSet, labels: Sequence[str]) -> list[str]:
     """The labels that the set does not use."""
     used = marker_set.match(labels)
     return [label for column, label in enumerate(labels) if column not in used]
+
+
+def _what_is(labels: Sequence[str], known: Mapping[str, str]) -> str:
+    """What the labels were taken for, the right arm's first, and which were taken for nothing: what a line holds."""
+    found = [f"{known[name]} as {name}" for name in sorted(known, key=lambda name: name not in ARM)]
+    others = [label for label in labels if label not in known.values()]
+    return f"recognised: {_few(found)}; not recognised: {_few(others)}"
+
+
+def _few(words: Sequence[str]) -> str:
+    more = f" and {len(words) - _NAMED} more" if len(words) > _NAMED else ""
+    return f"{', '.join(words[:_NAMED])}{more}" if words else "none"
 
 
 def _hand(names: Sequence[str]) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ def measured(truth: HiddenTruth) -> ArmCalibration:
     mount = (np.array(DEFAULT_MOUNT.position), DEFAULT_MOUNT.quaternion)
     source = Source("0123456789ab", "vicon", datetime(2026, 11, 25, tzinfo=UTC), "0.2.0", "test")
     off = held_out(SHAPE, poses, UP, TEMPLATE)
-    return calibration_of(Path("arm.toml"), fit, plate_of_fit(fit, TEMPLATE), TEMPLATE, off, mount, source)
+    return calibration_of(Path("arm.toml"), fit, poses, plate_of_fit(fit, TEMPLATE), TEMPLATE, off, mount, source)
 
 
 KEPT = {seed: measured(drawn_truth(seed)) for seed in SEEDS}

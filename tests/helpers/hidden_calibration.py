@@ -36,5 +36,6 @@ def hidden_calibration(truth: HiddenTruth, file: Path) -> ArmCalibration:
     source = Source(fingerprint(load_rig()), "vicon", datetime.now(UTC), "tests", "tests")
     mount = (np.array(DEFAULT_MOUNT.position), DEFAULT_MOUNT.quaternion)
     off = held_out(shape, poses, UP, TEMPLATE)
-    save_arm(file, calibration_of(file, fit, plate_of_fit(fit, TEMPLATE), TEMPLATE, off, mount, source), replace=True)
+    plate = plate_of_fit(fit, TEMPLATE)
+    save_arm(file, calibration_of(file, fit, poses, plate, TEMPLATE, off, mount, source), replace=True)
     return load_arm(file)

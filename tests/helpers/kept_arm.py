@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from highfive.calibration.arm_file import DIGEST, ArmCalibration, CalibratedJoint, arm_text
+from highfive.calibration.arm_file import DIGEST, ArmCalibration, CalibratedJoint, KeptPose, arm_text
 from highfive.calibration.registration import Registration
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.bench.hidden_arm import TEMPLATE
@@ -46,6 +46,9 @@ def kept_arm() -> ArmCalibration:
         rms=0.0008,
         temperatures=(31.0, 38.0),
         latency={},
+        poses=tuple(
+            KeptPose(rng.uniform(-1.0, 1.0, len(joints)), 1e-3 * n, None if n == 2 else 2e-3 * n) for n in range(1, 4)
+        ),
     )
 
 

@@ -21,7 +21,9 @@ from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
 from highfive.hil.arm.lifecycle import ready_arm
 from highfive.hil.arm.preconditions import check_options
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.drivers.priority import going_first
+from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.replay_goals import RecordedHighFives
 from highfive.hil.recording.session_reader import SessionReader, read_session
@@ -36,9 +38,10 @@ from highfive.hil.trials.summary import SessionSettings, versions
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
-    from highfive.hil.arm.loop import ArmLoop
+    from highfive.hil.arm.loop import ArmLoop, ArmTick
     from highfive.hil.commands.rig.play_view import PlayView
     from highfive.hil.commands.simulate_options import PageOptions
+    from highfive.hil.drivers.bus.cycle_ring import Cycle
     from highfive.hil.runtime.console import Bar
     from highfive.hil.view.recorded import RecordedTrials
 
@@ -116,7 +119,7 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
             "from": chosen[end.whole] if end.whole < len(chosen) else None,
         }
         summary = {**said, **arm_summary(results.figures), **ended, "versions": versions()}
-        _write_report(summary, results, lag, options.arm.emulated, path, folder)
+        _write_report(summary, results, lag, options.arm, path, folder)
     return summary
 
 
@@ -158,14 +161,17 @@ def _played(
 ) -> tuple[ArmResults, float, _End]:
     """What the arm did, its lag, s, and how it ended; ``ready`` is called once it is switched on.
 
-    ``shown`` is on the live page meanwhile, where there is one. What was played is recorded after each high five.
+    ``shown`` is on the live page meanwhile, where there is one. What is played is recorded as it comes.
     """
     results = ArmResults()
     with ExitStack() as stack:
         stack.enter_context(quick_switching())
         loop = stack.enter_context(ready_arm(options.arm, bar))
         view = None if shown is None else stack.enter_context(_view(options, shown, loop, len(chosen)))
-        recorder = stack.enter_context(SessionRecorder(folder / "arm.mcap", about))  # before anything moves
+        recorder = BackgroundRecorder(  # before anything moves
+            SessionRecorder(folder / "arm.mcap", about), paced=options.arm.port != VIRTUAL
+        )
+        stack.enter_context(recorder)
         ready()
         lag, stopped, remedy, whole = loop.retarget.settings.lag, "", "", 0
         advance = bar("high fives", len(chosen))
@@ -178,7 +184,7 @@ def _played(
                         stopped = loop.trouble or ENDED
                         break
                 with going_first():
-                    trial = played_until_stopped(reference, loop, None if view is None else view.watch)
+                    trial = played_until_stopped(reference, loop, Kept(recorder, view))
             except HighFiveError as error:
                 if not results.figures and not loop.trouble:  # the arm is not as it has to be: nothing has moved
                     recorder.discard()
@@ -188,23 +194,36 @@ def _played(
                 results.add(number, trial, loop.retarget, loop.limits)
                 if view is not None:
                     view.judged(trial)
-                try:
-                    recorder.record_played(trial)
-                except HighFiveError as error:  # a full disk; there is still a report to try
-                    stopped = str(error)
+            if recorder.trouble:  # a full disk; there is still a report to try
+                stopped = recorder.trouble
             if stopped := loop.trouble or stopped:
                 remedy = too_busy(trial, loop.cycles(), loop.stopped_by, gone=loop.gone)
                 whole += trial is not None and not trial.broken_off
                 break
             whole += 1
             advance()
-        try:
-            recorder.close()
-        except HighFiveError as error:
-            stopped = stopped or str(error)
+        recorder.close()
+        stopped = stopped or recorder.trouble
         if view is not None:
             view.end(stopped, folder)
     return results, lag, _End(stopped, remedy, whole)
+
+
+class Kept:
+    """A high five on its way into the recording and onto the page, tick by tick."""
+
+    def __init__(self, recorder: BackgroundRecorder, view: PlayView | None) -> None:
+        """Begins with the first tick."""
+        self._recorder, self._view, self._begun = recorder, view, False
+
+    def __call__(self, tick: ArmTick, cycles: Sequence[Cycle]) -> None:
+        """A tick, and the cycles of the bus since the one before."""
+        if not self._begun:
+            self._begun = True
+            self._recorder.begin_played(tick.frame_ns)
+        self._recorder.record_arm([tick], cycles)
+        if self._view is not None:
+            self._view.watch(tick)
 
 
 def _view(options: PlayOptions, shown: RecordedTrials, loop: ArmLoop, count: int) -> AbstractContextManager[PlayView]:
@@ -229,13 +248,13 @@ def _settings(session: SessionReader, trials: int, arm: ArmOptions) -> SessionSe
 
 
 def _write_report(
-    summary: dict[str, Any], results: ArmResults, lag: float, emulated: bool, path: Path, folder: Path
+    summary: dict[str, Any], results: ArmResults, lag: float, arm: ArmOptions, path: Path, folder: Path
 ) -> None:
-    drawings = draw_arm(list(results.whole.values()), lag, results.figures)
+    drawings = draw_arm(list(results.whole.values()), lag, results.figures, find_arm(arm.arm).names)
     page = render(
         "High Five: a session played by the servo arm",
         f"{counted(len(results.figures), 'high five')} of {escape(path.name)}, {escape(summary['port'])} arm.",
-        f'<span class="badge{"" if emulated else " loud"}">{"emulated arm" if emulated else "real arm"}</span>',
+        f'<span class="badge{"" if arm.emulated else " loud"}">{"emulated arm" if arm.emulated else "real arm"}</span>',
         [
             section("Servo arm", arm_section(summary, {drawing.name: drawing for drawing in drawings})),
             section("Do it again", f"<pre>{escape(shlex.join(['highfive', *sys.argv[1:]]))}</pre>"),

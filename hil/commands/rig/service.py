@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from highfive.calibration.arm_file import ArmCalibration, load_arm
-from highfive.hil.arm.arm_files import limits_of
+from highfive.hil.arm.arm_files import called, limits_of
 from highfive.hil.arm.arm_files import rig_file as own_rig
 from highfive.hil.arm.calibrated import calibration_troubles, known_rig
-from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, ArmFolder, find_arm
 from highfive.hil.drivers.bus.control_table import to_si
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports, too_slow
@@ -125,6 +125,15 @@ def opened(port: str, rig: Rig, wiring: Wiring = MACHINE_WIRING) -> Iterator[Ser
         bus.close()
 
 
+def named_rig(file: Path | None, folder: ArmFolder) -> Rig:
+    """The rig of a file, or an arm's own: what is on the bus is looked at, whether or not it is all of the arm.
+
+    Raises:
+        HighFiveError: the file cannot be used.
+    """
+    return called(load_rig(file or own_rig(folder)), folder, file)
+
+
 def check(
     port: str,
     rig_file: Path | None,
@@ -140,7 +149,7 @@ def check(
         HighFiveError: the rig's file, the calibration or the port cannot be used.
     """
     folder = find_arm(arm)
-    rig = load_rig(rig_file or own_rig(folder))
+    rig = named_rig(rig_file, folder)
     file, found, told = calibration or rig.calibration, None, []
     if file is not None:
         found = load_arm(file)
@@ -166,6 +175,7 @@ def check(
         "ready": not troubles and not wrong,
         "troubles": troubles,
         "differences": [vars(one) for one in wrong],
+        "configure": rig.command("configure", port),
         "servos": servos,
         "calibration": None if found is None else _calibrated(found),
     }
@@ -210,7 +220,7 @@ def configure_rig(
     Raises:
         HighFiveError: a servo is missing, of another model or does not keep what is written; torque is on.
     """
-    rig = load_rig(rig_file or own_rig(find_arm(arm)))
+    rig = named_rig(rig_file, find_arm(arm))
     with opened(port, rig) as bus:
         if troubles := missing_servos(bus, rig):
             raise HighFiveError(troubles[0] + (f" ({len(troubles) - 1} more)" if len(troubles) > 1 else ""))
@@ -228,7 +238,7 @@ def release(port: str, rig_file: Path | None, arm: str = DEFAULT_ARM) -> dict[st
     Raises:
         HighFiveError: the rig's file or the port cannot be used.
     """
-    rig = load_rig(rig_file or own_rig(find_arm(arm)))
+    rig = named_rig(rig_file, find_arm(arm))
     with opened(port, rig) as bus:
         return {"port": port, "rig": rig.name, "failed": JointBus(bus, rig).release()}
 
@@ -258,7 +268,7 @@ def print_check(result: dict[str, Any]) -> None:
     for of in result["differences"]:
         print(f"  {Difference(**of)}")
     if result["differences"]:
-        print("  highfive rig configure sets them")
+        print(f"  {result['configure']} sets them")
     if stopped := [str(row["id"]) for row in result["servos"] if row["stopped_by_watchdog"]]:
         print(
             f"  the watchdog has stopped servos {', '.join(stopped)}: they stay where they are until the next session"

@@ -36,7 +36,7 @@ class ArmProcess(ArmHost):
             allowance_ms: how long an answer of a servo may be late.
         """
         context = multiprocessing.get_context("spawn")
-        joints, lock = len(rig.joints), context.Lock()
+        joints, lock = len(rig.joints), context.RLock()
         raw = context.RawArray("b", ring_size(joints))
         held, theirs = context.Pipe(duplex=False)
         super().__init__(CycleRing(raw, joints, lock), held, Latch() if estop is None else estop, MACHINE)

@@ -107,6 +107,23 @@ class IndirectBlock:
 
 
 @dataclass(frozen=True)
+class Places:
+    """Where a servo takes its goals and shows its answers in every cycle.
+
+    Attributes:
+        goals, answers: addresses of the first byte of each.
+        between: bytes of 0 between the goals of current and position: none through indirect data; where that is too
+            short for both, what lies between them (goal velocity and profile, which are 0 in a session).
+        shown: registers, in order, that the indirect data shows.
+    """
+
+    goals: int
+    answers: int
+    between: int
+    shown: tuple[Register, ...]
+
+
+@dataclass(frozen=True)
 class Table:
     """One model of servo: its number, firmware, modes, motor and registers by name."""
 
@@ -164,6 +181,22 @@ class Table:
     def answers(self) -> tuple[Register, ...]:
         """What is read in every cycle, in the order of :data:`ANSWERS`."""
         return tuple(self.ampere(name) if "current" in name else self[name] for name in ANSWERS)
+
+    @property
+    def places(self) -> Places:
+        """Of goals and answers.
+
+        Raises:
+            HighFiveError: not even the answers fit into its first block of indirect data.
+        """
+        block, (current, position) = self.indirect[0], self.goals
+        size, room = sum(register.size for register in self.answers), block.count
+        goals = current.size + position.size
+        if goals + size <= room:
+            return Places(block.data, block.data + goals, 0, (*self.goals, *self.answers))
+        if size > room:
+            raise HighFiveError(f"a {self.model} shows {room} bytes in one block, {size} are needed")
+        return Places(current.address, block.data, position.address - current.end, self.answers)
 
     @property
     def end(self) -> int:

@@ -1,16 +1,17 @@
 """The memory that the host and the arm's process share: the newest command, and a ring of the last cycles.
 
 What is more than one number is read and written under a lock of the operating system, which also orders memory on
-processors that reorder it (ARM). Nobody waits long for it: whoever was killed may hold it for ever.
+processors that reorder it (ARM). Nobody waits long for it: whoever was killed may hold it for ever. Who was interrupted
+may hold it until its next use.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
+from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -39,15 +40,40 @@ class Mode(IntEnum):
 
 
 class Lock(Protocol):
-    """One of ``threading``, or of ``multiprocessing`` between processes."""
+    """An ``RLock`` of ``threading``, or of ``multiprocessing`` between processes."""
 
     def acquire(self, *, timeout: float) -> bool:
-        """Whether it was had in time."""
+        """Whether it was had in time; who has it already, has it once more."""
         ...
 
     def release(self) -> None:
-        """Gives it back."""
+        """Gives it back once.
+
+        Raises:
+            RuntimeError, AssertionError: who calls has it not.
+        """
         ...
+
+
+class _Locked:
+    """The lock, in a ``with`` that says whether it was had in time.
+
+    Ctrl-C may be raised as ``acquire`` returns, before anything can note that the lock is had, and as ``release`` is
+    called. So it is given back as often as it was had: what an interrupt has left behind, too.
+    """
+
+    def __init__(self, lock: Lock) -> None:
+        self._lock = lock
+
+    def __enter__(self) -> bool:
+        return self._lock.acquire(timeout=LOCKED_S)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(RuntimeError, AssertionError):
+            while True:
+                self._lock.release()
 
 
 @dataclass(frozen=True)
@@ -86,8 +112,8 @@ def _row_type(joints: int) -> np.dtype[Any]:
 
 
 def _head_type(joints: int) -> np.dtype[Any]:
-    """What there is once: the command, when it was given, how many rows are complete, whether to switch torque on and
-    to end, what is wrong."""
+    """What there is once: the command, when it was given, the number after the last cycle's, whether to switch torque
+    on and to end, what is wrong."""
     each = (np.float64, (joints,))
     return np.dtype([
         ("given_ns", np.int64), ("positions", *each), ("currents", *each), ("drive", np.int64),
@@ -108,24 +134,25 @@ class CycleRing:
         head = _head_type(joints)
         self.head = np.frombuffer(raw, dtype=head, count=1)
         self._rows = np.frombuffer(raw, dtype=_row_type(joints), count=ROWS, offset=head.itemsize)
-        self._lock = lock
-        self._kept: deque[tuple[Mode, tuple[Any, ...]]] = deque(maxlen=ROWS)  # cycles for which the lock was not had
+        self._locked = _Locked(lock)
+        self._noted = 0
+        self._kept: deque[tuple[int, Mode, tuple[Any, ...]]] = deque(maxlen=ROWS)  # for which the lock was not had
 
     def say(self, text: str) -> None:
         """What is wrong, for the host to read; what does not fit is cut off."""
-        with self._locked():
+        with self._locked:
             self.head["trouble"][0] = text.encode("utf-8")[:_TEXT]
 
     @property
     def trouble(self) -> str:
         """What was said last."""
-        with self._locked():
+        with self._locked:
             return bytes(self.head["trouble"][0]).decode("utf-8", "replace")
 
     def give(self, command: JointCommand, given_ns: int) -> bool:
         """Puts a command, given at ``given_ns``, in place of the last one; False where the driver stood in the way."""
         head = self.head
-        with self._locked() as locked:
+        with self._locked as locked:
             if locked:
                 head["given_ns"][0] = 0  # an interrupt may cut this short
                 head["positions"][0], head["currents"][0] = command.positions, command.currents
@@ -136,7 +163,7 @@ class CycleRing:
     def command(self) -> tuple[JointCommand | None, int] | None:
         """The newest command and when it was given; None in its place before the first. None: there is no whole one."""
         head = self.head
-        with self._locked() as locked:
+        with self._locked as locked:
             if not locked or (head["drive"][0] and not head["given_ns"][0]):
                 return None
             command = JointCommand(head["positions"][0].copy(), head["currents"][0].copy())
@@ -150,10 +177,11 @@ class CycleRing:
     def note(self, mode: Mode, *values: Any) -> None:
         """Adds a cycle: ``values`` as in the fields of a row from ``due_ns`` on; those that the reader stood in the way
         of go with the next one."""
-        self._kept.append((mode, values))
-        with self._locked() as locked:
+        self._kept.append((self._noted, mode, values))
+        self._noted += 1
+        with self._locked as locked:
             while locked and self._kept:
-                (mode, values), number = self._kept[0], self.count
+                number, mode, values = self._kept[0]
                 row = self._rows[number % ROWS : number % ROWS + 1]
                 for name, value in zip(row.dtype.names or (), (number, mode, *values), strict=True):
                     row[name][0] = value
@@ -163,23 +191,13 @@ class CycleRing:
 
     def cycles(self, start: int) -> list[Cycle]:
         """Those from number ``start`` on, oldest first; those that the ring no longer holds are left out."""
-        with self._locked() as locked:
+        with self._locked as locked:
             if not locked:
                 return []
             count = self.count
-            rows = self._rows[np.arange(max(start, count - ROWS), count) % ROWS]  # at once: the driver waits meanwhile
-        return [_cycle(row) for row in rows]
-
-    @contextmanager
-    def _locked(self) -> Iterator[bool]:
-        """Whether the lock was had."""
-        had = False
-        try:
-            had = self._lock.acquire(timeout=LOCKED_S)
-            yield had
-        finally:
-            if had:
-                self._lock.release()
+            numbers = np.arange(max(start, count - ROWS), count)
+            rows = self._rows[numbers % ROWS]  # at once: the driver waits meanwhile
+        return [_cycle(row) for row in rows[rows["number"] == numbers]]
 
 
 def _cycle(row: Any) -> Cycle:

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from highfive.hil.drivers.bus.control_table import ANSWERS, Register, Table, encode, packing, to_raw, to_si
+from highfive.hil.drivers.bus.control_table import ANSWERS, Register, encode, packing, to_raw, to_si
 from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, SET_AT_START, Rig, angle, count, required_registers
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus, ServoError
 from highfive.hil.drivers.bus.servo_clock import ServoClock
@@ -56,7 +55,8 @@ class JointBus:
             joint.id: dict(zip(ANSWERS, tables[joint.id].answers, strict=True)) for joint in rig.joints
         }
         self._packings = {servo: packing(table.answers) for servo, table in tables.items()}
-        self._goals_at, self._answers_at = _blocks(next(iter(tables.values())))
+        self._places = {servo: table.places for servo, table in tables.items()}
+        self._alike = len({(own.goals, own.answers) for own in self._places.values()}) == 1
         self._answers_size = next(iter(self._packings.values())).size
         self._fast = True
         self._fallbacks = 0
@@ -93,8 +93,8 @@ class JointBus:
 
     def _required(self, servo: int) -> dict[str, int]:
         """What is set at the start of a session: raw, by the register's name."""
-        table, own = self._bus.table(servo), required_registers(self._rig)[servo]
-        shown = [one.address + byte for one in (*table.goals, *table.answers) for byte in range(one.size)]
+        own = required_registers(self._rig)[servo]
+        shown = [one.address + byte for one in self._places[servo].shown for byte in range(one.size)]
         addresses = {f"indirect_address_{number}": address for number, address in enumerate(shown, 1)}
         return addresses | {name: own[name] for name in SET_AT_START}
 
@@ -104,7 +104,7 @@ class JointBus:
                 where = f"servo {servo} ({self._rig.servos[servo].name})"
                 raise HighFiveError(
                     f"{where}: its torque is on and {name} is {holds}, not {raw}; "
-                    f"hold the arm, let it go with highfive rig release {self._bus.path}, and start again"
+                    f"hold the arm, let it go with {self._rig.command('release', self._bus.path)}, and start again"
                 )
 
     def engage(self) -> JointState:
@@ -211,10 +211,11 @@ class JointBus:
         data, lowered = {}, []
         for joint, before, current in zip(self._rig.joints, held.currents, currents, strict=True):
             register = self._goal_registers[joint.id][0]
-            raw = to_raw(register, min(max(current, 0.0), before))
+            share = self._duty_share(joint.id)
+            raw = to_raw(register, share * min(max(current, 0.0), before))
             data[joint.id] = encode(register, raw)
-            lowered.append(to_si(register, raw))
-        self._bus.sync_write(self._goals_at, data)
+            lowered.append(to_si(register, raw) / share)
+        self._send(data)
         return JointCommand(held.positions, np.array(lowered))
 
     def _stay(self, state: JointState) -> JointCommand:
@@ -253,15 +254,31 @@ class JointBus:
             if not (math.isfinite(position) and math.isfinite(current)):
                 raise HighFiveError(f"{joint.name}: {position:g} rad and {current:g} A are no goals")
             current_register, position_register = self._goal_registers[joint.id]
-            raw = to_raw(current_register, min(max(current, 0.0), joint.current_limit)), count(joint, position)
+            share = self._duty_share(joint.id)
+            raw = to_raw(current_register, share * min(max(current, 0.0), joint.current_limit)), count(joint, position)
             try:
-                data[joint.id] = encode(current_register, raw[0]) + encode(position_register, raw[1])
+                between = bytes(self._places[joint.id].between)
+                data[joint.id] = encode(current_register, raw[0]) + between + encode(position_register, raw[1])
             except HighFiveError as error:
                 raise HighFiveError(f"{joint.name}: {error}") from None
             positions.append(angle(joint, raw[1]))
-            currents.append(to_si(current_register, raw[0]))
-        self._bus.sync_write(self._goals_at, data)
+            currents.append(to_si(current_register, raw[0]) / share)
+        self._send(data)
         return JointCommand(np.array(positions), np.array(currents))
+
+    def _duty_share(self, servo: int) -> float:
+        """By what the duty is less of a servo that limits its duty, where it has more than its motor's voltage; 1 for
+        others: with less it pushes less hard."""
+        table = self._bus.table(servo)
+        volts = to_si(table["present_input_voltage"], self._servos[servo].values["present_input_voltage"])
+        return 1.0 if table.limits_current else min(1.0, table.motor.voltage / max(volts, 1e-3))
+
+    def _send(self, data: dict[int, bytes]) -> None:
+        """Goals, from where each servo takes them."""
+        if self._alike:
+            self._bus.sync_write(next(iter(self._places.values())).goals, data)
+        else:
+            self._bus.bulk_write({servo: (self._places[servo].goals, own) for servo, own in data.items()})
 
     def read(self) -> JointState:
         """Everything of all servos that answer.
@@ -284,25 +301,27 @@ class JointBus:
         until nobody is silent or the silent are dead: one of them costs a wait a cycle, and not the others."""
         if self._fast:
             with contextlib.suppress(NoAnswer):
-                if len(found := self._fresh(self._bus.fast_sync_read, queried)) == len(queried):
+                if len(found := self._fresh(queried, fast=True)) == len(queried):
                     return found
             self._fast = False
             self._fallbacks += 1
             return {}
-        found = self._fresh(self._bus.sync_read, queried)
+        found = self._fresh(queried)
         for servo in queried[len(found) + 1 :]:  # after the first silent one
-            found |= self._fresh(self._bus.sync_read, [servo])
+            found |= self._fresh([servo])
         for servo in queried:
             self._servos[servo].silent = 0 if servo in found else self._servos[servo].silent + 1
         self._fast = all(self._servos[servo].silent in (0, DEAD_AFTER) for servo in queried)
         return found
 
-    def _fresh(
-        self, read: Callable[[int, int, Sequence[int]], dict[int, bytes]], queried: list[int]
-    ) -> dict[int, dict[str, int]]:
+    def _fresh(self, queried: list[int], *, fast: bool = False) -> dict[int, dict[str, int]]:
         """The answers to a question, up to the first that came late to an earlier one."""
+        bus, size, places = self._bus, self._answers_size, {servo: self._places[servo].answers for servo in queried}
         queried_ns = self._clock()
-        answers = read(self._answers_at, self._answers_size, queried)
+        if self._alike:
+            answers = (bus.fast_sync_read if fast else bus.sync_read)(places[queried[0]], size, queried)
+        else:
+            answers = (bus.fast_bulk_read if fast else bus.bulk_read)(places, size)
         heard_ns = self._clock()
         found = {}
         for servo, data in answers.items():
@@ -358,9 +377,3 @@ def _bits(own: list[_Servo]) -> int:
     for servo in own:
         errors |= servo.values["hardware_error_status"]
     return errors
-
-
-def _blocks(table: Table) -> tuple[int, int]:
-    """Where the servos show goals and answers: addresses of the first byte of each."""
-    goals = sum(register.size for register in table.goals)
-    return table.indirect[0].data, table.indirect[0].data + goals

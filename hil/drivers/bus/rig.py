@@ -6,6 +6,7 @@ The arm that comes with the project is ``rig.toml``; a lab's own file works the 
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from highfive.hil.drivers.bus.control_table import baud_index, load_table, models, to_raw
+from highfive.hil.drivers.bus.control_table import baud_index, load_table, models, packing, to_raw
 from highfive.hil.drivers.values import Array
 from highfive.model.errors import HighFiveError
 from highfive.model.toml_file import check_keys, number, read_toml, typed
@@ -22,6 +23,9 @@ DEFAULT_RIG = Path(__file__).parent / "rig.toml"
 
 COUNTS = 4096
 """Of one turn."""
+
+_REPLY_HEAD, _REPLY_PART = 8, 4
+"""Bytes of the one answer to a fast sync read: header to instruction; error, ID and CRC of each servo."""
 
 LAST_ID = 252
 """Largest ID that a servo can have."""
@@ -115,6 +119,8 @@ class Rig:
         settings: of every servo.
         joints: from the base on.
         calibration: file that says by what it differs from its drawing, and where it stands; None for none.
+        file: that it was read from; None for the arm's own.
+        arm: its name on a command line, or its folder; '' for the one that comes along.
     """
 
     name: str
@@ -122,6 +128,26 @@ class Rig:
     settings: RigSettings
     joints: tuple[RigJoint, ...]
     calibration: Path | None = None
+    file: Path | None = None
+    arm: str = ""
+
+    @property
+    def reply_s(self) -> float:
+        """s, that all servos' one answer takes on the line. They measure when they are asked, as it begins."""
+        sizes = [packing(load_table(model).answers).size for model in self.models.values()]
+        return 10.0 * (_REPLY_HEAD + sum(_REPLY_PART + size for size in sizes)) / self.baud_rate
+
+    def command(self, verb: str, port: str) -> str:
+        """What to type for a command of ``highfive rig`` about this arm, such as ``release``."""
+        return shlex.join(["highfive", "rig", verb, port, *self._told("--rig")])
+
+    def calibrate(self, verb: str, port: str, *more: str) -> str:
+        """What to type for a command of ``highfive calibrate`` that moves this arm, with more words."""
+        return shlex.join(["highfive", "calibrate", verb, port, "--arm", *self._told("--rig-file"), *more])
+
+    def _told(self, file: str) -> list[str]:
+        own = [] if self.file is None else [file, str(self.file)]
+        return [*own, "--arm", self.arm] if self.arm else own
 
     @property
     def servos(self) -> dict[int, RigJoint]:
@@ -230,19 +256,12 @@ def _check_servos(rig: Rig) -> None:
             f"settings: operating mode {rig.settings.operating_mode}; expected {CURRENT_POSITION}, in which servos "
             "limit their current"
         )
-    shown = load_table(rig.joints[0].model).indirect[0].data
     for joint in rig.joints:
         table = load_table(joint.model)
         # A servo that cannot limit its current goes in position mode, with a largest duty.
         if table.limits_current and CURRENT_POSITION not in table.operating_modes:
             raise HighFiveError(f"settings: a {joint.model} has no operating mode {CURRENT_POSITION}")
-        block = table.indirect[0]
-        needed = sum(register.size for register in (*table.goals, *table.answers))
-        if block.data != shown or block.count < needed:
-            raise HighFiveError(
-                f"joint {joint.name!r}: a {joint.model} shows {block.count} bytes in one block from address "
-                f"{block.data}; expected {needed} or more from {shown}: one packet names all servos"
-            )
+        table.places  # noqa: B018 (refuses a servo that cannot show what it is asked)
 
 
 def _once(what: str, values: list[str]) -> None:

@@ -118,7 +118,7 @@ def shadow_gaps(bus: ServoBus, rig: Rig, most: float) -> list[str]:
             lines.append(
                 f"{name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart, at most "
                 f"{int(most * COUNTS / math.tau)}: has a horn slipped? if not, write shadow_offset = "
-                f"{joint.shadow_offset + gap} into the rig's file, and highfive rig configure"
+                f"{joint.shadow_offset + gap} into the rig's file, and {rig.command('configure', bus.path)}"
             )
         elif abs(gap * math.tau / COUNTS - joint.gap) > most:
             lines.append(
@@ -153,7 +153,10 @@ def configure(bus: ServoBus, rig: Rig, required: Sequence[Difference]) -> None:
     """
     for servo in rig.servos:
         if bus.read(servo, "torque_enable"):
-            raise HighFiveError(f"servo {servo}: torque is on, and its settings are locked; highfive rig release first")
+            raise HighFiveError(
+                f"servo {servo}: torque is on, and its settings are locked; hold the arm, and "
+                f"{rig.command('release', bus.path)} first"
+            )
     for one in sorted(
         required, key=lambda one: one.register != "status_return_level"
     ):  # without it nothing is confirmed

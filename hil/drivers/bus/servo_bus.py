@@ -228,9 +228,13 @@ class ServoBus:
             NoAnswer: the answer is not whole.
             PortError: the port is gone.
         """
+        return self._together(servos, size, lambda: self._ask(address, size, servos, fast=True))
+
+    def _together(self, servos: Sequence[int], size: int, ask: Callable[[], object]) -> dict[int, bytes]:
+        """The one answer of several servos."""
         length = (size + 4) * len(servos)
         with self._used():
-            self._ask(address, size, servos, fast=True)
+            ask()
             packet, result = self._sdk.rxPacket(self._port, True)
         if result != COMM_SUCCESS or packet[4] != BROADCAST_ID or len(packet) != _ROWS + length:
             raise NoAnswer(f"servos {_listed(servos)}: no whole answer to a fast sync read")
@@ -246,9 +250,13 @@ class ServoBus:
         Raises:
             PortError: the port is gone.
         """
+        return self._one_by_one(servos, size, lambda: self._ask(address, size, servos, fast=False))
+
+    def _one_by_one(self, servos: Sequence[int], size: int, ask: Callable[[], object]) -> dict[int, bytes]:
+        """The answers of several servos, up to the first that does not come."""
         found = {}
         with self._used():
-            self._ask(address, size, servos, fast=False)
+            ask()
             for servo in servos:
                 packet, result = self._answer(servo, size)
                 if result != COMM_SUCCESS or _size(packet) != size:
@@ -256,6 +264,39 @@ class ServoBus:
                 found[servo] = bytes(packet[_DATA : _DATA + size])
         self._open.update(set(servos) - set(found))
         return found
+
+    def bulk_write(self, values: Mapping[int, tuple[int, bytes]]) -> None:
+        """Writes registers of several servos, each at an address of its own, in one packet; none answers.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        rows = [(servo, *_word(at), *_word(len(value)), *value) for servo, (at, value) in values.items()]
+        data = [byte for row in rows for byte in row]
+        with self._used():
+            result = self._sdk.bulkWriteTxOnly(self._port, data, len(data))
+        if result != COMM_SUCCESS:
+            raise PortError(f"{self.path}: could not send ({self._sdk.getTxRxResult(result).split('] ')[-1]})")
+
+    def fast_bulk_read(self, places: Mapping[int, int], size: int) -> dict[int, bytes]:
+        """``size`` bytes of several servos, each from an address of its own, all in one answer.
+
+        Raises:
+            NoAnswer, PortError: as in :meth:`fast_sync_read`.
+        """
+        return self._together(list(places), size, lambda: self._ask_each(places, size, fast=True))
+
+    def bulk_read(self, places: Mapping[int, int], size: int) -> dict[int, bytes]:
+        """The same, an answer each: those that came before the first one that did not.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        return self._one_by_one(list(places), size, lambda: self._ask_each(places, size, fast=False))
+
+    def _ask_each(self, places: Mapping[int, int], size: int, fast: bool) -> None:
+        data = [byte for servo, at in places.items() for byte in (servo, *_word(at), *_word(size))]
+        self._check(BROADCAST_ID, self._sdk.bulkReadTx(self._port, data, len(data), fast))
 
     def _ask(self, address: int, size: int, servos: Sequence[int], fast: bool) -> None:
         result = self._sdk.syncReadTx(self._port, address, size, list(servos), len(servos), fast)
@@ -335,6 +376,10 @@ class ServoBus:
             raise NoAnswer(f"{_named(servo, name)}: no answer at {self._port.baudrate:,} baud on {self.path}")
         if result != COMM_SUCCESS:
             raise DamagedAnswer(f"{_named(servo, name)}: {self._sdk.getTxRxResult(result).split('] ')[-1]}")
+
+
+def _word(value: int) -> bytes:
+    return value.to_bytes(2, "little")
 
 
 def _size(packet: Sequence[int]) -> int:

@@ -165,7 +165,7 @@ class VirtualArm(ArmHost):
     ) -> None:
         """Starts the driver."""
         joints = len(arm.joints)
-        shared = CycleRing(bytearray(ring_size(joints)), joints, threading.Lock())
+        shared = CycleRing(bytearray(ring_size(joints)), joints, threading.RLock())
         held = _Post()
         super().__init__(shared, held, estop, rig.clock)
         self._has_host = has_host

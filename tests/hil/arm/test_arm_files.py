@@ -8,6 +8,8 @@ import pytest
 from highfive.hil.arm.arm_files import ceilings_of, limits_of, rig_file, rig_of
 from highfive.hil.arm_model.arm_folder import find_arm, shipped
 from highfive.hil.drivers.bus.rig import required_registers
+from highfive.hil.drivers.values import JointHealth
+from highfive.hil.safety.faults import voltage
 from highfive.hil.safety.limits import Ceilings
 from highfive.hil.safety.limits_file import FILE
 from highfive.model.errors import HighFiveError
@@ -40,9 +42,23 @@ def test_a_rig_has_the_arms_joints_and_servos(name: str) -> None:
     assert [len(joint.ids) for joint in rig.joints] == [joint.servos for joint in folder.joints]
 
 
-def test_servos_that_show_what_they_say_in_different_places_are_no_bus() -> None:
-    with pytest.raises(HighFiveError, match=r"'elbow_flex': a XL330-M288 shows 20 bytes .* one packet names all"):
-        rig_of(find_arm("koch_v1_1"))
+@pytest.mark.parametrize("name", shipped())
+def test_every_arm_that_comes_along_can_be_driven(name: str) -> None:
+    assert required_registers(rig_of(find_arm(name)))
+
+
+def test_voltages_are_those_of_the_servos() -> None:
+    """The Koch has two supplies: its XL330 run at 5 V."""
+    assert ceilings_of(find_arm("koch_v1_1")).voltages == (12.0, 12.0, 5.0, 5.0, 5.0)
+    limits = limits_of(find_arm("koch_v1_1"))
+
+    def trouble(*volts: float) -> str:
+        return voltage(limits.ceilings, limits.servo, JointHealth(0, np.full(5, 30.0), np.array(volts)))
+
+    assert trouble(12.0, 11.2, 5.0, 4.7, 5.6) == ""
+    assert trouble(12.0, 12.0, 5.0, 5.0, 4.4) == "wrist_roll has 4.4 V, not 4.6 to 5.8"
+    assert trouble(12.0, 12.0, 12.0, 5.0, 5.0).startswith("elbow_flex has 12.0 V")
+    assert trouble(12.0, 5.0, 5.0, 5.0, 5.0) == "shoulder_lift has 5.0 V, not 11.0 to 14.0"
 
 
 def test_a_servo_that_does_not_limit_its_current_limits_its_duty() -> None:

@@ -61,8 +61,8 @@ def test_a_way_through_the_floor_is_refused() -> None:
     """From beside the mount, stretched down, straight to where the arm waits: through the table's edge or the floor."""
     below = next(q for q in _postures() if ARM.clearance(0.5 * (q + READY)) < -0.02 and ARM.clearance(q) > 0.0)
     with pytest.raises(HighFiveError, match="move it by hand"):
-        check_way(ARM, below, READY)
-    check_way(ARM, READY, READY)
+        check_way(ARM, below, READY, "highfive rig release PORT")
+    check_way(ARM, READY, READY, "release")
 
 
 def _postures() -> Iterator[np.ndarray]:
@@ -97,7 +97,7 @@ def test_a_session_plans_by_the_formula_whatever_was_measured(tmp_path: Path) ->
 )
 def test_bad_input_of_the_latency_is_one_line(tmp_path: Path, options: ArmOptions, says: str) -> None:
     with pytest.raises(HighFiveError, match=says):
-        calibrate_latency(LatencyOptions(options, tmp_path / "out.toml"), lambda *_: lambda *_, **__: None)
+        calibrate_latency(LatencyOptions(options, out=tmp_path / "out.toml"), lambda *_: lambda *_, **__: None)
     assert not (tmp_path / "out.toml").exists()
 
 
@@ -106,5 +106,5 @@ def test_a_calibration_that_is_there_is_kept(tmp_path: Path) -> None:
     before = file.read_bytes()
     real = ArmOptions("/dev/ttyUSB99", slow=True, armed=True, calibration=file)
     with pytest.raises(HighFiveError, match="--overwrite"):
-        calibrate_latency(LatencyOptions(real, file), lambda *_: lambda *_, **__: None)
+        calibrate_latency(LatencyOptions(real, out=file), lambda *_: lambda *_, **__: None)
     assert file.read_bytes() == before

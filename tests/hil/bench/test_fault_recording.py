@@ -2,7 +2,7 @@
 
 import shutil
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
@@ -13,10 +13,12 @@ from mcap.reader import NonSeekingReader
 from mcap.records import Channel, Message, Schema
 from mcap.writer import Writer
 
-from highfive.hil.bench.fault_recording import CUT, LOST
+from highfive.hil.bench.fault_recording import BEHIND, CUT, LOST
 from highfive.hil.bench.fault_run import FaultJob, FaultRun
-from highfive.hil.bench.fault_schedule import FaultSchedule, Happening
+from highfive.hil.bench.fault_schedule import RETURNING, FaultSchedule, Happening
 from highfive.hil.bench.laws import Laws
+from highfive.hil.recording.recording import read_recording
+from highfive.hil.safety.states import HALTED
 from highfive.hil.trials.partners import Partner
 
 
@@ -28,6 +30,16 @@ def up_to_its_end(file: IO[bytes]) -> Iterator[tuple[Schema | None, Channel, Mes
 
 def without(path: Path, topic: str) -> None:
     """The same file without a topic's messages; its channel stays."""
+    rewritten(path, lambda channel, time_ns: channel != topic)
+
+
+def ended(path: Path, time_ns: int) -> None:
+    """The same file without what came after some time."""
+    rewritten(path, lambda topic, at_ns: at_ns <= time_ns)
+
+
+def rewritten(path: Path, stays: Callable[[str, int], bool]) -> None:
+    """A file again, with the messages that stay by topic and time."""
     whole = path.with_suffix(".whole")
     shutil.copyfile(path, whole)
     with whole.open("rb") as source, path.open("wb") as target:
@@ -38,7 +50,7 @@ def without(path: Path, topic: str) -> None:
                 assert schema is not None
                 kind = writer.register_schema(schema.name, schema.encoding, schema.data)
                 numbers[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, kind)
-            if channel.topic != topic:
+            if stays(channel.topic, message.log_time):
                 writer.add_message(numbers[channel.id], message.log_time, message.data, message.publish_time)
         writer.finish()
 
@@ -70,3 +82,36 @@ def test_a_host_that_stands_still_for_half_a_minute_has_lost_no_cycle(partner: P
     run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening("host stall", 1.5, 30.0),)), partner), tmp_path)
     run.run()
     assert not run.laws.broken and run.laws.worst[LOST] == 0.0
+
+
+@pytest.mark.parametrize("kind", ["Ctrl-C", "emergency stop", "host killed", "machine killed", "driver killed"])
+def test_what_the_arm_does_on_the_way_back_is_recorded_as_it_comes(kind: str, partner: Partner, tmp_path: Path) -> None:
+    run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening(kind, 0.4, phase=RETURNING),)), partner), tmp_path)
+    run.run()
+    assert not run.laws.broken and run.laws.worst[LOST] == 0.0
+    recording, trial = run._recording, run.trial
+    assert recording is not None and trial is not None
+    back = [tick.frame_ns for tick in trial.back.ticks]
+    assert 40 < len(back) < 70 and recording.arm_ticks[-len(back) :] == back
+    found = read_recording(recording._killed if recording._killed.exists() else recording._path)
+    kept = [message.time_ns for message in found.channels["/safety"]]
+    assert kept[-1] - (back[0] - recording.ticks[0]) > 150_000_000
+    if kind == "Ctrl-C":  # it brakes, and that is recorded, too
+        assert trial.back.ticks[-1].report.state in HALTED and kept[-1] == back[-1] - recording.ticks[0]
+
+
+@pytest.mark.parametrize(("kind", "at_s", "law"), [("Ctrl-C", 0.4, LOST), ("host killed", 0.59, BEHIND)])
+def test_a_way_back_that_is_recorded_only_once_it_is_over_breaks_a_law(
+    kind: str, at_s: float, law: str, partner: Partner, tmp_path: Path
+) -> None:
+    run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening(kind, at_s, phase=RETURNING),)), partner), tmp_path)
+    run.run()
+    recording, trial = run._recording, run.trial
+    assert recording is not None and trial is not None and not run.laws.broken
+    # As if the recorder had been given nothing of it: neither list says so, but the driver's own cycles do.
+    cycles, ticks = len(trial.back.cycles), len(trial.back.ticks)
+    del recording.cycles[-cycles:], recording.numbers[-cycles:], recording.arm_ticks[-ticks:]
+    path = recording._killed if recording._killed.exists() else recording._path
+    ended(path, recording.arm_ticks[-1] - recording.ticks[0])
+    recording.judge(laws := Laws())
+    assert [law for law, _ in laws.broken] == [law]

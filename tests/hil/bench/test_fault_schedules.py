@@ -302,6 +302,7 @@ def test_a_body_that_leaves_its_limits_breaks_laws() -> None:
         (lambda box: box.velocities[300].__iadd__(9.0), "body: speed, of what is allowed"),
         (lambda box: box.velocities[-1].__iadd__(0.2), "body: speed in the end, rad/s"),
         (lambda box: box.allowed.__setitem__(300, [9.0] * 6), "goal current, of what is allowed"),
+        (lambda box: box.currents[300].__iadd__(9.0), "body: current, of what is allowed"),
     ):
         box, laws = boxed(), Laws()
         change(box)

@@ -106,3 +106,51 @@ def test_the_plate_beside_a_head_is_as_fast_as_it_was_moved(counts: bool) -> Non
     speeds = np.abs(np.diff([arm.points(goal)[0] for goal in led(0.4, False)], axis=0))
     fastest = np.linalg.norm(speeds, axis=2).max() * RATE_HZ  # of all points near it, not the plate alone
     assert 0.4 * 0.75 <= found[HEAD] <= fastest * 1.01
+
+
+@pytest.mark.parametrize("counts", [False, True], ids=["exact", "counts"])
+@pytest.mark.parametrize("aside", [0.03, 0.06])
+def test_a_plate_that_passes_a_hand_closes_in_along_the_line_to_it(aside: float, counts: bool) -> None:
+    # The line to the hand turns while the plate goes by: of its speed only the part along the line counts.
+    speed, limits = 0.6, load_limits().contact
+    last = (FRAMES - 1) / RATE_HZ
+    hand = start() + ALONG * speed * last + ACROSS * aside
+    goals = led(speed, counts)
+    found = judged(trial(goals, lambda _: hand, np.zeros(3), NOWHERE))[HAND]
+    times = np.arange(FRAMES) / RATE_HZ
+    apart = hand - (start() + ALONG * speed * np.maximum(times - 2.0 / RATE_HZ, 0.0)[:, None])  # as was known
+    distance = np.linalg.norm(apart, axis=1)
+    along = speed * (apart @ ALONG) / distance
+    means = np.convolve(along[1:], np.ones(4) / 4, "valid")  # over the cycles of a window
+    near = np.linalg.norm(hand - (start() + ALONG * speed * times[:, None]), axis=1)[4:] <= limits.near
+    apart_enough = np.array([distance[n + 1 : n + 5].min() >= limits.touching for n in range(len(means))])
+    truth = means[near & apart_enough].max()
+    assert 0.3 < truth < 0.99 * speed or aside < 0.05
+    reach = 0.5 * COUNT * np.abs(default_planner().arm.points(READY)[1][0]).sum()
+    assert truth - (4.2 if counts else 2.1) * reach * RATE_HZ / 4 <= found <= truth + 0.01
+
+
+def test_a_plate_that_touches_the_hand_already_is_not_judged() -> None:
+    limits = load_limits().contact
+    for gap, is_judged in ((0.2 * limits.touching, False), (1.5 * limits.touching, True)):
+        lead = [start() + ALONG * (1.0 * frame / RATE_HZ + gap) for frame in range(FRAMES)]
+        # It is pushed: plate and hand go on together, and the hand was not expected to.
+        laws = judged(trial(led(1.0, False), lambda at, lead=lead: lead[round(at * RATE_HZ)], np.zeros(3), NOWHERE))
+        assert (laws.get(HAND, 0.0) > limits.speed) == is_judged
+
+
+@pytest.mark.parametrize("counts", [False, True], ids=["exact", "counts"])
+@pytest.mark.parametrize("share", [0.5, 1.0, 1.6])
+def test_goals_are_as_sudden_as_they_were_moved(share: float, counts: bool) -> None:
+    limits = load_limits()
+    joint = int(np.argmax(limits.acceleration))
+    times = np.arange(FRAMES) / RATE_HZ
+    half = times[FRAMES // 2]
+    # Sped up for half of the time, and slowed down as hard: the corner between is twice as sudden for an instant only.
+    way = np.where(times < half, 0.5 * times**2, half**2 - 0.5 * (2.0 * half - times) ** 2)
+    goals = [READY + share * limits.acceleration[joint] * at * np.eye(6)[joint] for at in way]
+    goals = [COUNT * np.round(goal / COUNT) if counts else goal for goal in goals]
+    found = judged(trial(goals, lambda _: NOWHERE, np.zeros(3), NOWHERE))["wire: acceleration, of what is allowed"]
+    step = 4.0 / RATE_HZ
+    rounding = 2.0 * COUNT / step**2 / limits.acceleration[joint]
+    assert share - (2.0 if counts else 1.0) * rounding - 0.01 <= found <= share + 0.01

@@ -2,13 +2,17 @@
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hidden_poses import postures, seen_poses
+from kept_arm import kept_arm
 
-from highfive.calibration.arm_file import load_arm
-from highfive.calibration.pose_file import load_poses
+from highfive.calibration.arm_file import load_arm, save_arm
+from highfive.calibration.pose_file import TakenPose, load_poses
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibration_arm import virtual_calibration_arm
 from highfive.hil.arm.plate_watch import PlateWatch
@@ -22,6 +26,7 @@ from highfive.hil.commands.calibrate_extrinsics import (
     checked_extrinsics,
     fitted,
     measured,
+    print_extrinsics,
 )
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
@@ -109,6 +114,35 @@ def _looks(clock: VirtualClock, drive: PostureDrive) -> list[tuple[float, np.nda
         clock.wait_until(clock.now() + 100_000_000)
         found.append((1e-9 * (clock.now() - begun), drive.positions.copy()))
     return found
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_what_is_known_of_the_servos_is_kept_or_said_to_be_gone(
+    tmp_path: Path, same: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, truth = wanted(tmp_path, 30), replace(drawn_truth(42), play=np.full(6, 0.005))
+    before, now = kept_arm(), datetime.now(UTC)
+    joints = {name: replace(joint, play=0.005) for name, joint in before.joints.items()}
+    room = replace(before.registration, arm=run.arm if same else "f" * 12, date=now)
+    save_arm(run.options.out, replace(before, registration=room, joints=joints, latency={"elbow_lag_s": 0.03}))
+    run = replace(run, options=replace(run.options, overwrite=True))
+    seen = seen_poses(truth, postures(30))
+    rows = zip(seen.encoders, seen.encoders, seen.sides, seen.markers, seen.seen, strict=True)
+    summary = fitted(run, [TakenPose(*row) for row in rows], 1.0)
+    print_extrinsics(summary)
+    said, found = capsys.readouterr().out, load_arm(run.options.out)
+    assert len(found.poses) == 30
+    assert float(np.sqrt(np.mean([p.residual**2 for p in found.poses]))) == pytest.approx(
+        1e-3 * np.sqrt(3.0) * summary["residual_mm"], rel=0.25
+    )  # of three axes together, and strays in full
+    if same:
+        assert found.joints["elbow"].play == 0.005 and found.joints["waist"].friction == 0.25
+        assert found.latency == {"elbow_lag_s": 0.03} and summary["not_kept"] == []
+        assert said.count("Kept of the calibration") == 2
+    else:
+        assert found.joints["elbow"].play == 0.0 and found.joints["waist"].friction is None and not found.latency
+        assert f"highfive calibrate servos virtual --arm --source vicon://cameras --calibration {tmp_path}" in said
+        assert f"highfive calibrate latency virtual --arm --calibration {tmp_path}" in said
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 
 ADDRESS = "vicon://lab"
-IN_THE_FIRST_S, IN_THE_SECOND_S = 7.0, 13.5
+BEFORE_THE_FIRST_S, IN_THE_FIRST_S, IN_THE_SECOND_S = 7.0, 9.5, 13.5
 PATIENCE_S = 300.0
 SET_NS = 10_000_000
 
@@ -96,14 +96,32 @@ def test_a_system_that_dies_costs_no_more_than_the_rest(
 
 
 @pytest.mark.slow
-def test_a_system_that_dies_in_the_first_high_five_leaves_nothing_behind(
+def test_a_system_that_dies_in_the_first_high_five_leaves_what_there_was_of_it(
     greeting: Path, tmp_path: Path, clock: VirtualClock
 ) -> None:
     system, begun, folder = VirtualSystem(clock, read_c3d(greeting)), clock.now(), tmp_path / "session"
     dies(system, IN_THE_FIRST_S)
-    with pytest.raises(HighFiveError, match="no high five could be played: nothing has come"):
+    with pytest.raises(
+        HighFiveError, match=r"no high five could be played: nothing has come.*; what there was of it is recorded$"
+    ):
         session(system, folder, 2)
     assert clock.now() - begun == pytest.approx(1e9 * (IN_THE_FIRST_S + LIVE.gone), abs=2 * TICK_NS)
+    assert [entry.name for entry in folder.iterdir()] == ["session.mcap"]
+    recording = read_recording(folder / "session.mcap")
+    assert recording.complete and len(recording.channels["/tick"]) > 60
+    assert "trial_broken_off" in [message.data["event"] for message in recording.channels["/event"]]
+
+
+@pytest.mark.slow
+def test_a_system_that_dies_before_the_first_tick_leaves_nothing_behind(
+    greeting: Path, tmp_path: Path, clock: VirtualClock
+) -> None:
+    system, folder = VirtualSystem(clock, read_c3d(greeting)), tmp_path / "session"
+    dies(system, BEFORE_THE_FIRST_S)
+    with pytest.raises(
+        HighFiveError, match=r"no high five could be played: nothing has come for 5 s \(nothing listens\)$"
+    ):
+        session(system, folder, 2)
     assert not folder.exists()
 
 

@@ -51,6 +51,7 @@ FILES = {
     "stream --record": ["stream", "vicon://127.0.0.1:9"],
     "bench contact --picture": ["bench", "contact", "--baseline", "absent.json"],
     "rig reach --picture": ["rig", "reach"],
+    "calibrate show --picture": ["calibrate", "show", "absent.toml"],
 }
 ENDINGS = {
     "train --out": ".safetensors", "calibrate subject --out": ".toml", "calibrate headset --out": ".toml",
@@ -70,7 +71,7 @@ READ = {
     *("simulate --headset", "simulate --latencies", "calibrate event recording"),
     *("calibrate extrinsics --plate", "calibrate extrinsics --limits", "calibrate extrinsics --rig-file"),
     *("calibrate servos --calibration", "calibrate servos --limits", "calibrate servos --rig-file"),
-    *("calibrate servos --estop", "rig check --calibration"),
+    *("calibrate servos --estop", "rig check --calibration", "calibrate show files", "calibrate show --rig-file"),
     *("calibrate latency --calibration", "calibrate latency --limits", "calibrate latency --rig-file"),
     *(
         "calibrate latency --estop",

@@ -101,7 +101,7 @@ def test_a_stream_that_changes_its_channels_begins_anew() -> None:
         stream.add(k * PERIOD, np.zeros(3 if k < 10 else 4))
         assert np.shape(server.at(k * PERIOD - PERIOD // 2)["lab"].value) == ((3,) if k < 10 else (4,))
     assert kinds(events) == [Happened.LAYOUT]
-    assert "(3,)" in events[0].text
+    assert events[0].text == "lab changed its channels from (3,) to (4,); it begins anew"
 
 
 def test_one_stamp_of_another_time_takes_no_others_with_it() -> None:
@@ -125,6 +125,46 @@ def test_what_alternates_is_told_once_a_minute_with_a_count() -> None:
     assert "times more" not in found[Happened.LAYOUT][0]
     for texts in found.values():
         assert "(2999 times more since that was told last)" in texts[1]
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_what_was_only_counted_is_told_at_the_end(closed: bool) -> None:
+    """Two other layouts and one stamp an hour ahead after those that were told, and then never again."""
+    events: list[SyncEvent] = []
+    server = Synchroniser(events.append)
+    stream = server.open("lab", VECTORS)
+    for k in range(1000):
+        now = BEGAN + k * PERIOD
+        stream.add(now + (3600 * S if k in (100, 200) else 0), np.zeros(4 if k in (50, 90) else 3), now)
+    assert kinds(events) == [Happened.LAYOUT, Happened.ASTRAY]
+    if closed:
+        server.close(stream)
+    else:
+        server.tell_counts()
+    server.tell_counts()
+    assert kinds(events[2:]) == [Happened.LAYOUT, Happened.ASTRAY]
+    assert [event.text for event in events[2:]] == [
+        "lab changed its channels: 3 times more since that was told last",
+        "lab is of another time: 1 time more since that was told last",
+    ]
+    assert [event.time_ns for event in events[2:]] == [BEGAN + 91 * PERIOD, BEGAN + 200 * PERIOD]
+
+
+def test_what_was_only_counted_and_is_over_is_told_while_the_session_goes_on() -> None:
+    events: list[SyncEvent] = []
+    server = Synchroniser(events.append)
+    stream = server.open("lab", VECTORS)
+    told: list[int] = []
+    for k in range(20_000):
+        now = BEGAN + k * PERIOD
+        stream.add(now, np.zeros(4 if 50 <= k < 60 or k == 6500 else 3), now)
+        if k % 100 == 0:
+            server.states(now)
+        told += [k] * (len(events) - len(told))
+    changed = "lab changed its channels from (3,) to (4,); it begins anew"
+    back = "lab changed its channels: 1 time more since that was told last"
+    assert [event.text for event in events] == [changed, back, changed, back]
+    assert told == [50, 6100, 6500, 12_600]
 
 
 def test_what_is_wrong_again_and_stays_so_is_told_when_the_minute_is_over() -> None:

@@ -2,7 +2,7 @@
 
 import json
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +16,23 @@ from websockets.sync.client import ClientConnection, connect
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.arm_trial import played_until_stopped
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
-from highfive.hil.commands.rig.play import PlayOptions, play
+from highfive.hil.arm.loop import ArmTick
+from highfive.hil.commands.rig.play import Kept, PlayOptions, play
 from highfive.hil.commands.rig.play_view import PlayView
 from highfive.hil.commands.simulate_options import PageOptions
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.drivers.latch import Cause, Latch
+from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.replay_goals import RecordedHighFives
 from highfive.hil.recording.session_reader import read_session
 from highfive.hil.runtime.console import progress_bars
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.summary import SessionSettings
 from highfive.hil.view.arm_cast import ArmCast
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.recorded import RecordedTrials
@@ -73,7 +79,7 @@ def test_the_page_has_people_as_recorded_and_the_arm_as_it_is(recorded: Path) ->
         planned: list[np.ndarray] = []
         measured: list[np.ndarray] = []
 
-        def seen(tick) -> None:
+        def seen(tick, cycles) -> None:
             view.watch(tick)
             assert loop.measured is not None
             planned.append(tick.planned)
@@ -107,6 +113,34 @@ def test_the_page_has_people_as_recorded_and_the_arm_as_it_is(recorded: Path) ->
         list(until_asked(link))
         view.begin(0)
         assert view.ends
+
+
+def test_what_is_played_is_in_the_file_as_it_comes(recorded: Path, tmp_path: Path) -> None:
+    goals, path, killed = RecordedHighFives(read_session(recorded)), tmp_path / "arm.mcap", tmp_path / "killed.mcap"
+    about, given, lost_s = SessionSettings(seed=0, model="none", trials=2), list[int](), list[float]()
+    with (
+        VirtualClock() as clock,
+        virtual_arm(VirtualRig(clock, make_bus(emulator_options(ArmOptions())))) as loop,
+        BackgroundRecorder(SessionRecorder(path, about), paced=False) as recorder,
+    ):
+        for number in (0, 1):
+            kept = Kept(recorder, None)
+
+            def seen(tick: ArmTick, cycles: Sequence[Cycle], kept: Kept = kept) -> None:
+                kept(tick, cycles)
+                given.append(tick.frame_ns)
+                if len(given) % 90 == 0:  # the file as a kill would leave it now
+                    killed.write_bytes(path.read_bytes())
+                    missing = given[len(read_recording(killed).channels["/safety"]) :]
+                    lost_s.append(1e-9 * (missing[-1] - missing[0]) if missing else 0.0)
+
+            trial = played_until_stopped(goals[number], loop, seen)
+            assert trial is not None and given[-1] == trial.back.ticks[-1].frame_ns
+    assert len(lost_s) >= 6 and max(lost_s) <= 0.5
+    found = read_recording(path)
+    times = [message.time_ns for message in found.channels["/safety"]]
+    assert found.complete and len(times) == len(given) and times == sorted(times)
+    assert np.diff(times).max() > 0.9e9  # a second between the two
 
 
 def test_a_stop_lets_nobody_wait_in_a_pause(recorded: Path) -> None:

@@ -26,6 +26,7 @@ MAKERS = {
     "XM430-W350": "xm430_w350",
     "XL430-W250": "xl430_w250",
     "XL330-M288": "xl330_m288_fw52",  # of the firmware that its manual describes; before it 224 was the first data
+    "XL330-M077": "xl330_m077_fw52",
 }
 SIGN_AND_UNIT = {"Present Velocity", "Goal Velocity", "Present Current", "Goal Current"}
 

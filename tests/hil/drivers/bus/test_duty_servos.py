@@ -50,6 +50,25 @@ def test_it_pushes_no_harder_than_its_current_says(
     assert bus.read(last, "goal_pwm") == round(ampere / STALL_A / 0.00113)
 
 
+@pytest.mark.parametrize(("volts", "share"), [(13.5, 12.0 / 13.5), (11.2, 1.0)])
+def test_it_pushes_no_harder_with_more_voltage(
+    widow: tuple[VirtualServos, ServoBus, JointBus], volts: float, share: float
+) -> None:
+    """Duty is a share of the supply, and what it draws goes by volts: with less it pushes less, never more."""
+    servos, bus, joints = widow
+    last = rig_of(find_arm("wx250s")).joints[-1].id
+    emulated = next(one for one in servos.rig.bus.servos if one.id == last)
+    emulated.voltage = volts
+    joints.engage()
+    for _ in range(60):
+        _, sent = joints.cycle(JointCommand(np.array([0.0] * 5 + [1.5]), np.full(6, 0.5)))
+        servos.sleep(0.004)
+    assert sent is not None and sent.currents[-1] == pytest.approx(0.5, abs=0.002)
+    assert bus.read(last, "goal_pwm") == pytest.approx(share * 0.5 / STALL_A / 0.00113, abs=1)
+    torque = emulated.step(0.0, 0.0, servos.clock.now(), 0.001)
+    assert torque == pytest.approx(min(1.0, volts / 12.0) * 0.5 / STALL_A * STALL_NM, rel=0.01)
+
+
 def test_what_it_says_of_its_load_is_a_current() -> None:
     table = load_table("XL430-W250")
     assert table.ampere("present_current").name == "present_load" and not table.limits_current

@@ -248,7 +248,7 @@ def _sure_contact_s(tick: dict[str, Any], forecast: dict[str, Any] | None) -> fl
     """
     sure = tick.get("sure")
     if sure is None:
-        reaches = not tick["phase"] or tick["phase"] in [phase.value for phase in REACHING]  # the shipped one has none
+        reaches = not tick["phase"] or tick["phase"] in [phase.value for phase in REACHING]  # some have none
         sure = forecast is not None and reaches and float(forecast["time_deviation"]) <= SURE_S
     return (forecast["time"] if forecast is not None else tick["time_to_contact"]) if sure else None
 

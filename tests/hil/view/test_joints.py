@@ -34,25 +34,19 @@ def look_on(page: LivePage) -> ClientConnection:
     return connect(page.address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None)
 
 
-def come(page: LivePage, seconds: float = 1.0) -> list[int]:
-    """Numbers of the messages that the host gets, until there is nothing for that long."""
+def told(link: ClientConnection) -> list[str]:
+    """What a page was told of headsets, once the server has taken all that it sent before."""
+    link.send('{"kind": "time", "asked": 1}')
+    found: list[str] = []
+    while (text := json.loads(link.recv(20.0)))["kind"] != "time":
+        found += [text["message"]] if text["kind"] == "headset" else []
+    return found
+
+
+def come(page: LivePage) -> list[int]:
+    """Numbers of the messages that the server has handed on."""
     assert page.tracked is not None
-    found: list[int] = []
-    while data := page.tracked.wait(seconds):
-        found += [decode_headset(one).number for one in data]
-    return found
-
-
-def told(link: ClientConnection, kind: str, seconds: float = 2.0) -> list[str]:
-    found, end = [], time.monotonic() + seconds
-    while time.monotonic() < end:
-        try:
-            text = json.loads(link.recv(0.3))
-        except TimeoutError:
-            break
-        if text["kind"] == kind:
-            found.append(text["message"])
-    return found
+    return [decode_headset(one).number for one in page.tracked.take()]
 
 
 def test_one_headset_at_a_time_and_the_next_one_after_it_has_left(page: LivePage) -> None:
@@ -60,17 +54,19 @@ def test_one_headset_at_a_time_and_the_next_one_after_it_has_left(page: LivePage
         with look_on(page) as first:
             for number in range(3):
                 first.send(message(number))
-                time.sleep(0.02)
-            assert come(page) == [0, 1, 2]
+            assert told(first) == [] and come(page) == [0, 1, 2]
             for number in range(10, 13):
                 second.send(message(number))
+            assert told(second) == ["Another headset is tracked already: this one only shows."]
             first.send(message(3))
-            assert come(page) == [3]
-            assert told(second, "headset") == ["Another headset is tracked already: this one only shows."]
-            assert told(first, "headset") == []
-        time.sleep(1e-9 * HELD_BACK_NS + 0.3)
-        second.send(message(20))
-        assert come(page) == [20]
+            assert told(first) == [] and come(page) == [3]
+        left, number, taken = time.monotonic(), 20, []
+        while not taken and time.monotonic() < left + 60.0:  # no one's hands are followed for a while
+            second.send(message(number := number + 1))
+            assert told(second) in ([], ["This headset is tracked now, in place of another one."])
+            taken = come(page)
+            time.sleep(0.05)
+        assert taken == [number] and time.monotonic() >= left + 1e-9 * HELD_BACK_NS
 
 
 def test_what_is_no_message_of_a_headset_does_not_reach_the_host(page: LivePage) -> None:
@@ -78,10 +74,10 @@ def test_what_is_no_message_of_a_headset_does_not_reach_the_host(page: LivePage)
         for other in (b"", message(1)[:-1], message(1) + b"\0", b"\x01" + message(1)[1:]):
             link.send(other)
         link.send(message(7))
-        assert come(page) == [7]
+        assert told(link) == [] and come(page) == [7]
 
 
 def test_nobody_asks_for_it_where_the_session_does_not() -> None:
     with LivePage({}, port=0) as page, look_on(page) as link:
         link.send(message(1))
-        assert page.tracked is None and told(link, "headset") == []
+        assert page.tracked is None and told(link) == []

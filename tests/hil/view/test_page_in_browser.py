@@ -44,11 +44,13 @@ def page() -> Iterator[LivePage]:
         yield opened
 
 
-def show(page: LivePage, trial: RecordedTrial, tick: int) -> None:
+def show(page: LivePage, trial: RecordedTrial, tick: int) -> int:
+    """For now, which it gives back, ns."""
     now = time.monotonic_ns()
     page.show(
         PoseMessage(0, now, now - 20_000_000, 0, 0.0, 0.5, trial.bodies[tick], trial.markers[tick], trial.seen[tick])
     )
+    return now
 
 
 def until(browser: Browser, condition: str) -> None:
@@ -97,18 +99,19 @@ def test_the_page_says_what_it_has_shown_and_when(page: LivePage, trial: Recorde
         told, holds, end = list[PageShown](), list[int](), time.monotonic() + 15.0
         page.shown()
         while len(told) < 8 and time.monotonic() < end:
-            holds.append(time.monotonic_ns())
-            show(page, trial, 30)
+            holds.append(show(page, trial, 30))
             time.sleep(0.02)
             told += page.shown()
         now = time.monotonic_ns()
     numbers = [one.shown.frame for one in told]
     assert numbers == sorted(set(numbers)) and len(numbers) >= 8
+    # How well the page knows the host's clock: at its worst, and what it lets its own be from the best answer.
+    off = max(one.bound_ns for one in told) + 20_000_000
     for one in told[2:]:
         # the pose is one of those that were sent (they stand still: at a standstill the newest is shown as it is)
-        assert min(abs(one.shown.pose_ns - sent) for sent in holds) < 1_000_000
-        assert -50_000_000 < one.shown.display_ns - one.shown.pose_ns < 2_000_000_000
-        assert holds[0] < one.shown.display_ns < now + 1_000_000_000
+        assert min(abs(one.shown.pose_ns - sent) for sent in holds) < 10_000
+        # and it is seen after that, and at the latest one picture (of 50 ms at the most) after it was told of
+        assert one.shown.pose_ns - off < one.shown.display_ns < now + 50_000_000 + off
         assert 0 <= one.bound_ns < now - holds[0]
 
 

@@ -55,6 +55,14 @@ def test_a_contact_is_drawn_only_where_its_time_is_told() -> None:
         assert drawn.any() and not np.isnan(trial.expected[drawn]).any()
 
 
+def test_the_time_to_contact_is_told_only_where_it_is_right() -> None:
+    """Before the hand is raised, and after it is back, the model has a time all the same, of 0.7 s."""
+    for trial in shipped():
+        told = np.isfinite(trial.expected)
+        assert trial.contact_s is not None and told.sum() >= 10
+        assert np.abs(trial.expected[told] - (trial.contact_s - trial.times[told])).max() < 0.3
+
+
 def test_the_forecast_closes_in_on_where_palms_meet() -> None:
     for trial in shipped():
         assert trial.contact_s is not None

@@ -26,8 +26,8 @@ UNIT_NORM = 1e-6
 """By how much the norm of a unit quaternion may be off."""
 
 
-def save_placement(path: Path, placement: Placement, system: str, now: datetime) -> None:
-    """Writes a placement in one piece; a file that is there is left as it is.
+def save_placement(path: Path, placement: Placement, system: str, now: datetime, *, replace: bool = False) -> None:
+    """Writes a placement in one piece; a file that is there is left as it is, unless it is to be replaced.
 
     Args:
         path: of the file.
@@ -49,7 +49,7 @@ def save_placement(path: Path, placement: Placement, system: str, now: datetime)
         f"translation_m = [{translation}]  # added after the rotation\n"
     )
     try:
-        write_whole(path, content.encode(), replace=False)
+        write_whole(path, content.encode(), replace=replace)
     except OSError as error:
         raise HighFiveError(f"cannot write the placement {path}: {error.strerror or error}") from None
 

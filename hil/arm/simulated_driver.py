@@ -23,8 +23,8 @@ from highfive.model.geometry.rotations import Array
 
 SUBSTEPS = 8
 LEAST_NS = 1_000_000
-WARM, SUPPLY = 35.0, 12.0
-"""°C and V that its servos say."""
+WARM = 35.0
+"""°C that its servos say."""
 
 
 class SimulatedDriver:
@@ -46,6 +46,7 @@ class SimulatedDriver:
         self._plant, self._full = plant, full
         folder = folder or find_arm()
         (self._stall, self._no_load), self._stall_currents = folder.each, folder.stall_currents
+        self._supply = folder.voltages
         self._positions, self._velocities = plant.step(np.zeros(len(full)), 0.0)
         self._torques = np.zeros(len(full))
         self._command: JointCommand | None = None
@@ -105,7 +106,7 @@ class SimulatedDriver:
             np.zeros(joints),
         )  # fmt: skip
         begun = self._now - nanoseconds
-        health = JointHealth(self._now, np.full(joints, WARM), np.full(joints, SUPPLY))
+        health = JointHealth(self._now, np.full(joints, WARM), self._supply)
         self._cycles.append(Cycle(self._number, self.mode, begun, begun, nanoseconds, self._command, state, health))
         self._number += 1
 

@@ -277,6 +277,24 @@ def calibrate_latency(
     print_result(result, json, print_latency)
 
 
+@calibrate.command("room")
+def calibrate_room(
+    source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
+    markers: Annotated[
+        str, typer.Option(metavar="A,B[,C]", help="Labels on the floor: below the avatar, ahead of it, to its left.")
+    ],
+    height: Annotated[float, typer.Option(help="Of the markers' middles above the floor, mm.")] = 0.0,
+    out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The placement, for --place.")] = Path("place.toml"),
+    overwrite: OverwriteFile = False,
+    json: Json = False,
+) -> None:
+    """Say where the avatar stands and faces by an L-frame, three markers or a wand on the floor (docs/mocap.md)."""
+    from highfive.hil.commands.calibrate_room import RoomOptions, calibrate_room, print_room  # noqa: PLC0415
+
+    names = tuple(name.strip() for name in markers.split(","))
+    print_result(calibrate_room(RoomOptions(source, names, 1e-3 * height, out, overwrite)), json, print_room)
+
+
 @calibrate.command("show")
 def calibrate_show(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.toml [OTHER.toml]", help="One of an arm, or two.")],

@@ -48,6 +48,7 @@ FILES = {
     "calibrate extrinsics --out": [
         *("calibrate", "extrinsics", "absent", "--source", "vicon://127.0.0.1:9", "--plate", "absent.toml")
     ],
+    "calibrate room --out": ["calibrate", "room", "--source", "vicon://127.0.0.1:9", "--markers", "a,b,c"],
     "stream --record": ["stream", "vicon://127.0.0.1:9"],
     "bench contact --picture": ["bench", "contact", "--baseline", "absent.json"],
     "rig reach --picture": ["rig", "reach"],
@@ -56,6 +57,7 @@ FILES = {
 ENDINGS = {
     "train --out": ".safetensors", "calibrate subject --out": ".toml", "calibrate headset --out": ".toml",
     "calibrate extrinsics --out": ".toml", "calibrate latency --out": ".toml", "calibrate servos --out": ".toml",
+    "calibrate room --out": ".toml",
     "stream --record": ".c3d",
 }  # fmt: skip
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.

@@ -11,6 +11,7 @@ from highfive.hil.publish.outputs import SessionOutputs
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.recording import read_recording
+from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.session.kinds import VECTORS
 from highfive.hil.trials.summary import SessionSettings
 
@@ -24,14 +25,13 @@ def recorder(path: Path) -> BackgroundRecorder:
 
 def test_what_was_only_counted_is_told_before_the_end_and_in_the_recording_in_which_it_was(tmp_path: Path) -> None:
     paths = [tmp_path / f"{name}.mcap" for name in ("one", "two")]
-    outputs = SessionOutputs(recorder(paths[0]))
-    lab = outputs.streams.open("lab", VECTORS)
-    with outputs:
+    with VirtualClock() as clock, SessionOutputs(recorder(paths[0]), clock=clock) as outputs:
+        lab = outputs.streams.open("lab", VECTORS)
         for block, path in enumerate(paths):
             if block:
                 outputs.go_on_in(recorder(path))
             outputs.begin_trial(head_of(RESULT))
-            for k, tick in enumerate(ticks_of(RESULT, block * 10_000 * MS)):
+            for k, tick in enumerate(ticks_of(RESULT, clock.now() + block * 10_000 * MS)):
                 lab.add(tick.at_ns, np.zeros(3 + (block * len(RESULT.times) + k) % 2), tick.at_ns)
                 outputs.record_tick(tick)
         outputs.end()

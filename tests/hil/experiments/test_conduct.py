@@ -57,7 +57,7 @@ class ToldPage(PageInProcess):
         self.told: list[tuple[str, object]] = []
 
     def tell(self, kind: str, **fields: Any) -> None:
-        self.told.append((kind, fields.get("phase") or fields.get("line")))
+        self.told.append((kind, fields.get("phase") or fields.get("message")))
         super().tell(kind, **fields)
 
 

@@ -40,6 +40,9 @@ SAME_PACE, SHORT_TICK = 0.02, 0.5
 REST_S = 15.0
 """At most so long the arm takes to come to rest, s."""
 
+STANDS, STANDS_S = 0.05, 1.0
+"""rad/s: a slower joint stands; s, for which an arm that was stopped is watched at most until it does."""
+
 
 @dataclass(frozen=True)
 class ArmTick:
@@ -210,6 +213,18 @@ class ArmLoop:
         return self.state is State.STOPPING and self._arm.mode not in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED)
 
     @property
+    def _rests(self) -> bool:
+        """There is no way left to go: it is where it rests, was never led, or was stopped, said why, and stands."""
+        if self._braking:
+            return False
+        if not self.trouble or self.state is State.UNCHECKED:
+            return self.state in (State.READY, State.UNCHECKED)
+        if self.gone:  # nobody says any more where it is, and why is known
+            return True
+        newest = self._arm.newest()
+        return self.state in HALTED and (newest is None or float(np.abs(newest.state.velocities).max()) < STANDS)
+
+    @property
     def relaxation(self) -> ConstraintRelaxation:
         """What the high five that is on, or was last, had to give up."""
         return ConstraintRelaxation() if self._state is None else self._state.relaxation
@@ -310,7 +325,7 @@ class ArmLoop:
         watch: Watch | None = None,
     ) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
-        end.
+        end. An arm that its driver has stopped is led nowhere: a tick says why, and it is watched until it stands.
 
         Args:
             back: added to meanwhile; None leaves the cycles unread.
@@ -320,7 +335,10 @@ class ArmLoop:
         plate = self.retarget.arm.plate_at(self.retarget.ready)
         goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
         due, end = self.clock.now(), self.clock.now() + round(longest_s * 1e9)
-        while due < end and (self._braking or (not self.trouble and self.state not in (State.READY, State.UNCHECKED))):
+        stopped = False
+        while due < end and not self._rests:
+            if self.trouble and not self._braking and not stopped:
+                stopped, end = True, min(end, due + round(STANDS_S * 1e9))
             with WholeTick():  # what an interrupt cuts short would not be recorded
                 self.note_frame()
                 tick = self.tick(goal, run=False)

@@ -204,10 +204,13 @@ class Kept:
             self._watch.record = self.record_arm
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """The arm goes to where it rests, if it is not there."""
         if self._watch is not None:
             self._watch.rest()
+        if kind is KeyboardInterrupt and self._begun:
+            detail = "interrupted at the computer that ran it"
+            self._recorder.record_event("trial_broken_off", trial=self._head.number, detail=detail)
 
     def end(self, result: TrialResult) -> None:
         """It is over, and judged."""

@@ -198,6 +198,7 @@ def _played(
                 stopped = recorder.trouble
             if stopped := loop.trouble or stopped:
                 remedy = too_busy(trial, loop.cycles(), loop.stopped_by, gone=loop.gone)
+                recorder.record_event("fault", detail=stopped)
                 whole += trial is not None and not trial.broken_off
                 break
             whole += 1

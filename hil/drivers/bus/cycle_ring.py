@@ -59,7 +59,7 @@ class _Locked:
     """The lock, in a ``with`` that says whether it was had in time.
 
     Ctrl-C may be raised as ``acquire`` returns, before anything can note that the lock is had, and as ``release`` is
-    called. So it is given back as often as it was had: what an interrupt has left behind, too.
+    called. So it is given back as often as it was had: what an interrupt has left behind, too. Not to be nested.
     """
 
     def __init__(self, lock: Lock) -> None:

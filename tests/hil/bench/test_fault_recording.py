@@ -7,12 +7,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 from mcap.records import Channel, Message, Schema
 from mcap.writer import Writer
 
+from highfive.hil.arm.loop import STANDS
 from highfive.hil.bench.fault_recording import BEHIND, CUT, LOST
 from highfive.hil.bench.fault_run import FaultJob, FaultRun
 from highfive.hil.bench.fault_schedule import RETURNING, FaultSchedule, Happening
@@ -115,3 +117,24 @@ def test_a_way_back_that_is_recorded_only_once_it_is_over_breaks_a_law(
     ended(path, recording.arm_ticks[-1] - recording.ticks[0])
     recording.judge(laws := Laws())
     assert [law for law, _ in laws.broken] == [law]
+
+
+@pytest.mark.parametrize("at_s", [0.05, 0.3, 0.5])
+@pytest.mark.parametrize("kind", ["Ctrl-C", "emergency stop"])
+def test_a_stop_on_the_way_back_is_recorded_until_the_arm_stands(
+    kind: str, at_s: float, partner: Partner, tmp_path: Path
+) -> None:
+    run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening(kind, at_s, phase=RETURNING),)), partner), tmp_path)
+    run.run()
+    assert not run.laws.broken and run._recording is not None
+    channels = read_recording(run._recording._path).channels
+    *_, moved, last = channels["/arm"]
+    assert last.data["mode"] == moved.data["mode"] == "stopped"
+    assert np.abs(last.data["velocities"]).max() < STANDS
+    rows = [message.data for message in channels["/safety"]]
+    assert rows[-1]["state"] in ("estopped", "stopped") and "emergency stop" in rows[-1]["reason"]
+    assert (
+        channels["/arm"][-1].time_ns
+        - next(message.time_ns for message in channels["/arm"] if message.data["mode"] == "stopped")
+        < 1_100_000_000
+    )

@@ -38,8 +38,8 @@ from highfive.model.errors import HighFiveError
 IN_THE_SECOND_S = 7.0
 """From when the arm was switched on into the second of two high fives, s."""
 
-IN_THE_SECOND_BYTES = 220_000
-"""So large is ``arm.mcap`` in the second of two high fives; the first makes 205,000 bytes, both 426,000."""
+IN_THE_FIRST_BYTES = 50_000
+"""So large is ``arm.mcap`` in the first of two high fives, which makes 205,000 bytes; both make 426,000."""
 
 
 def quiet(_: str, __: int):
@@ -185,21 +185,22 @@ def test_a_stop_while_a_recording_is_played_keeps_what_was_played_and_says_why(
 ) -> None:
     pipe, out = tmp_path / "stop", tmp_path / "out"
     process = start("rig", "play", recorded, "--port", VIRTUAL, "--estop", pipe, "--out", out, "--json")
-    assert wait_for(out / "arm.mcap", IN_THE_SECOND_BYTES, 120.0)
+    assert wait_for(out / "arm.mcap", IN_THE_FIRST_BYTES, 120.0)
     if how == "pipe":
         pipe.write_text("stop")
     else:
         process.send_signal(signal.SIGINT)
     code, said, error = ended(process, within=120.0)
     summary = json.loads(said)
-    assert "emergency stop" in summary["stopped"] and summary["trials"] >= 1 and summary["from"] == 1
+    whole = sum(not row["broken_off"] for row in summary["rows"])
+    assert "emergency stop" in summary["stopped"] and summary["trials"] >= 1
+    assert summary["from"] == whole < 2
     assert code == 1 and error.count(f"the arm was stopped: {summary['stopped']}\n") == 1, error
-    assert not summary["rows"][0]["broken_off"]
     assert f"The arm was stopped: {summary['stopped']}." in (out / "report.html").read_text(encoding="utf-8")
     assert read_recording(out / "arm.mcap").complete
     options = PlayOptions(recorded, ArmOptions(VIRTUAL), begin=summary["from"])
     rest = play(options, tmp_path / "rest", quiet)
-    assert rest["trials"] == 1 and rest["from"] is None and not rest["stopped"]
+    assert rest["trials"] == 2 - whole and rest["from"] is None and not rest["stopped"]
 
 
 @pytest.mark.slow
@@ -207,7 +208,7 @@ def test_who_presses_ctrl_c_again_and_again_still_gets_the_report(recorded: Path
     """Through the arm's way to rest and the drawing of figures."""
     out = tmp_path / "again"
     process = start("rig", "play", recorded, "--port", VIRTUAL, "--out", out, "--json")
-    assert wait_for(out / "arm.mcap", IN_THE_SECOND_BYTES, 120.0)
+    assert wait_for(out / "arm.mcap", IN_THE_FIRST_BYTES, 120.0)
     while process.poll() is None and not (out / "figures").exists():
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGTERM)
@@ -233,7 +234,7 @@ def test_ctrl_z_at_a_terminal_stops_the_arm_and_suspends_nobody(recorded: Path, 
 
     listener = threading.Thread(target=listen)
     listener.start()
-    assert wait_for(out / "arm.mcap", IN_THE_SECOND_BYTES, 120.0)
+    assert wait_for(out / "arm.mcap", IN_THE_FIRST_BYTES, 120.0)
     os.write(terminal, b"\x1a")
     _, status = os.waitpid(child, os.WUNTRACED)
     listener.join()
@@ -242,7 +243,7 @@ def test_ctrl_z_at_a_terminal_stops_the_arm_and_suspends_nobody(recorded: Path, 
     assert os.WIFEXITED(status) and os.WEXITSTATUS(status) == 1, text  # a suspended one had been reported as stopped
     assert "Ctrl-Z stops the arm" in text, text
     assert "the arm was stopped: " in text and "emergency stop" in text, text
-    assert "2 high fives, about" in text and "--from 2" in text
+    assert "2 high fives, about" in text and ("--from 1" in text or "--from 2" in text)
     assert (out / "report.html").is_file() and read_recording(out / "arm.mcap").complete
 
 

@@ -118,12 +118,12 @@ class ArmTrial:
             # A goal is of the tick before its cycle, which knew hand and plate as they were then.
             known = NS * np.array([tick.report.time_ns - self.ticks[0].frame_ns for tick in self.ticks])
             told = known[np.maximum(np.searchsorted(known, times, side="right") - 1, 0)]
-            hands, speeds, heads = (_at(told, known, rows) for rows in self.person)
+            hands, speeds, heads = (rows_at(told, known, rows) for rows in self.person)
             bodies = was[self.known_at(told), 0]
             found["wire_closing_speed"] = closing_speed(times, points[:, 0], hands, limits.contact, bodies, speeds)
             found["wire_face_speed"] = face_speed(times, points, heads, limits.face)
         times = self.cycle_times
-        hands, _, heads = (_at(times, self.times, rows) for rows in self.person)
+        hands, _, heads = (rows_at(times, self.times, rows) for rows in self.person)
         found["body_closing_speed"] = closing_speed(times, was[:, 0], hands, limits.contact)
         found["body_face_speed"] = face_speed(times, was, heads, limits.face)
         return found
@@ -213,7 +213,7 @@ def _rows(rows: Sequence[Array | None]) -> Array:
     return np.array([np.full(3, np.nan) if row is None else row for row in rows])
 
 
-def _at(times: Array, known: Array, rows: Array) -> Array:
+def rows_at(times: Array, known: Array, rows: Array) -> Array:
     """Rows (T, 3), ``known`` at some times, at others (N,), s: (N, 3)."""
     return np.array([np.interp(times, known, axis) for axis in rows.T]).T
 

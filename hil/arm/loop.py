@@ -22,6 +22,7 @@ from highfive.hil.runtime.interrupts import WholeTick
 from highfive.hil.safety import envelope
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.people import Human, Sighting
+from highfive.hil.safety.posture import STANDS
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.startup import Check
 from highfive.hil.safety.states import HALTED, State
@@ -40,8 +41,8 @@ SAME_PACE, SHORT_TICK = 0.02, 0.5
 REST_S = 15.0
 """At most so long the arm takes to come to rest, s."""
 
-STANDS, STANDS_S = 0.05, 1.0
-"""rad/s: a slower joint stands; s, for which an arm that was stopped is watched at most until it does."""
+STANDS_S = 1.0
+"""So long an arm that was stopped is watched at most until it stands, s."""
 
 
 @dataclass(frozen=True)
@@ -318,12 +319,7 @@ class ArmLoop:
         self.rest(WayBack() if back is None else back, watch=watch)
         return ticks, cycles
 
-    def rest(
-        self,
-        back: WayBack | None = None,
-        longest_s: float = REST_S,
-        watch: Watch | None = None,
-    ) -> None:
+    def rest(self, back: WayBack | None = None, longest_s: float = REST_S, watch: Watch | None = None) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; a stop that is on is brought to its
         end. An arm that its driver has stopped is led nowhere: a tick says why, and it is watched until it stands.
 

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive.hil.arm.arm_trial import MISSED, ArmTrial
+from highfive.hil.arm.arm_trial import MISSED, ArmTrial, rows_at
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.black_box import BlackBox
 from highfive.hil.bench.laws import COUNT, PERSON_FIRST, Laws
@@ -59,9 +59,7 @@ class PersonAsKnown:
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """Palm, m, its velocity, m/s, and head, m, each (N, 3), NaN where not known, at ``times`` (N,), s."""
-        palm, velocity, head = (
-            np.array([np.interp(times, self.times, axis) for axis in rows.T]).T for rows in self.trial.person
-        )
+        palm, velocity, head = (rows_at(times, self.times, rows) for rows in self.trial.person)
         return palm, velocity, head
 
     def while_tracking(self, times: Array) -> NDArray[np.bool_]:

@@ -14,12 +14,12 @@ from mcap.reader import NonSeekingReader
 from mcap.records import Channel, Message, Schema
 from mcap.writer import Writer
 
-from highfive.hil.arm.loop import STANDS
 from highfive.hil.bench.fault_recording import BEHIND, CUT, LOST
 from highfive.hil.bench.fault_run import FaultJob, FaultRun
 from highfive.hil.bench.fault_schedule import RETURNING, FaultSchedule, Happening
 from highfive.hil.bench.laws import Laws
 from highfive.hil.recording.recording import read_recording
+from highfive.hil.safety.posture import STANDS
 from highfive.hil.safety.states import HALTED
 from highfive.hil.trials.partners import Partner
 

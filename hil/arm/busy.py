@@ -17,7 +17,12 @@ _AT_THE_END = 30  # cycles: a quarter of a second
 
 
 def too_busy(
-    trial: ArmTrial | None, cycles: Sequence[Cycle] = (), stopped_by: Collection[Rule] = (), *, gone: bool = False
+    trial: ArmTrial | None,
+    cycles: Sequence[Cycle] = (),
+    stopped_by: Collection[Rule] = (),
+    *,
+    gone: bool = False,
+    never_silent: bool = False,
 ) -> str:
     """What to do, in one line, if the arm was stopped because loop or bus came too late; '' if for anything else.
 
@@ -25,6 +30,7 @@ def too_busy(
         trial: the high five in which it was stopped, or after which; None where that was too short to be one.
         cycles: of the bus, those after the trial's.
         stopped_by: the rules that stopped it: between two high fives no tick of a trial has them.
+        never_silent: servos that are silent got no processor: they are emulated, and nothing is to go wrong with them.
         gone: the arm's driver or its port has ended: then all is late for that, however idle the computer.
     """
     if gone:
@@ -33,7 +39,7 @@ def too_busy(
     of_trial = () if trial is None else (*trial.cycles[-_AT_THE_END:], *trial.back.cycles[-_AT_THE_END:])
     last = [*of_trial, *cycles[:_AT_THE_END]]
     late = any(cycle.begun_ns - cycle.due_ns > LATE_NS for cycle in last)
-    if Rule.DEADLINE not in acted and not (late and Rule.SILENT_SERVO in acted):
+    if Rule.DEADLINE not in acted and not ((late or never_silent) and Rule.SILENT_SERVO in acted):
         return ""
     advice = "the computer was too busy: end other programs"
     if not may_go_first():

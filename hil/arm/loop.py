@@ -191,7 +191,7 @@ class ArmLoop:
     @property
     def trouble(self) -> str:
         """Why the arm is not to be driven any more, in one line; '' while it is."""
-        if self._standing.state in HALTED:
+        if self._standing.state in HALTED and not (self.gone and self._arm.trouble):
             return self._standing.reason
         if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
             pulled = self.estop.pulled_ns is not None
@@ -220,8 +220,8 @@ class ArmLoop:
             return False
         if not self.trouble or self.state is State.UNCHECKED:
             return self.state in (State.READY, State.UNCHECKED)
-        if self.gone:  # nobody says any more where it is, and why is known
-            return True
+        if self.gone:  # nobody says any more where it is
+            return self.state in (State.STOPPED, State.ESTOPPED)
         newest = self._arm.newest()
         return self.state in HALTED and (newest is None or float(np.abs(newest.state.velocities).max()) < STANDS)
 
@@ -303,9 +303,8 @@ class ArmLoop:
         due, period = self.clock.now(), round(1e9 * self.limits.timing.period_s)
         for goal in goals:
             self.clock.wait_until(due)
-            if (
-                now := self.clock.now()
-            ) - due > period // 4:  # a pause of the machine: no tick is made up for in a hurry
+            now = self.clock.now()
+            if now - due > period // 4:  # a pause of the machine: no tick is made up for in a hurry
                 due = now
             self.note_frame()
             ticks.append(self.tick(goal))

@@ -86,7 +86,7 @@ def play(
         HighFiveError: not even the first high five could be played.
     """
     played = Played() if watch is None else Played(arm=_nothing_yet())
-    results = played.results
+    results, begun = played.results, list[Kept]()
     with recorder, said_in(recorder), quick_switching():
         try:
             playout: PlayOut = PhysicsPlayOut(scene) if options.physics else KinematicPlayOut(scene)
@@ -105,7 +105,7 @@ def play(
                     programme.begin(partner, style)
                     paced = recorder.paced or person is not None or watch is not None or view is not None
                     head = TrialHead(number, partner, called, style, session.corrects, paced)
-                    kept = Kept(recorder, head, watch, session, replay)
+                    begun[:] = [kept := Kept(recorder, head, watch, session, replay)]
                     result, trouble = _trial(
                         number, partner, called, session, playout, person, watch, view, drift, kept, replay
                     )
@@ -116,7 +116,10 @@ def play(
                 except PluginError as error:  # a model of the user's own
                     result, trouble = None, str(error)
                 if result is None:  # a high five that was broken off says nothing of how well palms meet
-                    _tell_broken_off(number, trouble, recorder, watch, view, first=not results, empty=not kept.begun)
+                    _add_broken_off(played, kept, watch)
+                    _tell_broken_off(
+                        options, number, trouble, recorder, watch, view, first=not results, empty=not kept.begun
+                    )
                     return replace(played, interrupted=True, why=trouble)
                 result = replace(result, style=programme.style_name(style))
                 kept.end(result)
@@ -126,14 +129,13 @@ def play(
                     played.arm.add(number, arm, watch.loop.retarget, watch.loop.limits)
                 advance()
                 if watch is not None and watch.loop.trouble:
-                    recorder.record_event("fault", trial=number, detail=watch.loop.trouble)
-                    say_aside(f"the arm was stopped: {watch.loop.trouble}", logging.WARNING)
-                    _advise(_remedy(watch, arm))
-                    if view is not None:
-                        view.ends(f"the arm was stopped: {watch.loop.trouble}", stopped=True)
-                    return replace(played, interrupted=True, why=f"the arm was stopped: {watch.loop.trouble}")
+                    why = f"the arm was stopped: {watch.loop.trouble}"
+                    _tell_stopped(options, number, why, arm, recorder, watch, view)
+                    return replace(played, interrupted=True, why=why)
                 programme.judged(result, partner)
         except KeyboardInterrupt:
+            for kept in begun:
+                _add_broken_off(played, kept, watch)
             return replace(played, interrupted=True, why="interrupted at the computer that ran it")
         finally:
             recorder.end()
@@ -149,6 +151,16 @@ def _arm_of(number: int, watch: ArmWatch, style: str, partner: Partner, recorder
     return watch.end(style, partner.cell, partner.contact_frame)
 
 
+def _add_broken_off(played: Played, kept: Kept, watch: ArmWatch | None) -> None:
+    """What the arm did in a high five that was broken off counts among its cycles, not among those that met."""
+    if not kept.begun or kept.over:
+        return
+    partner, number = kept.head.partner, kept.head.number
+    arm = None if watch is None else watch.end(kept.head.style, partner.cell, partner.contact_frame)
+    if watch is not None and arm is not None and played.arm is not None:
+        played.arm.add(number, replace(arm, broken_off=True), watch.loop.retarget, watch.loop.limits)
+
+
 def _nothing_yet() -> ArmResults:
     from highfive.hil.arm.arm_figures import ArmResults  # noqa: PLC0415
 
@@ -158,6 +170,12 @@ def _nothing_yet() -> ArmResults:
 class Kept:
     """A high five on its way into the recording, tick by tick; in a ``with``, however it ends: so does the arm's way
     back to where it rests.
+
+    Attributes:
+        head: number, person and style.
+        paced: its ticks go by the clock.
+        streams: events of the sources.
+        over: it was judged.
     """
 
     def __init__(
@@ -170,28 +188,28 @@ class Kept:
     ) -> None:
         """Begins with the first tick."""
         self.paced, self.streams = head.paced, recorder.streams
-        self._recorder, self._head, self._watch = recorder, head, watch
+        self._recorder, self.head, self._watch = recorder, head, watch
         self._session, self._replay = session, replay
         self._asked = session.weights, session.corrects
         self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
-        self._begun = False
+        self._begun = self.over = False
 
     def __call__(self, begins: TickInput, tick: Tick, state: PlayState, tick_ms: float) -> None:
         """A tick."""
         if not self._begun:
-            self._recorder.begin_trial(self._head)
+            self._recorder.begin_trial(self.head)
         self._recorder.record_tick(recorded_tick(begins, tick, state.pose, tick_ms))
         first, self._begun = not self._begun, True
         self.record_arm()
         happened = self._events(tick, state)
         for event in ["trial_start", *happened] if first else happened:
-            self._recorder.record_event(event, begins.at_ns, style=self._head.style, **self._about)
+            self._recorder.record_event(event, begins.at_ns, style=self.head.style, **self._about)
         if (asked := (self._session.weights, self._session.corrects)) != self._asked:
             self._asked = asked
             about = {"weights": dict(asked[0]), "corrects": asked[1], **self._about}
             self._recorder.record_event("answer_changed", begins.at_ns, style=style_name(asked[0]), **about)
         if self._replay is not None:
-            self._replay.check(self._head.number, tick)
+            self._replay.check(self.head.number, tick)
 
     @property
     def begun(self) -> bool:
@@ -210,10 +228,11 @@ class Kept:
             self._watch.rest()
         if kind is KeyboardInterrupt and self._begun:
             detail = "interrupted at the computer that ran it"
-            self._recorder.record_event("trial_broken_off", trial=self._head.number, detail=detail)
+            self._recorder.record_event("trial_broken_off", trial=self.head.number, detail=detail)
 
     def end(self, result: TrialResult) -> None:
         """It is over, and judged."""
+        self.over = True
         self.record_arm()
         self._recorder.end_trial(result)
         self._recorder.record_event("trial_end", style=result.style, **self._about)
@@ -240,16 +259,27 @@ def _view(
     return view
 
 
+def _tell_stopped(
+    options: SimulateOptions, number: int, why: str, arm: ArmTrial | None, recorder: SessionOutputs, watch: ArmWatch,
+    view: SessionView | None,
+) -> None:  # fmt: skip
+    recorder.record_event("fault", trial=number, detail=watch.loop.trouble)
+    say_aside(why, logging.WARNING)
+    _advise(_remedy(watch, arm, options))
+    if view is not None:
+        view.ends(why, stopped=True)
+
+
 def _tell_broken_off(
-    number: int, trouble: str, recorder: SessionOutputs, watch: ArmWatch | None, view: SessionView | None,
-    *, first: bool, empty: bool,
+    options: SimulateOptions, number: int, trouble: str, recorder: SessionOutputs, watch: ArmWatch | None,
+    view: SessionView | None, *, first: bool, empty: bool,
 ) -> None:  # fmt: skip
     """A high five that was broken off; ``empty``: before its first tick.
 
     Raises:
         HighFiveError: it was the first one.
     """
-    remedy = "" if watch is None else _remedy(watch, None)
+    remedy = "" if watch is None else _remedy(watch, None, options)
     if view is not None:
         view.ends(trouble, stopped=watch is not None and bool(watch.loop.trouble))
     if first and empty:
@@ -263,11 +293,12 @@ def _tell_broken_off(
     _advise(remedy)
 
 
-def _remedy(watch: ArmWatch, arm: ArmTrial | None) -> str:
+def _remedy(watch: ArmWatch, arm: ArmTrial | None, options: SimulateOptions) -> str:
     from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
 
     cycles = [*watch.fresh()[1], *watch.loop.cycles()]
-    return too_busy(arm, cycles, watch.loop.stopped_by, gone=watch.loop.gone)
+    idle = options.arm is not None and options.arm.emulated and not options.arm.faults
+    return too_busy(arm, cycles, watch.loop.stopped_by, gone=watch.loop.gone, never_silent=idle)
 
 
 def _advise(remedy: str) -> None:

@@ -184,7 +184,8 @@ class VirtualArm(ArmHost):
         """What is wrong, in one line; '' for nothing."""
         if self.task.error is not None:
             return f"the driver ended by itself ({self.task.error!r})"
-        return super().trouble
+        said = super().trouble
+        return said if said or self.task.alive or self._shared.head["end"][0] else "the driver ended by itself"
 
     def drive(self, command: JointCommand) -> None:
         """Gives a command; a host that was killed gives none."""

@@ -28,6 +28,11 @@ def test_silent_servos_are_the_computers_fault_only_if_the_bus_was_late() -> Non
     assert too_busy(WELL, cycles(0), {Rule.SILENT_SERVO}) == ""
 
 
+def test_emulated_servos_with_which_nothing_is_to_go_wrong_are_silent_for_want_of_the_processor() -> None:
+    assert too_busy(WELL, cycles(0), {Rule.SILENT_SERVO}, never_silent=True).startswith("the computer was too busy")
+    assert too_busy(WELL, cycles(0), {Rule.VOLTAGE}, never_silent=True) == ""
+
+
 def test_a_driver_that_was_killed_is_no_busy_computer() -> None:
     for stopped_by in ({Rule.DEADLINE}, {Rule.SILENT_SERVO}):
         assert too_busy(WELL, cycles(2 * LATE_NS), stopped_by)

@@ -16,7 +16,7 @@ from mcap.writer import Writer
 
 from highfive.hil.bench.fault_recording import BEHIND, CUT, LOST
 from highfive.hil.bench.fault_run import FaultJob, FaultRun
-from highfive.hil.bench.fault_schedule import RETURNING, FaultSchedule, Happening
+from highfive.hil.bench.fault_schedule import FOLLOWING, RETURNING, FaultSchedule, Happening
 from highfive.hil.bench.laws import Laws
 from highfive.hil.recording.recording import read_recording
 from highfive.hil.safety.posture import STANDS
@@ -138,3 +138,16 @@ def test_a_stop_on_the_way_back_is_recorded_until_the_arm_stands(
         - next(message.time_ns for message in channels["/arm"] if message.data["mode"] == "stopped")
         < 1_100_000_000
     )
+
+
+@pytest.mark.parametrize("phase", [FOLLOWING, RETURNING])
+@pytest.mark.parametrize("kind", ["driver killed", "unplug"])
+def test_an_arm_of_which_nothing_is_heard_any_more_ends_its_recording_stopped(
+    kind: str, phase: str, partner: Partner, tmp_path: Path
+) -> None:
+    run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening(kind, 0.4, 30.0, phase=phase),)), partner), tmp_path)
+    run.run()
+    assert not run.laws.broken and run._recording is not None
+    rows = [message.data for message in read_recording(run._recording._path).channels["/safety"]]
+    assert rows[-1]["state"] == "stopped" and rows[-1]["reason"]
+    assert "not answered" not in run.said[0]  # what is behind it is said, not what follows from it

@@ -20,8 +20,8 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
-from highfive.hil.recording import messages, schemas, viewer_messages
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
+from highfive.hil.recording import messages, plots, schemas, viewer_messages
 from highfive.hil.recording.recorded_tick import RecordedTick, pose_digest
 from highfive.hil.recording.sink import Sink
 from highfive.hil.recording.stream_samples import StreamSamples
@@ -108,6 +108,7 @@ class SessionRecorder:
         self._newest = 0  # ns, of what an arm did last
         self._open = False  # messages wait for the end of their chunk
         self._transforms = viewer_messages.Transforms(settings.arm_name or DEFAULT_ARM)
+        self._plots = plots.Plots(lambda: find_arm(settings.arm_name or DEFAULT_ARM).names)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = Sink(self._file)
@@ -123,6 +124,9 @@ class SessionRecorder:
             topic: self._writer.register_channel(topic, MessageEncoding.Protobuf, register_schema(self._writer, kind))
             for topic, kind in viewer_messages.TOPICS.items()
         }
+        kind = self._writer.register_schema(plots.SCHEMA_NAME, SchemaEncoding.ROS2, plots.SCHEMA.encode())
+        for topic in plots.TOPICS:
+            self._channels[topic] = self._writer.register_channel(topic, MessageEncoding.CDR, kind)
         said = {**asdict(settings), "versions": versions(), "machine": machine()}
         about = {"settings": said, "joints": list(avatar_skeleton().names)}
         units = "m, rad, s; quaternions w x y z, relative to the parent joint"
@@ -218,7 +222,9 @@ class SessionRecorder:
             about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``, ``weights``, ``corrects``, ``stream``,
                 ``moved_ms``.
         """
-        self._add("/event", self._end if at_ns is None else self._at(at_ns), {"event": event, **about})
+        now = self._end if at_ns is None else self._at(at_ns)
+        self._add("/event", now, {"event": event, **about})
+        self._add_drawn("/log", now, viewer_messages.log(now, "INFO", viewer_messages.event_text(event, about)))
 
     def record_shown(self, page: int, shown: Shown, bound_ns: int) -> None:
         """A picture that a page says it has shown, and how far off that page's clock may be; times of the session's."""
@@ -320,6 +326,8 @@ class SessionRecorder:
 
     def _add(self, topic: str, time_ns: int, message: Mapping[str, Any]) -> None:
         self._write(topic, time_ns, _as_json(schemas.flattened(topic, message)))
+        for plotted, data in self._plots.of(topic, time_ns, message):
+            self._write(plotted, time_ns, data)
 
     def _add_drawn(self, topic: str, time_ns: int, message: Any) -> None:
         self._write(topic, time_ns, message.SerializeToString())

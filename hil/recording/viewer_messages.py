@@ -1,12 +1,12 @@
 """What viewers draw: protobuf messages in Foxglove's schemas, which Foxglove, Lichtblick and Rerun know.
 
 ``/tf`` holds the places of all bodies, ``/markers`` the tracked markers, ``/skeleton`` bones as lines, ``/log`` what
-was said. Quaternions are x, y, z, w there.
+was said and happened. Quaternions are x, y, z, w there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -113,6 +113,12 @@ def log(time_ns: int, level: str, text: str) -> Log:
     message = Log(level=Log.Level.Value(level), message=text, name="highfive")
     _stamp(message.timestamp, time_ns)
     return message
+
+
+def event_text(event: str, about: Mapping[str, Any]) -> str:
+    """An event in words: ``contact (trial 0, emotion sad)``."""
+    told = ", ".join(f"{name} {value}" for name, value in about.items() if value not in (None, ""))
+    return f"{event.replace('_', ' ')}{told and f' ({told})'}"
 
 
 def skeleton(time_ns: int, played: Pose, person: HumanArm) -> SceneUpdate:

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,28 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from mcap_ros2.decoder import DecoderFactory as RosDecoderFactory
 from recorded_trials import record_trial
 from trial_results import some_results
 
-from highfive.hil.arm_model.arm_folder import find_arm, shipped
+from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
+from highfive.hil.arm.loop import ArmTick
+from highfive.hil.arm.planner_values import PalmGoal
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm, shipped
 from highfive.hil.arm_model.servo_arm import default_arm, mounted
-from highfive.hil.recording import schemas
+from highfive.hil.drivers.bus.cycle_ring import Cycle
+from highfive.hil.drivers.emulator.emulator_process import make_bus
+from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
+from highfive.hil.recording import plots, schemas
 from highfive.hil.recording.recorder import SessionRecorder
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.recording.viewer_messages import Transforms, joints_of
+from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.summary import SessionSettings
 from highfive.hil.view.arm_cast import GHOST, ArmCast
+from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry import rotations
 
 FOXGLOVE = "@foxglove/studio-base@1.48.0"
@@ -134,8 +146,75 @@ def test_markers_are_points_and_words_are_a_log(recorded: Path) -> None:
         values = raw[:, fields[name] : fields[name] + 4].copy().view(np.float32)[:, 0]
         np.testing.assert_allclose(values, result.markers[5].positions[:, axis], atol=1e-6)
     assert raw[:, fields["seen"]].astype(bool).tolist() == result.markers[5].seen.tolist()
-    (line,) = found["/log"]
+    event, line = found["/log"]
+    assert (event.level, event.message) == (2, "contact (trial 0, emotion sad)")
     assert (line.level, line.message) == (3, "the disk is slow")
+
+
+def with_arm(path: Path) -> Path:
+    """A high five, and a second in which the emulated arm plays one."""
+    virtual = VirtualRig(VirtualClock(), make_bus(emulator_options(ArmOptions())))
+    with (
+        SessionRecorder(path, SessionSettings(seed=3, model="default", trials=1)) as recorder,
+        virtual.clock,
+        virtual_arm(virtual) as loop,
+    ):
+        record_trial(recorder, some_results()[0])
+        plate = loop.retarget.arm.plate_at(loop.retarget.ready)
+        goal = PalmGoal(PalmPose(plate.position, plate.normal, plate.fingers, np.zeros(3)))
+        begun = list[int]()
+
+        def record(tick: ArmTick, cycles: Sequence[Cycle]) -> None:
+            if not begun:
+                recorder.begin_played(tick.frame_ns)
+            begun.append(tick.frame_ns)
+            recorder.record_arm([tick], cycles)
+
+        loop.play([goal] * 120, watch=record)
+    return path
+
+
+def plotted(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Time and message by topic of what is ROS 2 there, as ``mcap-ros2-support`` decodes it."""
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message, content in make_reader(
+            file, decoder_factories=[RosDecoderFactory()]
+        ).iter_decoded_messages(topics=list(plots.TOPICS)):
+            assert schema is not None and schema.name == "sensor_msgs/msg/JointState"
+            stamp = content.header.stamp
+            assert 10**9 * stamp.sec + stamp.nanosec == message.log_time
+            found.setdefault(channel.topic, []).append((message.log_time, content))
+    return found
+
+
+def test_numbers_are_joint_states_of_ros_that_say_what_the_json_topics_say(tmp_path: Path) -> None:
+    path = with_arm(tmp_path / "session.mcap")
+    found, recording = plotted(path), read_recording(path)
+    there = {topic for topic in plots.PLOTTED if recording.channels[topic]}
+    assert there >= {"/tick", "/person", "/contact", "/arm", "/safety"}
+    assert set(found) == {plots.JOINT_STATES} | {f"{plots.PLOT}{topic}" for topic in there}
+    for topic in there:
+        rows = {message.time_ns: message.data for message in recording.channels[topic]}
+        for time_ns, content in found[f"{plots.PLOT}{topic}"]:
+            said = plots.numbers(topic, rows[time_ns], find_arm(DEFAULT_ARM).names)
+            assert content.name == list(said)
+            np.testing.assert_array_equal(content.position, list(said.values()))
+        times = [time_ns for time_ns, _ in found[f"{plots.PLOT}{topic}"]]
+        assert len(times) >= len(rows) / 5 and (np.diff(times) >= plots.PERIOD_NS).all()
+    for (time_ns, content), cycle in zip(found[plots.JOINT_STATES], recording.channels["/arm"], strict=True):
+        assert time_ns == cycle.time_ns and tuple(content.name) == find_arm(DEFAULT_ARM).names
+        assert (content.position, content.velocity) == (cycle.data["positions"], cycle.data["velocities"])
+
+
+def test_what_is_unknown_keeps_its_place_in_a_plot() -> None:
+    names = find_arm(DEFAULT_ARM).names
+    known = {"trial": 0, "weight": 0.5, "time_to_contact": 0.2, "latency_ms": 1.0, "framed": True, "sure": True}
+    whole, without = (plots.numbers("/tick", row, names) for row in (known, {**known, "time_to_contact": None}))
+    assert list(whole) == list(without) and np.isnan(without["time_to_contact"]) and whole["time_to_contact"] == 0.2
+    arm = {"took_ns": 1, "sent": None, "positions": [0.1] * len(names)}
+    sent = plots.numbers("/arm", arm, names)
+    assert np.isnan(sent["sent.elbow"]) and sent["positions.elbow"] == 0.1
 
 
 def test_every_json_message_keeps_to_its_schema(recorded: Path) -> None:
@@ -197,7 +276,9 @@ def test_rerun_itself_draws_every_transform_marker_and_line(recorded: Path, tmp_
     ticks = len(some_results()[0].times)
     transforms = sum(len(message.transforms) for message in decoded(recorded)["/tf"])
     assert rows["/tf", "Transform3D"] == transforms
-    assert rows["/markers", "Points3D"] == ticks and rows["/log", "TextLog"] == 1
+    assert rows["/markers", "Points3D"] == ticks and rows["/log", "TextLog"] == 2
+    for topic, messages in plotted(recorded).items():
+        assert rows[f"{topic}/position", "Scalars"] == len(messages), topic
 
 
 def test_the_times_of_all_topics_are_of_one_clock(tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def arm_figures(number: int, trial: ArmTrial, retarget: Retarget, limits: Limits
         number,
         trial.met,
         trial.broken_off,
-        next((tick.report.reason for tick in trial.ticks if tick.report.state in HALTED), ""),
+        next((tick.report.reason for tick in (*trial.ticks, *trial.back.ticks) if tick.report.state in HALTED), ""),
         trial.following_error(retarget.settings.lag).astype(np.float32),
         trial.currents.astype(np.float32),
         trial.periods_ms,

@@ -36,7 +36,7 @@ from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.posture import posture_mismatches
 from highfive.hil.safety.startup import Check, Registers, ServoLimits, start_up_check
-from highfive.hil.session.session import RATE_HZ
+from highfive.hil.session.session import RATE_HZ, STALLED_NS
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.model.compiled import when_compiling
@@ -278,8 +278,14 @@ def servo_limits(rig: Rig, held: Registers) -> list[ServoLimits]:
 
 
 def at_their_time(frames: Iterable[MarkerFrame], clock: Clock = MACHINE) -> Iterator[MarkerFrame]:
-    """The frames of a recording as they would come from a live system: each at its time, from now on."""
+    """The frames of a recording as they would come from a live system: each at its time, from now on.
+
+    After a pause of the machine the person goes on from where she was: what was missed does not come in a burst.
+    """
     start = clock.now()
     for frame in frames:
         clock.wait_until(start + frame.source_time_ns)
-        yield replace(frame, arrival_time_ns=clock.now())
+        now = clock.now()
+        if now - start - frame.source_time_ns > STALLED_NS:
+            start = now - frame.source_time_ns
+        yield replace(frame, arrival_time_ns=now)

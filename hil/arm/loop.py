@@ -191,7 +191,8 @@ class ArmLoop:
     @property
     def trouble(self) -> str:
         """Why the arm is not to be driven any more, in one line; '' while it is."""
-        if self._standing.state in HALTED and not (self.gone and self._arm.trouble):
+        follows = self.gone and self._arm.trouble and self.stopped_by <= {Rule.SILENT_SERVO, Rule.HEALTH}
+        if self._standing.state in HALTED and not follows:  # that servos are silent says less than that nobody asks
             return self._standing.reason
         if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
             pulled = self.estop.pulled_ns is not None

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmWatch
+from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.planner_values import PalmGoal
 from highfive.hil.commands.shown_again import RecordedMotion, recorded_trial
@@ -66,7 +67,8 @@ class ArmInRun:
             )
         self.watch.watch(tick)
         if self.watch.loop.trouble:
-            raise RunFailedError(f"the arm was stopped: {self.watch.loop.trouble}")
+            remedy = too_busy(None, (), self.watch.loop.stopped_by, gone=self.watch.loop.gone)
+            raise RunFailedError(f"the arm was stopped: {self.watch.loop.trouble}{remedy and '; ' + remedy}")
 
     def _nearest(self, tick: Tick) -> float:
         """m, of head and palm to the arm's base, from above; 0 where nobody knows where she is."""

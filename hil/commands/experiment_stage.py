@@ -231,8 +231,13 @@ class AvatarStage:
         inputs = inputs if motion is None else for_as_long(inputs, motion)
         inputs = inputs if clip is None else clip.until_over(inputs)
         inputs = inputs if self._arm is None else self._arm.watch.inputs(inputs)
-        with kept:
-            result = run_trial(asked.ask - 1, partner, chain, self._playout, self._view.inputs(inputs), seen, keep)
+        try:
+            with kept:
+                result = run_trial(asked.ask - 1, partner, chain, self._playout, self._view.inputs(inputs), seen, keep)
+        except (RunFailedError, TrialBrokenOffError) as error:
+            event = "fault" if self._arm is not None and self._arm.watch.loop.trouble else "trial_broken_off"
+            self._record_event(event, trial=asked.ask - 1, detail=str(error))
+            raise
         if clip is not None and not clip.over:
             raise TrialBrokenOffError("the shoulder was not tapped" if not clip.tapped else "the clip was not over")
         kept.end(replace(result, style=head.style))

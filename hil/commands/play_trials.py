@@ -134,8 +134,7 @@ def play(
                     return replace(played, interrupted=True, why=why)
                 programme.judged(result, partner)
         except KeyboardInterrupt:
-            for kept in begun:
-                _add_broken_off(played, kept, watch)
+            _cut_short(options, played, begun, recorder, watch)
             return replace(played, interrupted=True, why="interrupted at the computer that ran it")
         finally:
             recorder.end()
@@ -159,6 +158,17 @@ def _add_broken_off(played: Played, kept: Kept, watch: ArmWatch | None) -> None:
     arm = None if watch is None else watch.end(kept.head.style, partner.cell, partner.contact_frame)
     if watch is not None and arm is not None and played.arm is not None:
         played.arm.add(number, replace(arm, broken_off=True), watch.loop.retarget, watch.loop.limits)
+
+
+def _cut_short(
+    options: SimulateOptions, played: Played, begun: list[Kept], recorder: SessionOutputs, watch: ArmWatch | None
+) -> None:
+    """The high five that Ctrl-C broke off; the same has stopped an arm."""
+    for kept in begun:
+        _add_broken_off(played, kept, watch)
+        if watch is not None and watch.loop.trouble:
+            why = f"the arm was stopped: {watch.loop.trouble}"
+            _tell_stopped(options, kept.head.number, why, None, recorder, watch, None)
 
 
 def _nothing_yet() -> ArmResults:

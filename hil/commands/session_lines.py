@@ -13,7 +13,8 @@ from highfive.hil.trials.targets import BEFORE_MM
 def print_session(summary: dict[str, Any], folder: Path) -> None:
     """A session's ``summary`` for people, and where in ``folder`` there is more."""
     count, tick, styles = summary["trials"], summary["tick_ms"], summary["contact_error_mm"]["by_emotion"]
-    print(f"{counted(count, 'high five')} with a {kind(summary)} person, answered as {', '.join(styles) or 'nothing'}")
+    answered = f"answered as {', '.join(styles)}" if styles else "none was finished"
+    print(f"{counted(count, 'high five')} with a {kind(summary)} person, {answered}")
     for label, key, digits, unit, target in (
         ("true palm at first touch", "true_error_at_touch_mm", 1, "mm", ""),
         ("closing speed then", "closing_speed_at_touch_m_s", 2, "m/s", ""),

@@ -200,7 +200,7 @@ class BackgroundRecorder:
             if self.trouble:  # it hung until now, and that was said
                 return
             self.trouble = str(error)
-            say_aside(f"{error}; the session goes on without a recording", logging.WARNING)
+            say_aside(f"{error}; no more is recorded", logging.WARNING)
 
 
 class KeepsLog(Protocol):

@@ -214,7 +214,7 @@ class SessionRecorder:
         self._flush()
 
     def record_event(self, event: str, at_ns: int | None = None, **about: Any) -> None:
-        """Something happened, ``at_ns`` of the session's clock; by default with the last tick.
+        """Something happened, ``at_ns`` of the session's clock; by default with what was recorded last.
 
         Args:
             event: its name; see docs/recordings.md.
@@ -222,7 +222,7 @@ class SessionRecorder:
             about: ``trial``, ``emotion``, ``style``, ``cell``, ``detail``, ``weights``, ``corrects``, ``stream``,
                 ``moved_ms``.
         """
-        now = self._end if at_ns is None else self._at(at_ns)
+        now = max(self._end, self._newest) if at_ns is None else self._at(at_ns)
         self._add("/event", now, {"event": event, **about})
         self._add_drawn("/log", now, viewer_messages.log(now, "INFO", viewer_messages.event_text(event, about)))
 
@@ -261,7 +261,8 @@ class SessionRecorder:
 
     def record_log(self, level: str, text: str) -> None:
         """Something was said to the user; ``level`` is INFO, WARNING or ERROR."""
-        self._add_drawn("/log", self._end, viewer_messages.log(self._end, level, text))
+        now = max(self._end, self._newest)
+        self._add_drawn("/log", now, viewer_messages.log(now, level, text))
 
     @property
     def safe(self) -> bool:
@@ -345,7 +346,7 @@ class SessionRecorder:
         self._chunk_start = None
         with self._writing():
             self._writer.flush()
-        self._open, self._safe = False, self._end
+        self._open, self._safe = False, max(self._end, self._newest)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

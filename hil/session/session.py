@@ -35,6 +35,8 @@ RATE_HZ = 120.0
 """Of the model, and of what is recorded or simulated; live frames come at any rate."""
 
 PERIOD_NS = round(1e9 / RATE_HZ)
+STALLED_NS = 3 * PERIOD_NS
+"""Whatever plays a recording in time and is behind by more, after a pause of the machine, does not make up for it."""
 LONGEST_STEP_NS = 1_000_000_000
 """A tick that is later than the one before by more than this, or earlier, begins another time: a clock was set."""
 

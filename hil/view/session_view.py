@@ -13,7 +13,7 @@ from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.contact_time import sure_contact_s
-from highfive.hil.session.session import Session, Tick, TickInput
+from highfive.hil.session.session import STALLED_NS, Session, Tick, TickInput
 from highfive.hil.session.stream import StreamState
 from highfive.hil.sim.playout import PlayOut
 from highfive.hil.sim.scene import Scene
@@ -122,14 +122,19 @@ class SessionView:
         self._stand_still()
 
     def in_time(self, frames: Iterable[MarkerFrame]) -> Iterator[MarkerFrame]:
-        """The frames of a recording as they would come from a live system, but for when the page says pause."""
+        """The frames of a recording as they would come from a live system, but for when the page says pause; after a
+        pause of the machine they go on from where they were, too.
+        """
         start = self._clock.now()
         for frame in frames:
             before = self._clock.now()
             self._stand_still()
             start += self._clock.now() - before
             self._clock.wait_until(start + frame.source_time_ns)
-            yield replace(frame, arrival_time_ns=self._clock.now())
+            now = self._clock.now()
+            if now - start - frame.source_time_ns > STALLED_NS:
+                start = now - frame.source_time_ns
+            yield replace(frame, arrival_time_ns=now)
 
     def inputs(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
         """The same inputs; keeps what the page is told of their times."""

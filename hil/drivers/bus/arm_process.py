@@ -13,6 +13,7 @@ from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.clock import MACHINE
+from highfive.model.errors import HighFiveError
 
 
 class ArmProcess(ArmHost):
@@ -36,8 +37,14 @@ class ArmProcess(ArmHost):
             allowance_ms: how long an answer of a servo may be late.
         """
         context = multiprocessing.get_context("spawn")
-        joints, lock = len(rig.joints), context.RLock()
-        raw = context.RawArray("b", ring_size(joints))
+        joints = len(rig.joints)
+        try:
+            lock, raw = context.RLock(), context.RawArray("b", ring_size(joints))
+        except OSError as error:
+            raise HighFiveError(
+                f"no memory to share with the process of the arm: {error.strerror or error}; make room in the folder "
+                "for temporary files"
+            ) from None
         held, theirs = context.Pipe(duplex=False)
         super().__init__(CycleRing(raw, joints, lock), held, Latch() if estop is None else estop, MACHINE)
         self._closed = False
@@ -75,3 +82,4 @@ class ArmProcess(ArmHost):
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+        self._shared.leave()

@@ -7,6 +7,7 @@ may hold it until its next use.
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
@@ -137,6 +138,10 @@ class CycleRing:
         self._locked = _Locked(lock)
         self._noted = 0
         self._kept: deque[tuple[int, Mode, tuple[Any, ...]]] = deque(maxlen=ROWS)  # for which the lock was not had
+
+    def leave(self) -> None:
+        """The other side is gone: the system's lock is let go of, and one of this process is enough."""
+        self._locked = _Locked(threading.RLock())
 
     def say(self, text: str) -> None:
         """What is wrong, for the host to read; what does not fit is cut off."""

@@ -29,7 +29,7 @@ clock: $(READY)  # those that do, with nothing beside them
 	$(BIN)/python -m pytest -m "realtime and not slow" $(REALTIME)
 
 slow: $(READY)  ## tests that take long
-	$(BIN)/python -m pytest -n auto --dist load --maxschedchunk 1 --durations 12 -m "slow and not realtime" $(SLOW)
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 12 -m "slow and not realtime" $(SLOW)
 	$(BIN)/python -m pytest -m "slow and realtime" $(REALTIME)
 
 style: $(READY)  ## style and types

@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
+import jax
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
@@ -112,3 +114,12 @@ def to_learn(captured: Path, tmp_path: Path) -> Path:
         rows.append((row.file, row.emotion, row.cell, "1", "test" if row.cell in {"B1", "B3"} else "train"))
     write_table(folder, rows)
     return folder
+
+
+@pytest.fixture
+def hurried() -> Iterator[None]:
+    """JAX compiles in a hurry: for trainings, of which compiling is most; afterwards it has to do so again."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+    jax.clear_caches()

@@ -57,7 +57,7 @@ class BlackBox:
         by_id = {servo.id: servo for servo in self.bus.servos}
         self._servos = [by_id[joint.id] for joint in self.rig.joints]
         self._all = [[by_id[servo] for servo in joint.ids] for joint in self.rig.joints]
-        self._registers: list[int] = []
+        self._registers: list[float] = []
         self._down, self._on = set[int](), set[int]()  # IDs: let down since they were last on; with torque
 
     def look(self, now_ns: int) -> None:
@@ -72,12 +72,8 @@ class BlackBox:
         self.said.append(self.positions[-1] + [servo.slip - servo.astray for servo in self._servos])
 
     def _look_at_registers(self) -> None:
-        """Goals and torque; where no register has changed, as in most rows, they are those of the row before."""
-        registers = [s.values[name] for s in self._servos for name in ("goal_position", "goal_current")]
-        registers += [
-            s.values[name] for servos in self._all for s in servos for name in ("torque_enable", "bus_watchdog")
-        ]
-        registers += [s.let_down for servos in self._all for s in servos]
+        """Goals and torque; where no register was set, as in most rows, they are those of the row before."""
+        registers = [value for servo in self.bus.servos for value in (servo.changes, servo.voltage)]
         if registers == self._registers and self.goals:
             self.goals.append(self.goals[-1])
             self.allowed.append(self.allowed[-1])

@@ -1,6 +1,6 @@
 """How long the emulated rig takes to stop, in virtual time: from an event at any phase of the cycle to the last motion.
 
-The arm swings, as fast as it may near nobody (:func:`stopped_by`), or plays a high five (:func:`stopped_in_high_five`);
+The arm swings, as fast as it may near nobody (:func:`stopped_by`), or plays a high five (:func:`high_five_at`);
 then something happens. What counts is what the servos were commanded
 (:class:`~highfive.hil.bench.black_box.BlackBox`): when a goal last changed.
 """
@@ -8,15 +8,15 @@ then something happens. What counts is what the servos were commanded
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import islice
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
+from highfive.hil.arm.loop import ArmTick
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.planner_values import PalmGoal
 from highfive.hil.bench.black_box import BlackBox
@@ -149,90 +149,98 @@ def _swing(it: Swinging) -> None:
         clock.wait_until(due)
 
 
-def stopped_in_high_five(
-    happening: Happening, reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float
-) -> Stopped:
-    """What comes of ``happening`` in that tick of a high five, and that phase of it, 0 to 1.
+@dataclass
+class Begun:
+    """A high five of the emulated rig that has come to where something is to happen; whatever does is not undone.
 
-    The host plans, keeps the arm safe and commands it as in a session; :data:`ENGAGING` for a tick is the time in which
-    it has the arm switched on and checked, and the phase is one of that time.
+    Attributes:
+        virtual: the rig.
+        box: what is seen of it.
+        host: who plans, keeps the arm safe and commands it as in a session.
+        since_ns: phase 0.
+        span_ns: from there to phase 1.
+        ticks: of the high five, as it goes on.
+        lost: at which phase the person was last measured; empty while she is.
+    """
+
+    virtual: VirtualRig
+    box: BlackBox
+    host: VirtualTask | None = None
+    since_ns: int = 0
+    span_ns: int = PERIOD_NS
+    ticks: list[ArmTick] = field(default_factory=list)
+    lost: list[float] = field(default_factory=list)
+
+    def stopped(self, happening: Happening, phase: float) -> Stopped:
+        """What comes of ``happening`` at that phase, 0 to 1."""
+        clock, arm = self.virtual.clock, self.virtual.arm
+        assert arm is not None and arm.estop.pulled_ns is None
+        clock.wait_until(self.since_ns + round(phase * self.span_ns))
+        happened = clock.now()
+        happening(Swinging(self.virtual, arm, self.host))
+        clock.wait_until(happened + _AFTER_NS)
+        return _stopped(self.box, arm, self.virtual.bus.watchdog_trips, happened)
+
+    def dead_servo_ms(self, phase: float, servo: int = 4) -> float:
+        """ms from a servo's death at that phase until the envelope stops the arm."""
+        self.virtual.clock.wait_until(self.since_ns + round(phase * self.span_ns))
+        died = self.virtual.now()
+        self.virtual.bus.set_faults(parse_faults([f"dead={servo}"]), died)
+        return 1e-6 * (self._reached(State.STOPPING) - self.virtual.since_ns(died))
+
+    def hold_ms(self, phase: float) -> float:
+        """ms from the last measurement of the person, so much of a period before the next tick, to the hold."""
+        frame = len(self.ticks) + 1
+        self.lost.append(phase)
+        held = self._reached(State.HOLDING)
+        return 1e-6 * (held - (self.ticks[frame].frame_ns - phase * PERIOD_NS))
+
+    def _reached(self, state: State) -> float:
+        """When a tick first said so, ns; endless where none did for long."""
+        for _ in range(_LOOKED_AT):
+            self.virtual.clock.wait_until(self.virtual.clock.now() + PERIOD_NS)
+            if found := [one.report.time_ns for one in self.ticks if one.report.state is state]:
+                return found[0]
+        return float("inf")
+
+
+@contextmanager
+def high_five_at(reference: ReferenceTrajectory, retarget: Retarget, tick: int) -> Iterator[Begun]:
+    """A high five that has come to the beginning of that tick.
+
+    :data:`ENGAGING` for a tick is the time in which the host has the arm switched on and checked: phases are of that
+    time. Whoever looks at many phases of one tick does so in copies of the process.
     """
     with VirtualClock() as clock:
         bus = make_bus(emulator_options(ArmOptions()))
         box = BlackBox(bus, load_rig())
-        virtual = VirtualRig(clock, bus, box.look)
-        hosts: list[VirtualTask] = []
-        at: list[int] = []
-        first, last = _ENGAGING_NS
+        begun = Begun(VirtualRig(clock, bus, box.look), box)
 
         def play() -> None:
-            has_host = lambda: all(host.alive for host in hosts)  # noqa: E731
-            with virtual_arm(virtual, retarget=retarget, has_host=has_host) as loop:
+            has_host = lambda: begun.host is None or begun.host.alive  # noqa: E731
+            with virtual_arm(begun.virtual, retarget=retarget, has_host=has_host) as loop:
                 if tick == ENGAGING:
-                    at.append(clock.now() + round(first + phase * (last - first)))
-                loop.play(marked())
+                    first, last = _ENGAGING_NS
+                    begun.since_ns, begun.span_ns = clock.now() + first, last - first
+                loop.play(goals(), watch=lambda tick, _: begun.ticks.append(tick))
 
-        def marked() -> Iterator[PalmGoal]:
+        def goals() -> Iterator[PalmGoal]:
+            seen = reference.goals[0]
             for number, goal in enumerate(reference.goals):
                 if number == tick:
-                    at.append(clock.now() + round(phase * PERIOD_NS))
-                yield goal
+                    begun.since_ns = clock.now()
+                yield _unseen(goal, seen, (number - tick - 1 + begun.lost[0]) * PERIOD_NS) if begun.lost else goal
+                seen = seen if begun.lost else goal
 
-        host = clock.start("host", play)
-        hosts.append(host)
-        while not at and host.alive:
+        begun.host = clock.start("host", play)
+        while not begun.since_ns and begun.host.alive:
             clock.wait_until(clock.now() + _LOOK_NS)
-        assert at and virtual.arm is not None, host.error
-        clock.wait_until(at[0])
-        happened = clock.now()
-        happening(Swinging(virtual, virtual.arm, host))
-        clock.wait_until(happened + _AFTER_NS)
-        return _stopped(box, virtual.arm, bus.watchdog_trips, happened)
+        assert begun.since_ns, begun.host.error
+        clock.wait_until(begun.since_ns)
+        yield begun
 
 
-def dead_servo_ms(reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float, servo: int = 4) -> float:
-    """ms from a servo's death, in that tick of a high five and that phase of it, until the envelope stops the arm."""
-
-    def die(virtual: VirtualRig, at: int) -> None:
-        virtual.clock.wait_until(at)
-        virtual.bus.set_faults(parse_faults([f"dead={servo}"]), virtual.now())
-
-    def goals(virtual: VirtualRig) -> Iterator[PalmGoal]:
-        for number, goal in enumerate(reference.goals):
-            if number == tick:
-                virtual.clock.start("fault", partial(die, virtual, virtual.clock.now() + round(phase * PERIOD_NS)))
-            yield goal
-
-    return _until(goals, retarget, lambda states: State.STOPPING in states, tick, phase)
-
-
-def hold_ms(reference: ReferenceTrajectory, retarget: Retarget, tick: int, phase: float) -> float:
-    """ms from the last measurement of the person, in that tick of a high five and that phase before it, to the hold."""
-
-    def goals(virtual: VirtualRig) -> Iterator[PalmGoal]:
-        last = reference.goals[tick]
-        for number, goal in enumerate(reference.goals):
-            late = (number - tick) * PERIOD_NS + round(phase * PERIOD_NS)
-            unseen = Sighting(late, 0.0)
-            lost = replace(goal, person=last.person, head=last.head, person_seen=unseen, head_seen=unseen)
-            yield goal if number < tick else lost
-
-    return _until(goals, retarget, lambda states: State.HOLDING in states, tick, -phase)
-
-
-def _until(
-    goals: Callable[[VirtualRig], Iterator[PalmGoal]],
-    retarget: Retarget,
-    reached: Callable[[set[State]], bool],
-    tick: int,
-    phase: float,
-) -> float:
-    with VirtualClock() as clock:
-        virtual = VirtualRig(clock, make_bus(emulator_options(ArmOptions())))
-        with virtual_arm(virtual, retarget=retarget) as loop:
-            ticks, _ = loop.play(islice(goals(virtual), tick + _LOOKED_AT))
-            begun = ticks[tick].frame_ns + phase * PERIOD_NS
-            for one in ticks[tick:]:
-                if reached({one.report.state}):
-                    return 1e-6 * (one.report.time_ns - begun)
-    return float("inf")
+def _unseen(goal: PalmGoal, last: PalmGoal, late_ns: float) -> PalmGoal:
+    """A goal whose person was last measured so long before it."""
+    unseen = Sighting(round(late_ns), 0.0)
+    return replace(goal, person=last.person, head=last.head, person_seen=unseen, head_seen=unseen)

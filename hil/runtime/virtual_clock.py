@@ -96,9 +96,10 @@ class VirtualTask:
         """When it goes on, as far as is known now."""
         if self._killed:
             return 0
-        due = None if self.event is None else self.event.due_ns
-        wake = self.until if due is None else min(due, self.until)
-        return max(0 if self._interrupt is not None else wake, self._held_until)
+        wake = self.until if self._interrupt is None else 0
+        if self.event is not None and (due := self.event.due_ns) is not None and due < wake:
+            wake = due
+        return wake if wake > self._held_until else self._held_until
 
     def resumed(self) -> None:
         """Called in the task after a wait.
@@ -236,7 +237,8 @@ class VirtualClock:
         """The task that goes on next, to which whoever asks switches; it is its time."""
         now, found, first = self._now, None, 0
         for task in self._tasks:
-            wake = max(task.wake_ns(), now)
+            wake = task.wake_ns()
+            wake = wake if wake > now else now
             if found is None or wake < first or (wake == first and task.order < found.order):
                 found, first = task, wake
         assert found is not None

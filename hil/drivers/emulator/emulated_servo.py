@@ -51,6 +51,7 @@ class EmulatedServo:
 
     Attributes:
         values: what every register holds, by name, raw, but for those that are measured.
+        changes: how often a register was set, but for what is measured.
         watchdog_trips: how often its watchdog has stopped it.
         voltage: V, that it has now.
         hot: °C that its temperature is held at; None for what its motor makes of it.
@@ -69,7 +70,7 @@ class EmulatedServo:
             sign: −1 where its horn turns the other way than the joint.
             zero: count at joint angle 0, once its drive mode makes up for ``sign``.
         """
-        self.table = table
+        self.table, self.changes = table, 0
         self._sign, self._zero = sign, zero
         self._memory = ServoMemory(table)
         self.values, self._measured_at = self._memory.values, -1
@@ -280,7 +281,7 @@ class EmulatedServo:
 
     def _put(self, name: str, raw: int) -> None:
         self._memory.put(name, raw)
-        self._measured_at = -1
+        self.changes, self._measured_at = self.changes + 1, -1
         if name in _COUNTING:
             self._learn_counting()
 

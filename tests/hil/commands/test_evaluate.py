@@ -79,6 +79,7 @@ def test_what_cannot_be_scored_is_said_in_one_line(file: Path, arguments: list[s
 
 
 @pytest.mark.slow(70)
+@pytest.mark.usefixtures("hurried")
 def test_repetitions_left_out_in_turn_give_a_report_and_go_on_where_they_were(tmp_path: Path):
     lab, rows = tmp_path / "lab", []
     lab.mkdir()

@@ -1,6 +1,7 @@
 """A model of the user's own in ``simulate`` and ``evaluate``."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,8 @@ from paths import ROOT
 from typer.testing import CliRunner
 
 from highfive.hil.cli.main import app
+from highfive.model.hgpdm import presets
+from highfive.model.hgpdm.presets import DEFAULT
 
 NEIGHBOURS = f"{ROOT / 'examples' / 'nearest_neighbours.py'}:fit"
 MODELS = """
@@ -78,7 +81,12 @@ def test_data_without_a_model_that_learns_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow(50)
-def test_nearest_neighbours_learn_are_played_and_stand_in_the_table(tmp_path: Path, to_learn: Path) -> None:
+@pytest.mark.usefixtures("hurried")
+def test_nearest_neighbours_learn_are_played_and_stand_in_the_table(
+    tmp_path: Path, to_learn: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside ours, of which nothing is asked here: they learn in a hurry."""
+    monkeypatch.setitem(presets.PRESETS, "small", replace(DEFAULT, name="small", iterations=30, points=600))
     result = simulate(tmp_path / "out", "--model", NEIGHBOURS, "--data", to_learn, "--trials", 2, "--json")
     rows = json.loads(result.stdout)["rows"]
     assert [row["met"] for row in rows] == [True, True]
@@ -89,8 +97,10 @@ def test_nearest_neighbours_learn_are_played_and_stand_in_the_table(tmp_path: Pa
         NEIGHBOURS,
         "--seeds",
         1,
+        "--preset",
+        "small",
         "--inducing",
-        30,
+        12,
         "--json",
         "--out",
         tmp_path / "scored",

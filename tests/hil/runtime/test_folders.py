@@ -363,8 +363,8 @@ def test_an_interrupted_capture_leaves_the_earlier_set(
     done(monkeypatch, capsys, *words, "--seed", 1)
     old = visible(out)
     half = (len(old) - 1) // 2  # less the table: the other half takes longer than a signal does
-    for number, code in ((signal.SIGINT, 1), (signal.SIGKILL, -signal.SIGKILL)):
-        for recordings in (0, 1, half):
+    for number, code, instants in ((signal.SIGINT, 1, (0, half)), (signal.SIGKILL, -signal.SIGKILL, (1, half))):
+        for recordings in instants:
             assert stopped_capturing(number, recordings, out, *words, "--seed", 2, "--overwrite") == code
             assert visible(out) == old
             assert number == signal.SIGKILL or not list(out.glob(f"{UNFINISHED}*"))
@@ -401,8 +401,8 @@ def test_an_interrupted_track_leaves_whole_files(
     done(monkeypatch, capsys, *words, "--no-fit", "--overwrite")
     new = visible(out)
     assert new.pop("notes.txt") == b"mine" and new["angles.csv"] != old["angles.csv"]
-    for number in (signal.SIGINT, signal.SIGKILL):
-        for after in (0.0, 0.02, 0.1, 0.4):
+    for number, instants in ((signal.SIGINT, (0.0, 0.1)), (signal.SIGKILL, (0.02, 0.4))):
+        for after in instants:
             code = stopped(number, after, out, *words, "--overwrite")
             if any(visible(out)[name] != old[name] for name in old if name.endswith((".c3d", ".csv"))):
                 assert code == (1 if number == signal.SIGINT else -number)  # it was not done

@@ -34,6 +34,7 @@ def test_each_channel_has_the_noise_that_the_avatar_layer_leaves_of_it(model: HG
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("hurried")
 def test_paper_preset_trains_and_generates(trials: list[Trial]):
     small = replace(PAPER, points=300, adam_steps=30, iterations=35)
     trained = train(trials, small, inducing=20)
@@ -96,6 +97,7 @@ def test_poor_data_have_a_finite_objective_and_gradient_to_start_from(trials: li
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("hurried")
 @pytest.mark.parametrize("count", [1, 12])
 def test_a_single_trial_even_repeated_gives_a_model(trials: list[Trial], count: int):
     trained = train(trials[:1] * count, SMALL, inducing=100)

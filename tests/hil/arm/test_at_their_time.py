@@ -9,6 +9,9 @@ from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.session.session import PERIOD_NS
 from highfive.mocap_bridge.frames import MarkerFrame
 
+LOOKS_NS = 10_000
+"""What looks at the virtual clock take."""
+
 
 def frames() -> Iterator[MarkerFrame]:
     for number in range(100):
@@ -25,5 +28,6 @@ def test_what_a_pause_of_the_machine_missed_does_not_come_in_a_burst() -> None:
                 if frame.number == 50:
                     clock.wait_until(clock.now() + stalled_ns)
         gaps = np.diff(came)
-        assert gaps[50] == stalled_ns and (np.delete(gaps, [50, 51]) == PERIOD_NS).all()
-        assert came[-1] - came[0] == 99 * PERIOD_NS + late_ns
+        np.testing.assert_allclose(np.delete(gaps, [50, 51]), PERIOD_NS, atol=LOOKS_NS)
+        np.testing.assert_allclose(gaps[50], stalled_ns, atol=LOOKS_NS)
+        np.testing.assert_allclose(came[-1] - came[0], 99 * PERIOD_NS + late_ns, atol=LOOKS_NS)

@@ -1,7 +1,6 @@
 """A model of the user's own in ``simulate`` and ``evaluate``."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from typer.testing import CliRunner
 
 from highfive.hil.cli.main import app
 from highfive.hil.commands import simulate as command
+from highfive.hil.runtime.console import Advance
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model, save_model
 
@@ -75,9 +75,9 @@ def test_one_of_another_skeleton_is_refused_before_there_are_people(tmp_path: Pa
     file, begun = tmp_path / "foreign.safetensors", list[str]()
     save_model(replace(load_model(), skeleton_hash="ffff"), file)
 
-    def bar(title: str, _: float) -> Callable[[], None]:
+    def bar(title: str, total: int) -> Advance:
         begun.append(title)
-        return lambda: None
+        return lambda note="", done=None: None
 
     options = command.SimulateOptions(model=f"{models}:foreign" if own else file, trials=1)
     with pytest.raises(HighFiveError, match=r"foreign.* for skeleton '?ffff'?, .*[0-9a-f]{16}"):

@@ -17,7 +17,8 @@ app = typer.Typer()
 @app.command()
 def export(
     session: Annotated[
-        Path, typer.Argument(metavar="SESSION", help="A session's session.mcap, or its folder; with bids also a study.")
+        Path,
+        typer.Argument(metavar="SESSION", help="A recording, or a folder that holds one; a study with bids."),
     ],
     to: Annotated[str, typer.Option("--to", help="bvh, glb, csv, npz, c3d or bids (docs/recordings.md).")],
     out: Annotated[

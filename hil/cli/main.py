@@ -90,7 +90,10 @@ def simulate(
     style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
     source: Annotated[
         str | None,
-        typer.Option(help="A real person instead: a C3D file, an address such as vicon://host, headset, or webcam."),
+        typer.Option(
+            help="A real person instead: a C3D file, an address such as vicon://host, headset, or webcam. "
+            "Or a session's recording, which is played again."
+        ),
     ] = None,
     human: Annotated[
         str | None, typer.Option("--human", "--person", help="Prefix of that person's markers, such as A or human.")
@@ -212,7 +215,7 @@ def simulate(
 def view(
     recording: Annotated[
         Path | None,
-        typer.Argument(help="A session's session.mcap, or its folder (default: four high fives that come along)."),
+        typer.Argument(help="A recording, or a folder that holds one (default: four high fives that come along)."),
     ] = None,
     port: Port = None,
     no_open: NoOpen = False,

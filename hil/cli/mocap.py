@@ -317,7 +317,7 @@ def calibrate_show(
 
 @calibrate.command("event")
 def calibrate_event(
-    recording: Annotated[Path, typer.Argument(help="A session's session.mcap, or its folder, with taps or claps.")],
+    recording: Annotated[Path, typer.Argument(help="A recording, or a folder that holds one, with taps or claps.")],
     stream: Annotated[str, typer.Option(help="Whose latency is sought: person, arm, or lsl/NAME.")],
     reference: Annotated[str, typer.Option(help="The stream that is in time, likewise.")],
     channel: Annotated[

@@ -177,7 +177,7 @@ def reach(
 
 @app.command(cls=ArmCommand)
 def play(
-    session: Annotated[Path, typer.Argument(metavar="SESSION", help="Folder of a session, or its session.mcap.")],
+    session: Annotated[Path, typer.Argument(metavar="SESSION", help="A recording, or a folder that holds one.")],
     port: Annotated[
         str,
         typer.Option(

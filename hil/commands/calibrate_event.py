@@ -13,6 +13,7 @@ import numpy as np
 from highfive.calibration.event_latency import event_latency
 from highfive.calibration.event_onsets import impacts, steps
 from highfive.calibration.latency_file import KeptLatency, load_latencies, save_latencies
+from highfive.hil.recording.one_recording import one_recording
 from highfive.hil.recording.recording import RecordedMessage, SessionRecording, read_recording
 from highfive.hil.recording.schemas import STREAMS
 from highfive.hil.runtime.console import counted
@@ -21,15 +22,13 @@ from highfive.hil.session.session_streams import ARM, PERSON
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
-_SESSION = "session.mcap"
-
 
 @dataclass(frozen=True)
 class EventCalibration:
     """What to compare.
 
     Attributes:
-        recording: an MCAP file, or the folder of a session.
+        recording: an MCAP file, or a folder that holds one.
         stream: whose latency is sought: ``person``, ``arm``, or ``lsl/NAME``.
         reference: the stream that is in time.
         channel: label of the stream's channel, or of the person's marker; None for the one that shows events best.
@@ -58,7 +57,7 @@ def calibrate_event(options: EventCalibration) -> dict[str, Any]:
     if options.stream in known and not options.overwrite:
         raise HighFiveError(f"{options.out} has {options.stream} already; give another --out, or --overwrite")
     check_file(options.out, overwrite=True)
-    path = options.recording / _SESSION if options.recording.is_dir() else options.recording
+    path = one_recording(options.recording)
     recording = read_recording(path)
     ours = _events(recording, options.reference, options.reference_channel)
     theirs = _events(recording, options.stream, options.channel)
@@ -113,8 +112,8 @@ def _messages(recording: SessionRecording, topic: str, stream: str) -> Sequence[
     found = recording.channels.get(topic) or []
     if not found:
         lsl = [f"lsl/{name.removeprefix(STREAMS)}" for name in recording.channels if name.startswith(STREAMS)]
-        has = [PERSON, *([ARM] if recording.channels.get("/arm") else []), *lsl]
-        raise HighFiveError(f"the recording has no stream {stream}; it has {', '.join(has)}")
+        ours = [name for name, topic in ((PERSON, "/frame"), (ARM, "/arm")) if recording.channels.get(topic)]
+        raise HighFiveError(f"the recording has no stream {stream}; it has {', '.join([*ours, *lsl]) or 'none'}")
     return found
 
 

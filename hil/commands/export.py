@@ -14,6 +14,7 @@ from highfive.hil.recording.exports.export_file import ExportFile, trial_names
 from highfive.hil.recording.exports.motion_files import bvh_files, c3d_files
 from highfive.hil.recording.exports.tables import csv_files, npz_file, ticks_of
 from highfive.hil.recording.exports.trial_arrays import ExportTrial, export_trials
+from highfive.hil.recording.one_recording import one_recording
 from highfive.hil.recording.session_reader import read_session
 from highfive.hil.runtime.console import Bar, counted, say_aside
 from highfive.hil.runtime.folders import check_file, results_folder
@@ -27,7 +28,6 @@ BY_TRIAL: dict[str, Callable[[Sequence[ExportTrial], Sequence[str]], list[Export
 }
 """Formats of one motion a file."""
 FORMATS = (*BY_TRIAL, "csv", "npz", "bids")
-_SESSION = "session.mcap"
 _LARGE = 8 << 20
 """Bytes of a recording, from which on reading it takes two seconds and more."""
 
@@ -37,7 +37,7 @@ class ExportOptions:
     """What to export, and where.
 
     Attributes:
-        recording: an MCAP file, or the folder of a session.
+        recording: an MCAP file, or a folder that holds one.
         format: one of :data:`FORMATS`.
         out: a folder, or a file's name with the format's ending; None for beside the recording, with its name.
         trial: only the high five of this number, counted from 0.
@@ -61,7 +61,7 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     if options.format not in FORMATS:
         raise HighFiveError(f"--to {options.format}: no such format; there are {', '.join(FORMATS)}")
     _check_ending(options)
-    path = options.recording / _SESSION if options.recording.is_dir() else options.recording
+    path = one_recording(options.recording)
     large = path.is_file() and path.stat().st_size > _LARGE
     advance = bar("reading", 1) if large else None
     session = read_session(path)

@@ -23,8 +23,9 @@ from highfive.hil.commands.session_partners import partners_of, worn_set
 from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
 from highfive.hil.evaluation.reaction_models import is_plugin, open_model
 from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.one_recording import SUFFIX, one_recording
 from highfive.hil.recording.recorder import SessionRecorder
-from highfive.hil.recording.replay import SUFFIX, Replay
+from highfive.hil.recording.replay import Replay
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
@@ -87,9 +88,9 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             cannot be written.
     """
     live = options.source is not None and is_live(options.source)
-    again = options.source is not None and not live and options.source.endswith(SUFFIX)
     worn = live and wears_headset(options)
-    options = with_page(options) if worn else options
+    options = with_page(options) if worn else options if live else _without_folder(options)
+    again = options.source is not None and not live and options.source.endswith(SUFFIX)
     with ExitStack() as stack:
         stack.enter_context(interrupted_between_ticks())  # first: an arm's handlers of Ctrl-C call this one
         _check(options, live, again)
@@ -146,10 +147,6 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
 
 def _check(options: SimulateOptions, live: bool, again: bool) -> None:
     """That the options go together."""
-    if not live and options.source is not None and (folder := Path(options.source)).is_dir():
-        held = folder / RECORDING
-        what = f"give {held}" if held.is_file() else f"give a C3D file, a {RECORDING}, or an address (vicon://HOST)"
-        raise HighFiveError(f"--source {folder}: is a folder; {what}")
     check_live_options(options, live)
     check_output_options(options, again=again)
     if again:
@@ -158,6 +155,13 @@ def _check(options: SimulateOptions, live: bool, again: bool) -> None:
         check_port(options.view)
     if options.view is not None and options.arm is not None and options.arm.port == "virtual":
         raise HighFiveError("--view shows what goes at the pace of the clock; --rig virtual does not: --rig emulated")
+
+
+def _without_folder(options: SimulateOptions) -> SimulateOptions:
+    """A folder as the source is the recording in it."""
+    if options.source is None or not Path(options.source).is_dir():
+        return options
+    return replace(options, source=str(one_recording(Path(options.source))))
 
 
 def _model(options: SimulateOptions, bar: Bar) -> HGPDM | ReactionModel:

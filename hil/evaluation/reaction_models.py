@@ -29,13 +29,14 @@ def open_model(name: str | Path, trials: Callable[[], Sequence[Trial]] | None = 
         trials: gives the trials to learn from, where the model has to learn.
 
     Raises:
-        PluginError: a model of somebody else's cannot be loaded, or is none.
-        HighFiveError: no such file, or a damaged one; nothing to learn from.
+        PluginError: a model of somebody else's cannot be loaded, is none, or is for another skeleton than the avatar's.
+        HighFiveError: no such file, a damaged one, or of another skeleton; nothing to learn from.
     """
     if not is_plugin(name):
-        return load_model(name)
+        return load_model(name, avatar_skeleton().hash)
     found = load_fit(str(name))
     if not callable(found):
+        _check_skeleton(str(name), found)
         return found
     if trials is None:
         raise HighFiveError(f"{name} learns from trials; give a data folder (--data DIR)")
@@ -88,9 +89,13 @@ def fitted(name: str, fit: FitReactionModel, trials: Sequence[Trial]) -> Reactio
         raise PluginError(f"{name} raised {fault(error)}") from error
     if not _is_model(model):
         raise PluginError(f"{name} gave a {type(model).__name__}; expected a model with {', '.join(_PARTS)}")
+    _check_skeleton(name, model)
+    return model
+
+
+def _check_skeleton(name: str, model: ReactionModel) -> None:
     if model.skeleton_hash != (expected := avatar_skeleton().hash):
         raise PluginError(f"{name} is for skeleton {model.skeleton_hash!r}, the avatar is {expected!r}")
-    return model
 
 
 _PARTS = ("emotions", "skeleton_hash", "rest", "start")

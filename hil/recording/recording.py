@@ -15,6 +15,7 @@ from highfive.hil.recording.arrays import message_arrays, message_table
 from highfive.hil.recording.decoding import MARKERS, Decoder, say_what_is_left_out
 from highfive.hil.recording.mcap_file import McapFile
 from highfive.hil.recording.newer_session import tell_of_newer
+from highfive.hil.recording.one_recording import one_recording
 from highfive.hil.sim.avatar import Pose
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
@@ -76,17 +77,18 @@ class SessionRecording:
 
 
 def read_recording(path: Path | str) -> SessionRecording:
-    """Reads a recording, also one whose end is missing: all of it, some 17 GB of an hour.
+    """Reads a recording, also one whose end is missing: all of it, some 17 GB of an hour. A folder may hold the file.
 
     :func:`highfive.hil.recording.session_reader.read_session` takes as much memory as one high five.
 
     Raises:
-        HighFiveError: there is no such file, it holds no session, or it is of a newer version. Other values than the
-            session's are not checked.
+        HighFiveError: the folder holds none, or several; there is no such file, it holds no session, or it is of a
+            newer version. Other values than the session's are not checked.
     """
     channels: dict[str, list[RecordedMessage]] = {topic: [] for topic in (*schemas.TOPICS, MARKERS)}
-    tell_of_newer(Path(path))
-    messages = recorded_messages(Path(path))
+    path = one_recording(Path(path))
+    tell_of_newer(path)
+    messages = recorded_messages(path)
     while True:
         try:
             topic, message = next(messages)

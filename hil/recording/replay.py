@@ -26,9 +26,6 @@ from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.tracking.filter_settings import FilterSettings
 from highfive.model.errors import HighFiveError
 
-SUFFIX = ".mcap"
-"""Of recordings of sessions."""
-
 
 @dataclass(frozen=True)
 class ReplayHead:

@@ -14,6 +14,7 @@ from highfive.hil.recording.arrays import message_arrays, message_table
 from highfive.hil.recording.decoding import ALL, Decoder, say_what_is_left_out
 from highfive.hil.recording.mcap_file import McapFile, Place
 from highfive.hil.recording.newer_session import tell_of_newer
+from highfive.hil.recording.one_recording import one_recording
 from highfive.hil.recording.recording import RecordedMessage, check_session, no_session
 from highfive.hil.recording.trial_spans import HEADS, StoredMessage, TrialSpan, high_fives, span_of
 from highfive.model.errors import HighFiveError
@@ -94,7 +95,7 @@ class SessionReader(Sequence[RecordedHighFive]):
         Raises:
             HighFiveError: there is no such file, it holds no session, or it is of a newer version.
         """
-        self.path = _one_recording(Path(path))
+        self.path = one_recording(Path(path))
         tell_of_newer(self.path)
         self._file, self._malformed, self._said = McapFile(self.path), set[Place](), (0, 0)
         decode = Decoder(("/session",))
@@ -168,21 +169,6 @@ class SessionReader(Sequence[RecordedHighFive]):
         if (found := (len(self._malformed), len(self._file.damaged))) != self._said:
             self._said = found
             say_what_is_left_out(self._file, self._malformed)
-
-
-def _one_recording(path: Path) -> Path:
-    """Of a folder the recording in it."""
-    if not path.is_dir():
-        return path
-    # What a killed command left has no name of its own.
-    found = sorted(one for one in path.rglob("*.mcap") if not one.name.startswith("."))
-    if len(found) == 1:
-        return found[0]
-    if not found:
-        raise HighFiveError(f"{path} is a folder without a recording; expected an .mcap file in it")
-    several = ", ".join(str(one.relative_to(path)) for one in found[:3])
-    more = ", …" if len(found) > 3 else ""
-    raise HighFiveError(f"{path} is a folder of {len(found)} recordings; give one of them: {several}{more}")
 
 
 def read_session(path: Path | str) -> SessionReader:

@@ -34,7 +34,7 @@ FIRST, AT_HAND, NEAR_CONTACT = 1, 40, 3
 """The tick in which the arm has just begun to follow; and ticks before the palms meet: the arm is on its way, and all
 but there."""
 
-ESTOP_MS, SILENT_MS, DEAD_SERVO_MS, HOLD_MS = 20.0, 100.0, 60.0, 100.0
+ESTOP_MS, SILENT_MS, DEAD_SERVO_MS, HOLD_MS = 20.0, 100.0, 50.0, 100.0
 STANDS_MS = 240.0
 """The body stands before the look at it ends."""
 
@@ -43,7 +43,7 @@ STAYS = 4 * 2 * np.pi / 4096
 
 # The driver's next look is half a ms away at most, and the hold takes one cycle. A host that is silent for 50 ms is
 # held where the arm is; one that is gone is found out in the same time. Where both are gone nobody is left but the
-# servos' own watchdogs: 80 ms. A servo is dead that has not answered for 50 ms, which the next tick finds out.
+# servos' own watchdogs: 80 ms. A servo is dead that has not answered for 42 ms, which the next tick finds out.
 BOUNDS = {pull: ESTOP_MS, stall_host: SILENT_MS, kill_host: SILENT_MS, kill_both: SILENT_MS}
 
 

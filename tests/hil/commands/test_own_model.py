@@ -9,13 +9,18 @@ from paths import ROOT
 from typer.testing import CliRunner
 
 from highfive.hil.cli.main import app
+from highfive.hil.commands import simulate as command
+from highfive.hil.runtime.console import Advance
+from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm import presets
 from highfive.model.hgpdm.presets import DEFAULT
+from highfive.model.hgpdm.store import load_model, save_model
 
 NEIGHBOURS = f"{ROOT / 'examples' / 'nearest_neighbours.py'}:fit"
 MODELS = """
 from reaction_models import Standing, misshapen, raises, sleeps, standing
 stands, breaks, grows, dozes = Standing(), Standing(raises), Standing(misshapen), Standing(sleeps)
+foreign = Standing(skeleton_hash="ffff")
 number = 7
 def learns(trials): raise ValueError("too few\\ntrials")
 def gives_nothing(trials): return None
@@ -65,6 +70,21 @@ def test_one_that_fails_is_named_in_one_line(tmp_path: Path, models: Path, name:
     result = simulate(tmp_path / "out", "--model", f"{models}:{name}", "--trials", 1)
     assert says in str(result.exception)
     assert "\n" not in str(result.exception)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_one_of_another_skeleton_is_refused_before_there_are_people(tmp_path: Path, models: Path, own: bool) -> None:
+    file, begun = tmp_path / "foreign.safetensors", list[str]()
+    save_model(replace(load_model(), skeleton_hash="ffff"), file)
+
+    def bar(title: str, total: int) -> Advance:
+        begun.append(title)
+        return lambda note="", done=None: None
+
+    options = command.SimulateOptions(model=f"{models}:foreign" if own else file, trials=1)
+    with pytest.raises(HighFiveError, match=r"foreign.* for skeleton '?ffff'?, .*[0-9a-f]{16}"):
+        command.simulate(options, tmp_path / "out", bar)
+    assert begun == [] and not (tmp_path / "out").exists()
 
 
 def test_one_that_fails_later_ends_the_session_with_its_report(tmp_path: Path, models: Path) -> None:

@@ -283,15 +283,3 @@ def test_a_recording_without_an_arm_says_what_is_missing_and_what_there_is(
         lines = [line for line in err.splitlines() if line.strip()]
         assert len(lines) == 1 and all(part in lines[0] for part in said)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("recorded", [True, False])
-def test_a_folder_as_a_source_is_one_line_that_says_what_to_give(recorded: bool, tmp_path: Path) -> None:
-    folder = tmp_path / "session-1"
-    folder.mkdir()
-    if recorded:
-        (folder / "session.mcap").touch()
-    wanted = r"give \S*session-1/session\.mcap" if recorded else r"give a C3D file, a session\.mcap, or an address"
-    with pytest.raises(HighFiveError, match=rf"session-1: is a folder; {wanted}"):
-        simulate(SimulateOptions(source=str(folder)), tmp_path / "out", lambda *_: lambda *_: None)
-    assert not (tmp_path / "out").exists()

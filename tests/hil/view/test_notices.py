@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -64,6 +65,30 @@ def test_a_reason_is_read_again_when_a_worse_one_is_over(browser: Browser) -> No
         reads(browser, "The session is over.")
     time.sleep(1.0)  # nothing is said of a connection that is meant to be closed
     reads(browser, "The session is over.")
+
+
+def test_until_people_are_there_the_page_says_that_they_are_loading(browser: Browser, pose: PoseMessage) -> None:
+    slow = """const there = fetch;
+      window.fetch = (what, ...more) => String(what.url || what).endsWith("skin.glb")
+        ? new Promise((go) => { window.arrive = go; }).then(() => there(what, ...more)) : there(what, ...more);"""
+    browser.call("Page.addScriptToEvaluateOnNewDocument", source=slow)
+    with LivePage({"mode": "session", "title": "", "emotions": [], "cells": []}, port=0) as page:
+        page.show(pose)
+        opened(browser, page)
+        until(browser, "window.arrive && document.getElementById('link').textContent.trim() === 'loading'")
+        browser.evaluate("window.arrive()")
+        until(browser, "document.getElementById('link').textContent.trim() === 'no new poses'")
+        assert browser.evaluate("highfive.stage.ready")
+
+
+def test_a_recording_whose_next_high_five_is_being_read_waits(browser: Browser, pose: PoseMessage) -> None:
+    with LivePage({"mode": "recording", "title": ""}, port=0) as page:
+        opened(browser, page)
+        page.tell("state", trial=0, trials=2, style="happy", time_s=1.0, length_s=1.0, playing=True, speed=1.0)
+        page.show(pose)  # amid a high five nothing comes any more
+        until(browser, "document.getElementById('link').textContent.trim() === 'no new poses'")
+        page.show(replace(pose, rate=0.0))  # at its end
+        until(browser, "document.getElementById('link').textContent.trim() === 'waiting'")
 
 
 def test_a_page_that_is_reloaded_while_nothing_comes_says_so(browser: Browser, pose: PoseMessage) -> None:

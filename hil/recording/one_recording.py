@@ -1,0 +1,29 @@
+"""Which recording a folder means: the one that is in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from highfive.model.errors import HighFiveError
+
+SUFFIX = ".mcap"
+"""Of a recorded session's file."""
+
+
+def one_recording(path: Path) -> Path:
+    """The recording that a user means by a file, or by a folder that holds one, however deep.
+
+    Raises:
+        HighFiveError: the folder holds none, or several.
+    """
+    if not path.is_dir():
+        return path
+    # What a killed command left has no name of its own.
+    found = sorted(one for one in path.rglob(f"*{SUFFIX}") if not one.name.startswith("."))
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise HighFiveError(f"{path} is a folder without a recording; expected an {SUFFIX} file in it")
+    several = ", ".join(str(one.relative_to(path)) for one in found[:3])
+    more = ", …" if len(found) > 3 else ""
+    raise HighFiveError(f"{path} is a folder of {len(found)} recordings; give one of them: {several}{more}")

@@ -137,7 +137,7 @@ def test_a_disk_that_fills_up_ends_the_recording_and_not_the_session(
     lines = [line for line in err.splitlines() if "make room" in line]
     assert "Traceback" not in err
     assert len(lines) == 1  # as it happens
-    assert "session.mcap" in lines[0] and "the session goes on" in lines[0]
+    assert "session.mcap" in lines[0] and "no more is recorded" in lines[0]
     recording = read_recording(tmp_path / "full" / "session.mcap")
     assert not recording.complete and len(recording.channels["/avatar"]) > 0
     report = json.loads((tmp_path / "full" / "report.json").read_text())

@@ -58,13 +58,16 @@ class ArmFigures:
     acted: Counter[str]
 
 
-def arm_figures(number: int, trial: ArmTrial, retarget: Retarget, limits: Limits) -> ArmFigures:
-    """Of the high five of a number, by the arm of ``retarget`` within ``limits``."""
+def arm_figures(number: int, trial: ArmTrial, retarget: Retarget, limits: Limits, stopped: str = "") -> ArmFigures:
+    """Of the high five of a number, by the arm of ``retarget`` within ``limits``; ``stopped`` is why it was stopped,
+    where more is known than its ticks say.
+    """
     return ArmFigures(
         number,
         trial.met,
         trial.broken_off,
-        next((tick.report.reason for tick in (*trial.ticks, *trial.back.ticks) if tick.report.state in HALTED), ""),
+        stopped
+        or next((tick.report.reason for tick in (*trial.ticks, *trial.back.ticks) if tick.report.state in HALTED), ""),
         trial.following_error(retarget.settings.lag).astype(np.float32),
         trial.currents.astype(np.float32),
         trial.periods_ms,
@@ -93,9 +96,9 @@ class ArmResults:
     figures: list[ArmFigures] = field(default_factory=list)
     whole: dict[int, ArmTrial] = field(default_factory=dict)
 
-    def add(self, number: int, trial: ArmTrial, retarget: Retarget, limits: Limits) -> None:
-        """The next high five, by the arm of ``retarget`` within ``limits``."""
-        self.figures.append(arm_figures(number, trial, retarget, limits))
+    def add(self, number: int, trial: ArmTrial, retarget: Retarget, limits: Limits, stopped: str = "") -> None:
+        """The next high five; see :func:`arm_figures`."""
+        self.figures.append(arm_figures(number, trial, retarget, limits, stopped))
         if len(self.whole) < WHOLE:
             self.whole[number] = trial
 

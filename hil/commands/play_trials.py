@@ -126,7 +126,7 @@ def play(
                 arm = None if watch is None else _arm_of(number, watch, result.style, partner, recorder)
                 results.append(result if len(results) < WHOLE else result.condensed())
                 if watch is not None and arm is not None and played.arm is not None:
-                    played.arm.add(number, arm, watch.loop.retarget, watch.loop.limits)
+                    played.arm.add(number, arm, watch.loop.retarget, watch.loop.limits, watch.loop.trouble)
                 advance()
                 if watch is not None and watch.loop.trouble:
                     why = f"the arm was stopped: {watch.loop.trouble}"
@@ -157,7 +157,8 @@ def _add_broken_off(played: Played, kept: Kept, watch: ArmWatch | None) -> None:
     partner, number = kept.head.partner, kept.head.number
     arm = None if watch is None else watch.end(kept.head.style, partner.cell, partner.contact_frame)
     if watch is not None and arm is not None and played.arm is not None:
-        played.arm.add(number, replace(arm, broken_off=True), watch.loop.retarget, watch.loop.limits)
+        broken_off = replace(arm, broken_off=True)
+        played.arm.add(number, broken_off, watch.loop.retarget, watch.loop.limits, watch.loop.trouble)
 
 
 def _cut_short(

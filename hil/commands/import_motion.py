@@ -118,8 +118,12 @@ def print_imported(result: dict[str, Any]) -> None:
     for trial in result["trials"]:
         people = " and ".join(person or "one person" for person in trial["people"])
         print(f"{trial['file']}: {people}, {counted(trial['points'], 'point')} at {trial['rate_hz']:g} Hz")
-    folder = result["folder"]
-    print(f"{counted(len(result['trials']), 'trial')} in {folder}; train on them with: highfive train {folder}")
+    folder, trials = result["folder"], result["trials"]
+    if any(len(trial["people"]) > 1 for trial in trials):
+        use = f"train on them with: highfive train {folder}"
+    else:
+        use = f"play it with: highfive simulate --source {result['files'][0]}"
+    print(f"{counted(len(trials), 'trial')} in {folder}; {use}")
 
 
 def _sources(options: ImportOptions) -> dict[str, Callable[[], Recording]]:

@@ -17,6 +17,7 @@ from highfive.hil.recording.newer_session import tell_of_newer
 from highfive.hil.recording.one_recording import one_recording
 from highfive.hil.recording.recording import RecordedMessage, check_session, no_session
 from highfive.hil.recording.trial_spans import HEADS, StoredMessage, TrialSpan, high_fives, span_of
+from highfive.hil.runtime.console import counted
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
@@ -34,6 +35,11 @@ class RecordedHighFive:
 
     span: TrialSpan
     messages: Mapping[str, tuple[RecordedMessage, ...]]
+
+    def __repr__(self) -> str:
+        """What is in it, not the messages themselves: a notebook shows this where nothing else is asked for."""
+        counts = ", ".join(f"{topic} {len(found)}" for topic, found in self.messages.items())
+        return f"<high five {self.number + 1}: {counts}>"
 
     @property
     def number(self) -> int:
@@ -137,6 +143,10 @@ class SessionReader(Sequence[RecordedHighFive]):
                 messages.setdefault(channel.topic, []).append(RecordedMessage(message.log_time, data))
         self._say(decode)
         return RecordedHighFive(span, {topic: tuple(found) for topic, found in messages.items()})
+
+    def __repr__(self) -> str:
+        """Where it is, and how many high fives are in it."""
+        return f"<{self.path}: {counted(len(self), 'high five')}>"
 
     def __len__(self) -> int:
         """Of its high fives."""

@@ -138,8 +138,9 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(run, tmp_path):
 
 def test_one_person_alone_is_said(run, tmp_path):
     skeleton_file(tmp_path / "a.bvh", "avatar")
-    code, _, err = run(tmp_path / "a.bvh", "--to", tmp_path / "data")
+    code, out, err = run(tmp_path / "a.bvh", "--to", tmp_path / "data")
     assert code == 0 and "of one person only" in err
+    assert "highfive train" not in out and f"highfive simulate --source {tmp_path / 'data' / 'a.c3d'}" in out
 
 
 def test_doubts_are_refused_until_somebody_says(run, fails, tmp_path):

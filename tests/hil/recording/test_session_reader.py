@@ -42,6 +42,13 @@ def test_high_fives_come_one_by_one_with_their_own_time(recorded: Path) -> None:
     assert session.settings["model"] == "default" and len(session.joints) == 53
 
 
+def test_a_notebook_shows_what_is_there_and_not_every_number(recorded: Path) -> None:
+    session = read_session(recorded)
+    assert repr(session) == f"<{recorded}: 2 high fives>"
+    assert repr(session[1]).startswith("<high five 2: ") and "/tick " in repr(session[1])
+    assert len(repr(session[1])) < 1000
+
+
 def test_all_at_once_is_the_same(recorded: Path) -> None:
     whole = read_recording(recorded).channels
     for topic in ("/avatar", "/tick", "/frame", "/contact"):

@@ -293,6 +293,11 @@ class ArmWatch:
         self._ticks.append(self.loop.tick(self.goal(tick)))
         self._cycles += self.loop.cycles()
 
+    @property
+    def cycles(self) -> Sequence[Cycle]:
+        """Of this trial so far, without the way back."""
+        return self._cycles
+
     def fresh(self) -> tuple[Sequence[ArmTick], Sequence[Cycle]]:
         """Ticks and cycles of this trial, and of the way back from it, since the last call."""
         ticks, cycles = self._taken

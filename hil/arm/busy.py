@@ -13,7 +13,8 @@ from highfive.hil.safety.rules import Rule
 LATE_NS = 20_000_000
 """A cycle of the bus that begins so late, ns, says that its process did not get the processor."""
 
-_AT_THE_END = 30  # cycles: a quarter of a second
+LAST = 30
+"""Cycles that are looked at: a quarter of a second."""
 
 
 def too_busy(
@@ -29,17 +30,18 @@ def too_busy(
     Args:
         trial: the high five in which it was stopped, or after which; None where that was too short to be one.
         cycles: of the bus, those after the trial's.
-        stopped_by: the rules that stopped it: between two high fives no tick of a trial has them.
-        never_silent: servos that are silent got no processor: they are emulated, and nothing is to go wrong with them.
+        stopped_by: the rules that stopped it; none where its driver did, or its servos' watchdogs.
+        never_silent: servos that are silent got no processor, and neither did a bus that is: they are emulated, and
+            nothing is to go wrong with them.
         gone: the arm's driver or its port has ended: then all is late for that, however idle the computer.
     """
     if gone:
         return ""
-    acted = set(stopped_by) | (set() if trial is None else {r for tick in trial.ticks for r in tick.report.acted})
-    of_trial = () if trial is None else (*trial.cycles[-_AT_THE_END:], *trial.back.cycles[-_AT_THE_END:])
-    last = [*of_trial, *cycles[:_AT_THE_END]]
+    of_trial = () if trial is None else (*trial.cycles[-LAST:], *trial.back.cycles[-LAST:])
+    last = [*of_trial, *cycles[:LAST]]
     late = any(cycle.begun_ns - cycle.due_ns > LATE_NS for cycle in last)
-    if Rule.DEADLINE not in acted and not ((late or never_silent) and Rule.SILENT_SERVO in acted):
+    silent = Rule.SILENT_SERVO in stopped_by or (not stopped_by and any(cycle.state.tripped.any() for cycle in last))
+    if Rule.DEADLINE not in stopped_by and not ((late or never_silent) and silent):
         return ""
     advice = "the computer was too busy: end other programs"
     if not may_go_first():

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from highfive.hil.arm.arm_trial import ArmWatch
-from highfive.hil.arm.busy import too_busy
+from highfive.hil.arm.busy import LAST, too_busy
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.planner_values import PalmGoal
 from highfive.hil.commands.shown_again import RecordedMotion, recorded_trial
@@ -32,9 +32,10 @@ class ArmInRun:
         watch: takes part in its trials.
     """
 
-    def __init__(self, watch: ArmWatch, *, live: bool) -> None:
-        """``live``: somebody is there who has to stand away from an arm that does not answer her."""
-        self.watch, self._live = watch, live
+    def __init__(self, watch: ArmWatch, *, live: bool, never_silent: bool = False) -> None:
+        """``live``: somebody is there who has to stand away from an arm that does not answer her; ``never_silent``: as
+        :attr:`ArmOptions.never_silent`."""
+        self.watch, self._live, self._never_silent = watch, live, never_silent
         arm = watch.loop.retarget.arm
         self._base, self._away = np.array(arm.mount.position, float), arm.reach + AWAY
         self._first_ns: int | None = None
@@ -67,8 +68,9 @@ class ArmInRun:
             )
         self.watch.watch(tick)
         if self.watch.loop.trouble:
-            remedy = too_busy(None, (), self.watch.loop.stopped_by, gone=self.watch.loop.gone)
-            raise RunFailedError(f"the arm was stopped: {self.watch.loop.trouble}{remedy and '; ' + remedy}")
+            loop, last = self.watch.loop, self.watch.cycles[-LAST:]
+            remedy = too_busy(None, last, loop.stopped_by, gone=loop.gone, never_silent=self._never_silent)
+            raise RunFailedError(f"the arm was stopped: {loop.trouble}{remedy and '; ' + remedy}")
 
     def _nearest(self, tick: Tick) -> float:
         """m, of head and palm to the arm's base, from above; 0 where nobody knows where she is."""

@@ -143,7 +143,7 @@ def open_stage(
     stage = AvatarStage(
         session, scene, page, desk, person, protocol,
         session_folder(options.study, options.participant, options.session), settings, outputs, MACHINE,
-        None if watch is None else ArmInRun(watch, live=live),
+        None if watch is None or chain.arm is None else ArmInRun(watch, live=live, never_silent=chain.arm.never_silent),
         None if beside is None or person is None else drift_watch(beside, person, page), clips,
     )  # fmt: skip
     stack.callback(stage.close)

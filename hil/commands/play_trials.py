@@ -308,7 +308,7 @@ def _remedy(watch: ArmWatch, arm: ArmTrial | None, options: SimulateOptions) -> 
     from highfive.hil.arm.busy import too_busy  # noqa: PLC0415
 
     cycles = [*watch.fresh()[1], *watch.loop.cycles()]
-    idle = options.arm is not None and options.arm.emulated and not options.arm.faults
+    idle = options.arm is not None and options.arm.never_silent
     return too_busy(arm, cycles, watch.loop.stopped_by, gone=watch.loop.gone, never_silent=idle)
 
 

@@ -197,7 +197,7 @@ def _played(
             if recorder.trouble:  # a full disk; there is still a report to try
                 stopped = recorder.trouble
             if stopped := loop.trouble or stopped:
-                idle = options.arm.emulated and not options.arm.faults
+                idle = options.arm.never_silent
                 remedy = too_busy(trial, loop.cycles(), loop.stopped_by, gone=loop.gone, never_silent=idle)
                 recorder.record_event("fault", detail=stopped)
                 whole += trial is not None and not trial.broken_off

@@ -104,6 +104,8 @@ def mirrored(items: Iterable[Blob | Cut]) -> tuple:
 _TRUNK_SHIRT = (
     Blob("pelvis", (-0.004, 0, -0.05), (0.006, 0, 0.07), (0.119, 0.104), (1, 1.58, 1)),
     ball("pelvis", (-0.036, 0, -0.045), 0.103, (1, 1.62, 1)),
+    # The hem goes with the thighs that it lies on, else they come through it where hips bend.
+    *mirrored([Blob("left_hip", (0.010, -0.006, -0.01), (0.010, -0.004, -0.06), (0.092, 0.090), blend=0.03)]),
     Blob("lumbar_5", (0.013, 0, 0.0), (0.015, 0, 0.07), (0.102, 0.100), (1, 1.34, 1)),
     Blob("lumbar_3", (0.015, 0, 0.0), (0.016, 0, 0.08), (0.100, 0.101), (1, 1.30, 1)),
     Blob("thoracic_12", (0.018, 0, 0.0), (0.018, 0, 0.10), (0.102, 0.108), (1, 1.32, 1)),
@@ -264,13 +266,15 @@ def parts(look: Look) -> list[Part]:
     """All surfaces of a whole body."""
     neckline = Cut("thoracic_8", (0.0, 0, 0.222), (0.28, 0, 1))
     hem = Cut("pelvis", (0, 0, -0.062), (0, 0, -1))
+    # Trousers end a little under the shirt, which follows a bending trunk, as they do not.
+    waist = Cut("pelvis", (0, 0, -0.022), (0, 0, 1))
     sleeve_ends = mirrored([Cut("left_elbow", (0, 0, -0.236), (0, 0, -1))])
     return [
         Part("shirt", "shirt", (*_TRUNK_SHIRT, *mirrored(_SLEEVE)), (neckline, hem, *sleeve_ends)),
         Part("left_cuff", "cuff", _CUFF, _CUFF_CUTS, step=0.005),
         Part("trousers", "trousers",
              (Blob("pelvis", (0, 0, -0.03), (0.004, 0, 0.05), (0.100, 0.096), (1, 1.38, 1)), *mirrored(_LEG)),
-             mirrored([Cut("left_knee", (0, 0, -0.405), (0, 0, -1))])),
+             (*mirrored([Cut("left_knee", (0, 0, -0.405), (0, 0, -1))]), waist)),
         Part("left_shoe", "shoes", _SHOE, (Cut("left_ankle", (0, 0, -0.056), (0, 0, -1)),), step=0.012),
         Part("left_sole", "sole", _SOLE,
              (Cut("left_ankle", (0, 0, -0.067), (0, 0, -1)), Cut("left_ankle", (0, 0, -0.051), (0, 0, 1))), step=0.010),

@@ -43,8 +43,11 @@ def view(options: ViewOptions) -> None:
     trials = RecordedTrials(session, build_scene())
     if not session.complete:
         say_aside(f"{session.path} was cut short: it is shown up to its last whole half second", logging.WARNING)
+    for number, why in trials.lacking.items():
+        say_aside(f"high five {number + 1} is left out: {why}", logging.WARNING)
     about: dict[str, Any] = {"mode": "recording", "title": name}
     about["cut"] = not session.complete
+    about["lacking"] = [number + 1 for number in trials.lacking]
     if trials.without_arm:
         say_aside(f"it is shown without its servo arm: {trials.without_arm}", logging.WARNING)
     about |= {"rig": trials.rig, "hand": trials.hand}

@@ -103,6 +103,8 @@ def contact(result: TrialResult) -> dict[str, Any]:
         "where": rounded(found.where),
         "out_of_reach": bool(result.out_of_reach),
         "uncorrected_error": known(result.uncorrected_error),
+        "true_error": known(result.true_error),
+        "touch_error": known(result.touch_error),
         "unwanted": [{"first": u.first, "second": u.second, "deepest": known(u.deepest)} for u in found.unwanted],
     }
 

@@ -93,7 +93,8 @@ TOPICS: dict[str, tuple[str, dict[str, Field]]] = {
         {"trial": _WHOLE, "style": _TEXT, "met": _YES, "met_time": _UNKNOWN, "distance": _UNKNOWN,
          "gap": _UNKNOWN, "lateral": _UNKNOWN,
          "palm_angle": _UNKNOWN, "approach_speed": _UNKNOWN, "peak_force": _UNKNOWN, "where": _LIST,
-         "out_of_reach": _YES, "uncorrected_error": _UNKNOWN, "unwanted": _UNWANTED},
+         "out_of_reach": _YES, "uncorrected_error": _UNKNOWN, "true_error": _UNKNOWN, "touch_error": _UNKNOWN,
+         "unwanted": _UNWANTED},
     ),
     "/arm": (
         "high_five.ArmCycle",

@@ -25,6 +25,8 @@ from highfive.scenes.appearance import Blob, Part
 FAR = 10.0
 BLOCK = 4
 """Grid points along the edge of a block."""
+BONES = 4
+"""Joints at most that a vertex moves with: more are not drawn in browsers and by game engines (glTF 2.0, 3.7.3.3)."""
 SOFTNESS = 0.4
 """Distance over which a vertex passes from one joint to the next, as a fraction of the limb's radius."""
 
@@ -195,7 +197,8 @@ def _faces(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> NDArray[np.i
 def _weights(vertices: Array, faces: NDArray[np.int64], part: Part, pose: BindPose) -> Array:
     """Weights (V, J) that fall off with the distance to each joint's blobs, as softly as the limb is thick.
 
-    Only joints within two steps of the nearest one in the tree take part, so that a finger does not move its neighbour.
+    Only joints within two steps of the nearest one in the tree take part, so that a finger does not move its neighbour,
+    and of these the :data:`BONES` nearest, as programs that draw skins have it.
     """
     skeleton = pose.skeleton
     distances = np.full((len(vertices), len(skeleton)), FAR)
@@ -211,7 +214,9 @@ def _weights(vertices: Array, faces: NDArray[np.int64], part: Part, pose: BindPo
     weights = np.exp(-(distances - distances.min(axis=1, keepdims=True)) / fall_off)
     weights *= _within_two_steps(skeleton)[nearest]
     weights = _smoothed(weights / weights.sum(axis=1, keepdims=True), faces)
-    weights[weights < 0.02] = 0.0
+    fifth = np.partition(weights, -BONES - 1, axis=1)[:, -BONES - 1 : -BONES]
+    weights = np.maximum(weights - fifth, 0.0)  # cut off alone it would leave a crease where another becomes the fifth
+    weights[weights < 0.02 * weights.sum(axis=1, keepdims=True)] = 0.0
     return weights / weights.sum(axis=1, keepdims=True)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,10 +10,12 @@ import numpy as np
 
 from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.runtime.console import say_aside
 from highfive.hil.view.commands import Command
 from highfive.hil.view.live_page import LivePage
 from highfive.hil.view.recorded import RecordedTrial, RecordedTrials, met_time_of, style_of
 from highfive.hil.view.wire import PoseMessage
+from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 RATE_HZ = 120.0
@@ -32,6 +35,8 @@ class Player:
     def __init__(self, trials: Sequence[RecordedTrial]) -> None:
         """At the start of the first of them, playing."""
         self._trials = trials
+        self.damaged: dict[int, str] = {}
+        """Those that were passed over, and why."""
         self.trial, self.time_s, self.speed, self.playing = 0, 0.0, 1.0, True
         self._rested_s = 0.0
         self._leapt = True
@@ -122,8 +127,21 @@ class Player:
         return self._trials[self.trial]
 
     def _go(self, trial: int, time_s: float) -> None:
-        self.trial, self._rested_s, self._leapt = trial, 0.0, True
+        self.trial, self._rested_s, self._leapt = self._readable(trial), 0.0, True
         self.time_s = min(max(time_s, 0.0), float(self._now.times[-1]))
+
+    def _readable(self, trial: int) -> int:
+        """The one that is wanted, or the next that can be read."""
+        while True:
+            try:
+                self._trials[trial]
+            except HighFiveError as error:
+                self.damaged[trial] = str(error)
+                if len(self.damaged) == len(self._trials):
+                    raise
+                trial = (trial + 1) % len(self._trials)
+            else:
+                return trial
 
 
 def along(times: Array, bodies: Array, first: int, share: float) -> Array:
@@ -153,13 +171,17 @@ def along(times: Array, bodies: Array, first: int, share: float) -> Array:
 
 def play(page: LivePage, trials: RecordedTrials, clock: Clock = MACHINE, until_ns: int | None = None) -> None:
     """Plays until the page's end button, Ctrl-C, or ``until_ns``."""
-    player, count, due = Player(trials), 0, clock.now()
+    player, count, due, told = Player(trials), 0, clock.now(), set[int]()
     page.tell("contacts", trials=[trial_line(span) for span in trials.spans])
     while page.alive and (until_ns is None or due < until_ns):
         for command in page.commands():
             if command.name == "end":
                 return
             player.obey(command)
+        for place in player.damaged.keys() - told:
+            told.add(place)
+            say_aside(f"left out: {player.damaged[place]}", logging.WARNING)
+            page.tell("say", message=f"High five {trials.spans[place].number + 1} is damaged and left out.")
         page.show(player.poses(due))
         if count % STATES_EVERY == 0:
             page.tell("state", **player.state())
@@ -172,12 +194,13 @@ def play(page: LivePage, trials: RecordedTrials, clock: Clock = MACHINE, until_n
 def trial_line(span: TrialSpan) -> dict[str, Any]:
     """A high five in a list."""
     contact = span.contact
+    touched = contact.get("touch_error")  # the true palm's, as a session's own page has it; of no person who lives
     return {
         "title": span.text("title"),
         "style": style_of(span),
         "cell": span.text("cell"),
         "met": contact.get("met"),
         "contact_s": met_time_of(contact),
-        "distance_m": contact.get("distance"),
+        "distance_m": contact.get("distance") if touched is None else touched,
         "where": contact.get("where"),
     }

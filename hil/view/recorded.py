@@ -73,6 +73,7 @@ class RecordedTrials(Sequence[RecordedTrial]):
 
     Attributes:
         spans: the same, as they are known without their ticks.
+        lacking: of those that are left out, for they have no ticks of what is shown: number, and what was not recorded.
         rig: which servo arm took part, its name or folder; '' where none did, or it is not here.
         without_arm: why the arm that took part is not shown; '' where it is, or none did.
     """
@@ -87,9 +88,12 @@ class RecordedTrials(Sequence[RecordedTrial]):
             )
         self._session, self._scene = session, scene
         self._read = lru_cache(maxsize=1)(self._trial)
-        self.spans = tuple(span for span in session.spans if span.ticks >= _SHORTEST and not span.broken_off)
+        whole = [span for span in session.spans if not span.broken_off]
+        self.spans = tuple(span for span in whole if span.ticks >= _SHORTEST)
+        self.lacking = {span.number: _lacking(span) for span in whole if span.ticks < _SHORTEST}
         if not self.spans:
-            raise HighFiveError(f"{session.path} holds no high five: no ticks of avatar and person in it")
+            what = "no high five" if not whole else f"no high five that can be shown: {_lacking(whole[0])}"
+            raise HighFiveError(f"{session.path} holds {what}")
         self.rig, self.without_arm = self._arm()
         _ = self[0]  # one of another version is refused before the page is opened
 
@@ -140,6 +144,11 @@ class RecordedTrials(Sequence[RecordedTrial]):
                 f"{self._session.path} is a recording of another version, or damaged: high five {span.number + 1} "
                 "lacks something that is shown; view it with the version that recorded it"
             ) from None
+
+
+def _lacking(span: TrialSpan) -> str:
+    missing = [topic for topic in ("/tick", "/person", "/avatar") if topic not in span.topics]
+    return f"{' and '.join(missing)} not recorded" if missing else "too few ticks of avatar and person together"
 
 
 def recorded_trials(path: Path, scene: Scene) -> RecordedTrials:

@@ -28,7 +28,10 @@ from highfive.model.errors import HighFiveError
 from highfive.model.files import UNFINISHED, written_whole
 from highfive.model.geometry.rotations import Array
 
-CONTACT = ("met_time", "distance", "gap", "lateral", "palm_angle", "approach_speed", "peak_force", "uncorrected_error")
+CONTACT = (
+    "met_time", "distance", "gap", "lateral", "palm_angle", "approach_speed", "peak_force", "uncorrected_error",
+    "true_error", "touch_error",
+)  # fmt: skip
 """Numbers of a judged contact, as ``/contact`` names them: s after the trial's start, m, rad, m/s, N."""
 _TEXTS = ("title", "emotion", "style", "cell")
 

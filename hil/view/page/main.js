@@ -95,7 +95,8 @@ const heard = {
     caption.begin(text);
     document.body.classList.toggle("steered", text.mode !== "recording");
     byId("partners").hidden = !text.rig;
-    notice("cut", text.cut ? CUT : "");
+    const gone = text.lacking || [];
+    notice("cut", [text.cut && CUT, gone.length && `Left out, for parts of it were not recorded: high five ${gone.join(", ")}.`].filter(Boolean).join(" "));
     notice("why", why = "");
     notice("headset", refused = "");
     hello = text;
@@ -285,8 +286,8 @@ function frame(now, seen) {
   const still = state.paused || state.playing === false;
   // Between two high fives nothing need come: of a session, or of a recording that rests while its next one is read.
   const idle = !shown || (stale && (judgedAt > arrived - FRESH_MS || (state.playing && motion.newest.rate === 0)));
-  const status = linked !== "good" ? "" : still ? "paused" : stage && !stage.ready ? "loading" : idle ? "waiting" : stale ? "no new poses" : "live";
-  if (status && status !== said) linkShown({ live: "good", "no new poses": "" }[status] ?? "calm", status);
+  const status = linked !== "good" ? "" : still ? "paused" : stage && !stage.ready ? "loading" : idle ? "waiting" : stale ? "no new poses" : state.playing ? "playing" : "live";
+  if (status && status !== said) linkShown({ live: "good", playing: "good", "no new poses": "" }[status] ?? "calm", status);
   said = status;
   frozen = stale;
   if (seen && headset?.session) {

@@ -1,5 +1,8 @@
 """Recordings on the page: every body where it was, at any speed, and what cannot be shown said in one line."""
 
+import json
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,12 +13,13 @@ from mcap.writer import Writer
 from scipy.interpolate import CubicSpline
 
 from highfive.hil.recording.recording import read_recording
+from highfive.hil.recording.session_reader import read_session
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.cast import Cast
 from highfive.hil.view.commands import Command
-from highfive.hil.view.player import AHEAD_S, REST_S, Player, along
+from highfive.hil.view.player import AHEAD_S, REST_S, Player, along, trial_line
 from highfive.hil.view.recorded import RecordedTrials, recorded_trials
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
@@ -178,23 +182,61 @@ def test_a_recording_that_was_cut_short_is_shown_up_to_there(tmp_path: Path) -> 
     assert "\n" not in str(said.value)
 
 
-def test_a_recording_of_a_version_without_markers_is_shown_without_them(tmp_path: Path) -> None:
-    older = tmp_path / "older.mcap"
-    with SHIPPED_RECORDING.open("rb") as file, older.open("wb") as out:
+def shipped_with(path: Path, change: Callable[[str, int, bytes], bytes | None]) -> Path:
+    """The shipped recording with messages changed, or left out where None is made of them: by topic and high five."""
+    with SHIPPED_RECORDING.open("rb") as file, path.open("wb") as out:
         writer = Writer(out)
         writer.start(profile="", library="test")
         channels: dict[str, int] = {}
+        high_five = -1
         for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-            if channel.topic == "/markers" or schema is None:
+            high_five += channel.topic == "/trial"
+            data = change(channel.topic, high_five, message.data)
+            if data is None or schema is None:
                 continue
             if channel.topic not in channels:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
-            writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+            writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time)
         writer.finish()
+    return path
+
+
+def test_a_recording_of_a_version_without_markers_is_shown_without_them(tmp_path: Path) -> None:
+    older = shipped_with(tmp_path / "older.mcap", lambda topic, _, data: None if topic == "/markers" else data)
     found = recorded_trials(older, build_scene())
     assert len(found) == len(shipped()) and np.array_equal(found[1].bodies, shipped()[1].bodies)
     assert found[1].markers.shape[1] == 0 and Player(found).state()["markers"] == 0
+
+
+def test_a_high_five_of_which_a_part_was_not_recorded_is_named(tmp_path: Path) -> None:
+    def third_without(topic: str, high_five: int, data: bytes) -> bytes | None:
+        return None if (topic, high_five) == ("/person", 2) else data
+
+    found = recorded_trials(shipped_with(tmp_path / "one.mcap", third_without), build_scene())
+    assert found.lacking == {2: "/person not recorded"} and [span.number for span in found.spans] == [0, 1, 3]
+    none = shipped_with(tmp_path / "none.mcap", lambda topic, _, data: None if topic == "/person" else data)
+    with pytest.raises(HighFiveError, match="no high five that can be shown: /person not recorded"):
+        recorded_trials(none, build_scene())
+
+
+def test_a_damaged_high_five_is_passed_over_and_named(tmp_path: Path) -> None:
+    def third_damaged(topic: str, high_five: int, data: bytes) -> bytes:
+        return json.dumps({"root": "far", "quaternions": []}).encode() if (topic, high_five) == ("/avatar", 2) else data
+
+    found = recorded_trials(shipped_with(tmp_path / "damaged.mcap", third_damaged), build_scene())
+    player = Player(found)
+    player.obey(Command("trial", 2))
+    assert player.trial == 3 and list(player.damaged) == [2] and "high five 3 lacks" in player.damaged[2]
+    player.obey(Command("next"))
+    assert player.trial == 0
+
+
+def test_the_list_has_what_the_session_showed_of_a_contact() -> None:
+    """On its own page it was from the true palm, which of a person who lives nobody knows."""
+    span = read_session(SHIPPED_RECORDING)[0].span
+    for known, shown in (({"touch_error": 0.002}, 0.002), ({"touch_error": None}, 1e-5), ({}, 1e-5)):
+        assert trial_line(replace(span, contact={"met": True, "distance": 1e-5, **known}))["distance_m"] == shown
 
 
 @pytest.mark.parametrize(
@@ -216,8 +258,6 @@ def test_what_cannot_be_shown_is_said_in_one_line(change: dict[str, object], mes
 
 def write_other(path: Path, change: dict[str, object]) -> None:
     """A recording of the shipped one's first ticks, with something else in it."""
-    import json  # noqa: PLC0415
-
     recording = read_recording(SHIPPED_RECORDING)
     with path.open("wb") as file:
         writer = Writer(file)

@@ -15,8 +15,8 @@ from highfive.hil.view.cast import Cast
 from highfive.hil.view.skin_file import FAR, SKIN, skin_file
 from highfive.model.geometry import rotations
 
-WORST_MM = 5.0
-"""Four bones a vertex of MuJoCo's five, and weights of 8 bits."""
+WORST_MM = {"avatar": 1.5, "person": 5.0}
+"""Weights of 8 bits; of the person, whose bodies are strewn about here, they are tenths of a body's way."""
 KINDS = {5126: np.float32, 5121: np.uint8, 5123: np.uint16, 5125: np.uint32}
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
@@ -90,7 +90,7 @@ def test_every_vertex_is_where_mujoco_draws_it() -> None:
         theirs = np.array(drawn.skinvert).reshape(-1, 3)[start : start + count]
         ours = glb.placed(SKIN + name, bones)
         off = 1e3 * np.linalg.norm(ours - theirs, axis=1)
-        assert off.max() < WORST_MM and off.mean() < 1.0, name
+        assert off.max() < WORST_MM[name.split("_")[0]] and off.mean() < 1.0, (name, off.max())
         coarse = glb.placed(SKIN + name + FAR, bones)
         assert len(coarse) < 0.8 * len(ours)
         away = np.array([np.linalg.norm(theirs - point, axis=1).min() for point in coarse[::17]])

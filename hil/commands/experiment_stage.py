@@ -139,7 +139,7 @@ class AvatarStage:
         self._view = SessionView(
             StagePage(page, desk), session, self._playout, scene, clock=clock, shown=self._picture,
             arm=None if arm is None else arm.watch.joints, rig=settings.arm_name or DEFAULT_ARM,
-            halted=lambda: arm is not None and bool(arm.watch.loop.trouble),
+            trouble=lambda: "" if arm is None else arm.watch.loop.trouble,
         )  # fmt: skip
         self._open_outputs = outputs
         self._outputs: SessionOutputs | None = None

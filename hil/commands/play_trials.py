@@ -263,7 +263,7 @@ def _view(
     view = SessionView(
         page, session, playout, scene, arm=None if watch is None else watch.joints,
         rig="" if options.arm is None else options.arm.arm,
-        halted=lambda: watch is not None and bool(watch.loop.trouble),
+        trouble=lambda: "" if watch is None else watch.loop.trouble,
         shown=lambda told: recorder.record_shown(told.page, told.shown, told.bound_ns, tracks=told.tracks),
     )  # fmt: skip
     recorder.on_streams = view.streams

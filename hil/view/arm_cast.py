@@ -49,6 +49,11 @@ class ArmCast:
         """(2 A, 7) position, m, and quaternion in the world, of joints (J,), rad."""
         return np.concatenate([self._placed(measured), self._placed(wanted)])
 
+    def plate(self, joints: Array) -> Array:
+        """(3,) m, of the middle of the plate, of joints (J,), rad."""
+        self._placed(joints)
+        return self._data.site_xpos[self._twin.plate_site].copy()
+
     def geoms(self, first: int) -> list[dict[str, Any]]:
         """Shapes, as :meth:`highfive.hil.view.cast.Cast.description` gives them, of bodies numbered from ``first``."""
         model = self._twin.model

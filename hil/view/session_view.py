@@ -90,10 +90,10 @@ class SessionView:
     def __init__(
         self, page: ShowingPage, session: Session, playout: PlayOut, scene: Scene, *,
         arm: Callable[[], tuple[Array, Array] | None] | None = None, rig: str = DEFAULT_ARM, clock: Clock = MACHINE,
-        shown: Callable[[PageShown], None] = lambda picture: None, halted: Callable[[], bool] = lambda: False,
+        shown: Callable[[PageShown], None] = lambda picture: None, trouble: Callable[[], str] = lambda: "",
     ) -> None:  # fmt: skip
         """Of a session that plays in ``playout``; ``shown`` is given each picture that a page says it has shown, and
-        ``halted`` says whether the arm is stopped.
+        ``trouble`` says why the arm is stopped, '' while it is not.
 
         With an ``arm`` (``rig`` is its name or folder), of which it gives the joints (J,), rad, as measured and as
         wanted, a high five is never broken
@@ -101,7 +101,7 @@ class SessionView:
         """
         self._page, self._session, self._playout, self._scene = page, session, playout, scene
         self._cast, self._arm, self._clock, self._shown = Cast.of(scene.model), arm, clock, shown
-        self._halted = halted
+        self._trouble = trouble
         self._arm_cast = None if arm is None else ArmCast(rig)
         self.weights: dict[str, float] | None = None
         self.cell: str | None = None
@@ -190,7 +190,8 @@ class SessionView:
     def ends(self, why: str, *, stopped: bool) -> None:
         """The session ends before it is through: the page says ``why``, and whether the arm was ``stopped``."""
         self._stopped = stopped
-        self._page.tell("state", **self._trial, **self._standing(), time_s=0.0, message=f"{why[:1].upper()}{why[1:]}")
+        about = {**self._trial, **self._standing(), "message": f"{why[:1].upper()}{why[1:]}"}
+        self._page.tell("state", **about, time_s=0.0)
 
     def _obey(self) -> None:
         for command in self._page.commands():
@@ -238,7 +239,9 @@ class SessionView:
             raise Interruption(self._wish)
 
     def _standing(self) -> dict[str, Any]:
-        return {"paused": self._paused, "corrected": self.corrects, "stopped": self._stopped or self._halted()}
+        trouble = self._trouble()
+        why = {"message": f"The arm was stopped: {trouble}"} if trouble else {}
+        return {"paused": self._paused, "corrected": self.corrects, "stopped": self._stopped or bool(trouble), **why}
 
     def _state(self, tick: Tick, distance: float) -> dict[str, Any]:
         response = tick.response
@@ -251,6 +254,7 @@ class SessionView:
             "correction": tick.target.weight,
             "time_to_contact_s": sure_s,
             "palms_m": distance if tick.person.valid else None,
+            **self._plate(tick),
             "tracked": int(tick.markers.seen.sum()),
             "markers": len(tick.markers.seen),
             "forecast": None
@@ -259,3 +263,12 @@ class SessionView:
             or forecast.time < 0.0
             else ellipsoid(forecast.point, forecast.covariance),
         }
+
+    def _plate(self, tick: Tick) -> dict[str, Any]:
+        """How far the arm's plate is from the person's palm; nothing where there is no arm."""
+        if self._arm_cast is None or self._arm is None:
+            return {}
+        joints = self._arm()
+        if joints is None or not tick.person.valid:
+            return {"plate_m": None}
+        return {"plate_m": float(np.linalg.norm(self._arm_cast.plate(joints[0]) - tick.person.palm.position))}

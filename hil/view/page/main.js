@@ -158,14 +158,17 @@ const heard = {
 
 let charted = null;
 function figures(text) {
-  byId("palms").textContent = metres(text.palms_m);
+  const plate = text.plate_m !== undefined && stage?.met === "arm";
+  const between = plate ? text.plate_m : text.palms_m;
+  byId("palms").textContent = metres(between);
+  for (const name of [byId("palms"), byId("palms-strip")]) name.previousElementSibling.firstChild.textContent = plate ? "plate to palm " : "palm to palm ";
   const left = text.time_to_contact_s;
   byId("contact").textContent = left === null || left === undefined || left > 1.5 || left < -0.3 ? "–" : left <= 0 ? "now" : `${left.toFixed(2)} s`;
   byId("markers").parentElement.hidden = !text.markers;
   byId("markers").textContent = text.markers ? `${text.tracked} of ${text.markers}` : "–";
   if (text.trial !== charted) for (const strip of Object.values(strips)) strip.clear();
   charted = text.trial;
-  strips.palms.add(text.time_s, text.palms_m === null ? null : 100 * text.palms_m);
+  strips.palms.add(text.time_s, between === null ? null : 100 * between);
   strips.correction.add(text.time_s, text.correction);
 }
 

@@ -111,18 +111,21 @@ export class Webcam {
     this.say("The camera is off.");
   }
 
-  claim() { this.connection.send({ kind: "camera" }); }
+  /** Asks for this page's camera to count; never again where it has none to give. */
+  claim() { if (!this.none) this.connection.send({ kind: "camera" }); }
+
+  /** There is no camera to be had here: another page's may count. */
+  lacks(text) { this.none = true; this.say(text); this.connection.send({ kind: "camera", over: true }); }
 
   async start() {
-    if (!navigator.mediaDevices) { this.say("This browser gives no camera here: open the page on this computer (localhost), or over https."); return; }
-    if (typeof OffscreenCanvas === "undefined") { this.say("This browser cannot run the nets beside the page: take a newer one."); return; }
+    if (!navigator.mediaDevices) { this.lacks("This browser gives no camera here: open the page on this computer (localhost), or over https."); return; }
+    if (typeof OffscreenCanvas === "undefined") { this.lacks("This browser cannot run the nets beside the page: take a newer one."); return; }
     try {
       this.video.srcObject = await navigator.mediaDevices.getUserMedia({
         audio: false, video: { width: { ideal: 1280 }, height: { ideal: 720 }, frameRate: { ideal: 30 }, facingMode: "user" },
       });
     } catch (error) {
-      this.say(REFUSED[error.name] || `The camera cannot be used: ${error.message}`);
-      this.connection.send({ kind: "camera", over: true });  // another page's may count
+      this.lacks(REFUSED[error.name] || `The camera cannot be used: ${error.message}`);
       return;
     }
     for (const track of this.video.srcObject.getTracks()) track.onended = () => this.say("The camera was taken away: plug it in, and reload.");

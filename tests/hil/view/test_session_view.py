@@ -3,15 +3,19 @@
 import json
 import logging
 
+import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from highfive.hil.session.session import Session
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
+from highfive.hil.arm_model.servo_arm import default_arm
+from highfive.hil.session.session import Session, Tick
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import simulated_partners
+from highfive.hil.trials.trial import run_trial
 from highfive.hil.view.live_page import LivePage
-from highfive.hil.view.session_view import SessionView
+from highfive.hil.view.session_view import STATES_EVERY, SessionView
 from highfive.model import DEFAULT_MODEL
 from highfive.model.hgpdm.store import load_model
 
@@ -52,3 +56,30 @@ def test_a_session_that_ends_before_it_is_through_says_why_on_the_page() -> None
             while (text := json.loads(link.recv(10.0)))["kind"] != "state":  # also who comes only now is told
                 pass
     assert text["message"] == "The arm was stopped: tested" and text["stopped"] and text["trials"] == 2
+
+
+def test_a_page_with_an_arm_has_its_plate_and_why_it_was_stopped_at_once() -> None:
+    scene, folder = build_scene(), find_arm(DEFAULT_ARM)
+    (partner,) = simulated_partners(1, ("happy",), ("B2",), 0)
+    session = Session(load_model(DEFAULT_MODEL), {"happy": 1.0}, partner.marker_set, scene)
+    joints, troubles, people = np.array(folder.ready), [""], []
+    playout = KinematicPlayOut(scene)
+    with LivePage({"mode": "session"}, port=0) as page:
+        view = SessionView(
+            page, session, playout, scene, arm=lambda: (joints, joints), rig=DEFAULT_ARM, trouble=lambda: troubles[0]
+        )
+        view.begin(0, 1, "B2", {"happy": 1.0})
+
+        def watch(tick: Tick) -> None:
+            troubles[0] = "tested" if len(people) >= 100 else ""
+            people.append(tick.person.palm.position)
+            view.watch(tick)
+
+        run_trial(0, partner, session, playout, watch=watch)
+        with connect(page.address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None) as link:
+            while (text := json.loads(link.recv(10.0)))["kind"] != "state":
+                pass
+    assert text["stopped"] and text["message"] == "The arm was stopped: tested"
+    plate = default_arm().plate_at(joints).position
+    distances = [float(np.linalg.norm(plate - palm)) for palm in people]
+    assert min(abs(text["plate_m"] - distance) for distance in distances[-2 * STATES_EVERY :]) < 1e-3

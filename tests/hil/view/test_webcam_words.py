@@ -83,6 +83,8 @@ def test_what_a_net_is_unsure_of_is_drawn_pale(browser: Browser) -> None:
 def test_what_keeps_the_camera_away_is_said(browser: Browser, name: str, expected: str) -> None:
     browser.evaluate(f"navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException('no', '{name}')), 0")
     assert expected in browser.evaluate(STARTED)
+    browser.evaluate("window.sent = [], panel.connection = { send: (text) => sent.push(text) }, panel.claim(), 0")
+    assert browser.evaluate("sent") == []  # after a reconnection, too: it keeps no other page's from counting
 
 
 def test_at_the_end_the_camera_goes_off(page: LivePage) -> None:

@@ -85,10 +85,12 @@ class Decoder:
         return {"names": list(self.names), **points}
 
 
-def say_what_is_left_out(file: McapFile, malformed: Collection[Place]) -> None:
-    """In one line, where anything is."""
-    found = [counted(len(malformed), "malformed message")] if malformed else []
-    found += [counted(len(file.damaged), "damaged chunk")] if file.damaged else []
+def say_what_is_left_out(file: McapFile, malformed: Collection[Place], said: tuple[int, int] = (0, 0)) -> None:
+    """In one line, where anything is; ``said``: malformed messages and damaged chunks of which it was said before."""
+    messages, chunks = len(malformed) - said[0], len(file.damaged) - said[1]
+    more = " more" if any(said) else ""
+    found = [counted(messages, f"{more} malformed message".strip())] if messages else []
+    found += [counted(chunks, f"{more} damaged chunk".strip())] if chunks else []
     if found:
         LOG.warning("%s: left out: %s", file.path.name, " and ".join(found))
 

@@ -177,8 +177,8 @@ class SessionReader(Sequence[RecordedHighFive]):
         """What is left out, of which nothing was said yet."""
         self._malformed |= decode.malformed
         if (found := (len(self._malformed), len(self._file.damaged))) != self._said:
+            say_what_is_left_out(self._file, self._malformed, self._said)
             self._said = found
-            say_what_is_left_out(self._file, self._malformed)
 
 
 def read_session(path: Path | str) -> SessionReader:

@@ -57,6 +57,12 @@ class TrialSpan:
     names: tuple[str, ...] = ()
     labels: Mapping[str, list[str]] | None = None
 
+    @property
+    def lacking(self) -> str:
+        """Why avatar and person cannot be shown, where they have next to no ticks in common."""
+        missing = [topic for topic in ("/tick", "/person", "/avatar") if topic not in self.topics]
+        return f"{' and '.join(missing)} not recorded" if missing else "too few ticks of avatar and person together"
+
     def text(self, name: str) -> str:
         """What ``/trial`` says of it (``emotion``, ``style``, ``cell``, ``title``); '' where it says nothing."""
         value = self.about.get(name)

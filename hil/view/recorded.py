@@ -90,9 +90,9 @@ class RecordedTrials(Sequence[RecordedTrial]):
         self._read = lru_cache(maxsize=1)(self._trial)
         whole = [span for span in session.spans if not span.broken_off]
         self.spans = tuple(span for span in whole if span.ticks >= _SHORTEST)
-        self.lacking = {span.number: _lacking(span) for span in whole if span.ticks < _SHORTEST}
+        self.lacking = {span.number: span.lacking for span in whole if span.ticks < _SHORTEST}
         if not self.spans:
-            what = "no high five" if not whole else f"no high five that can be shown: {_lacking(whole[0])}"
+            what = "no high five" if not whole else f"no high five that can be shown: {whole[0].lacking}"
             raise HighFiveError(f"{session.path} holds {what}")
         self.rig, self.without_arm = self._arm()
         _ = self[0]  # one of another version is refused before the page is opened
@@ -144,11 +144,6 @@ class RecordedTrials(Sequence[RecordedTrial]):
                 f"{self._session.path} is a recording of another version, or damaged: high five {span.number + 1} "
                 "lacks something that is shown; view it with the version that recorded it"
             ) from None
-
-
-def _lacking(span: TrialSpan) -> str:
-    missing = [topic for topic in ("/tick", "/person", "/avatar") if topic not in span.topics]
-    return f"{' and '.join(missing)} not recorded" if missing else "too few ticks of avatar and person together"
 
 
 def recorded_trials(path: Path, scene: Scene) -> RecordedTrials:

@@ -91,7 +91,9 @@ def export_trials(session: SessionReader) -> list[ExportTrial]:
     trials = [ExportTrial(span, partial(load, place)) for place, span in enumerate(session.spans) if span.ticks]
     if not trials:
         cut = "" if session.complete else "; it is cut short"
-        raise HighFiveError(f"{name} holds no high five: no ticks of avatar and person in it{cut}")
+        spans = session.spans
+        what = f"no high five that can be exported: {spans[0].lacking}" if spans else "no high five"
+        raise HighFiveError(f"{name} holds {what}{cut}")
     return trials
 
 

@@ -61,9 +61,9 @@ def test_a_marker_that_was_never_seen_has_no_age():
     ("recording", "says"),
     [
         (replace(shipped_recording(), joints=("a", "b")), "another avatar: 2 joints, this one has 53"),
-        (without(shipped_recording(), "/tick"), "holds no high five"),
-        (without(shipped_recording(), "/person"), "holds no high five"),
-        (replace(without(shipped_recording(), "/avatar"), complete=False), "holds no high five.*cut short"),
+        (without(shipped_recording(), "/tick"), "holds no high five that can be exported: /tick not recorded"),
+        (without(shipped_recording(), "/person"), "holds no high five that can be exported: /person not recorded"),
+        (replace(without(shipped_recording(), "/avatar"), complete=False), "/avatar not recorded; it is cut short"),
         (changed("/tick", lambda d: {}), "another version.*phase is missing"),
         (changed("/avatar", lambda d: d | {"root": [0.0, 1.0]}, False), "/avatar: root is not made of numbers"),
         (

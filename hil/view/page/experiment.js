@@ -3,6 +3,7 @@
 import { markdown } from "./markdown.js";
 
 const CUES = { go: "Go", watch: "Watch" }, TASKS = { go: "Raise your hand when you hear the tone.", watch: "Only watch: keep your arms down." };
+const IDLE = new Set(["ready", "wait", "question", "pause", "over"]);  // nothing need move meanwhile
 const TONE_HZ = 660, TONE_S = 0.18;
 
 const made = (kind, fields = {}, ...children) => {
@@ -167,7 +168,7 @@ export function openExperiment(connection, addPanel) {
   };
   if (experimenter) addPanel(experimenter.element, "experimenter", hearNothing);
   return {
-    participant, experimenter, hear(text) { hear[text.kind]?.(text); },
+    participant, experimenter, get idle() { return IDLE.has(participant.now.phase); }, hear(text) { hear[text.kind]?.(text); },
     end() { if (participant.now.phase !== "over") participant.show({ phase: "over", finished: false }); },  // nothing is asked any more
   };
 }

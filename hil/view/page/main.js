@@ -288,7 +288,7 @@ function frame(now, seen) {
   const stale = shown && connection.synchronised && shown.age > FROZEN_MS;
   const still = state.paused || state.playing === false;
   // Between two high fives nothing need come: of a session, or of a recording that rests while its next one is read.
-  const idle = !shown || (stale && (judgedAt > arrived - FRESH_MS || (state.playing && motion.newest.rate === 0)));
+  const idle = !shown || (stale && (judgedAt > arrived - FRESH_MS || experiment?.idle || (state.playing && motion.newest.rate === 0)));
   const status = linked !== "good" ? "" : still ? "paused" : stage && !stage.ready ? "loading" : idle ? "waiting" : stale ? "no new poses" : state.playing ? "playing" : "live";
   if (status && status !== said) linkShown({ live: "good", playing: "good", "no new poses": "" }[status] ?? "calm", status);
   said = status;

@@ -29,7 +29,7 @@ def too_busy(
 
     Args:
         trial: the high five in which it was stopped, or after which; None where that was too short to be one.
-        cycles: of the bus, those after the trial's.
+        cycles: of the bus, those after the trial's; the watchdogs may have tripped in a pause.
         stopped_by: the rules that stopped it; none where its driver did, or its servos' watchdogs.
         never_silent: servos that are silent got no processor, and neither did a bus that is: they are emulated, and
             nothing is to go wrong with them.
@@ -38,7 +38,7 @@ def too_busy(
     if gone:
         return ""
     of_trial = () if trial is None else (*trial.cycles[-LAST:], *trial.back.cycles[-LAST:])
-    last = [*of_trial, *cycles[:LAST]]
+    last = [*of_trial, *cycles]
     late = any(cycle.begun_ns - cycle.due_ns > LATE_NS for cycle in last)
     silent = Rule.SILENT_SERVO in stopped_by or (not stopped_by and any(cycle.state.tripped.any() for cycle in last))
     if Rule.DEADLINE not in stopped_by and not ((late or never_silent) and silent):

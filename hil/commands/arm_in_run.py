@@ -5,7 +5,7 @@ An arm that plays again does not answer her, so that she has to stand where it d
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from highfive.hil.arm.busy import LAST, too_busy
 from highfive.hil.arm.contact_goal import palm_goal
 from highfive.hil.arm.planner_values import PalmGoal
 from highfive.hil.commands.shown_again import RecordedMotion, recorded_trial
+from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.experiments.stage import RunFailedError, TrialBrokenOffError
 from highfive.hil.recording.replay_goals import asked_of_arm
 from highfive.hil.session.session import Tick
@@ -49,6 +50,8 @@ class ArmInRun:
         """
         self._first_ns = None
         self.watch.goal = palm_goal if source is None or motion is None else self._again(*source, motion)
+        if why := self.stopped(self.watch.loop.cycles()):  # since the last trial, which nobody records
+            raise RunFailedError(why)
         try:
             self.watch.begin()
         except HighFiveError as error:
@@ -67,10 +70,17 @@ class ArmInRun:
                 f"{self._away:.2f} m at least"
             )
         self.watch.watch(tick)
-        if self.watch.loop.trouble:
-            loop, last = self.watch.loop, self.watch.cycles[-LAST:]
-            remedy = too_busy(None, last, loop.stopped_by, gone=loop.gone, never_silent=self._never_silent)
-            raise RunFailedError(f"the arm was stopped: {loop.trouble}{remedy and '; ' + remedy}")
+        if why := self.stopped():
+            raise RunFailedError(why)
+
+    def stopped(self, since: Sequence[Cycle] = ()) -> str:
+        """Why it is not driven any more, in one line, and what to do; '' while it is. ``since``: cycles of the bus after
+        those of the trial."""
+        loop, last = self.watch.loop, [*self.watch.cycles[-LAST:], *since]
+        if not loop.trouble:
+            return ""
+        remedy = too_busy(None, last, loop.stopped_by, gone=loop.gone, never_silent=self._never_silent)
+        return f"the arm was stopped: {loop.trouble}{remedy and '; ' + remedy}"
 
     def _nearest(self, tick: Tick) -> float:
         """m, of head and palm to the arm's base, from above; 0 where nobody knows where she is."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from highfive.hil.publish.outputs import SessionOutputs
 from highfive.hil.recording.background import BackgroundRecorder
 from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.runtime.clock import Clock
+from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.playout import KinematicPlayOut, PlayState
@@ -241,6 +243,9 @@ class AvatarStage:
         if clip is not None and not clip.over:
             raise TrialBrokenOffError("the shoulder was not tapped" if not clip.tapped else "the clip was not over")
         kept.end(replace(result, style=head.style))
+        if self._arm is not None and (why := self._arm.stopped()):  # on its way back: the trial itself counts
+            self._record_event("fault", trial=asked.ask - 1, detail=why)
+            say_aside(why, logging.WARNING)
 
     def _place(self, source: TrialRow) -> tuple[Path, str]:
         """Recording of a trial that is shown again, and its title there."""

@@ -200,7 +200,7 @@ def _played(
                 idle = options.arm.never_silent
                 remedy = too_busy(trial, loop.cycles(), loop.stopped_by, gone=loop.gone, never_silent=idle)
                 recorder.record_event("fault", detail=stopped)
-                whole += trial is not None and not trial.broken_off
+                whole += trial is not None and not trial.broken_off and not recorder.trouble
                 break
             whole += 1
             advance()

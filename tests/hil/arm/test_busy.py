@@ -40,6 +40,8 @@ def test_watchdogs_that_stopped_the_servos_heard_nothing_from_a_busy_computer() 
     assert too_busy(WELL, cycles(0, tripped=True), never_silent=True).startswith("the computer was too busy")
     assert too_busy(WELL, cycles(2 * LATE_NS, tripped=True)).startswith("the computer was too busy")
     assert too_busy(WELL, cycles(0, tripped=True)) == ""
+    after_a_pause = [*(120 * cycles(0)), *cycles(0, tripped=True)]
+    assert too_busy(WELL, after_a_pause, never_silent=True).startswith("the computer was too busy")
 
 
 def test_what_happened_in_a_pause_before_is_not_why_it_was_stopped() -> None:

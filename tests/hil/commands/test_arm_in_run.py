@@ -17,7 +17,9 @@ from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.experiments.stage import RunFailedError, TrialBrokenOffError
 from highfive.hil.experiments.trial_row import TrialRow
+from highfive.hil.recording.recording import read_recording
 from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.safety.states import State
 from highfive.hil.trials.live_partner import LivePerson, live_source
 from highfive.hil.trials.partners import simulated_partners
 from highfive.hil.view.commands import Command
@@ -121,3 +123,27 @@ def test_what_is_broken_off_brings_the_arm_to_rest_and_what_stops_it_ends_the_ru
             run.play("I1", "interactive", 3)
         with pytest.raises(RunFailedError, match="emergency"):
             run.play("I1", "interactive", 4)
+
+
+@pytest.mark.slow
+def test_a_stop_on_the_way_back_is_said_at_once_and_the_trial_counts(
+    clock: VirtualClock, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with ExitStack() as stack:
+        run = Run(clock, stack, tmp_path)
+
+        def pull() -> None:
+            while run.loop.state is not State.RETRACTING:
+                clock.wait_until(clock.now() + 50_000_000)
+            run.loop.estop.pull()
+
+        clock.start("hand on the button", pull)
+        row = run.play("I1", "interactive", 1)
+        assert row.contact_ns is not None
+        assert sum("the arm was stopped: emergency stop" in said for said in caplog.messages) == 1
+        with pytest.raises(RunFailedError, match="the arm was stopped: emergency stop"):
+            run.play("I2", "interactive", 2)
+        run.stage.close()
+        found = read_recording(run.folder / row.recording)
+    (fault,) = [message.data for message in found.channels["/event"] if message.data["event"] == "fault"]
+    assert "emergency stop" in fault["detail"]

@@ -74,8 +74,10 @@ class ArmInRun:
             raise RunFailedError(why)
 
     def stopped(self, since: Sequence[Cycle] = ()) -> str:
-        """Why it is not driven any more, in one line, and what to do; '' while it is. ``since``: cycles of the bus after
-        those of the trial."""
+        """Why it is not driven any more, in one line, and what to do; '' while it is.
+
+        ``since``: cycles of the bus after those of the trial.
+        """
         loop, last = self.watch.loop, [*self.watch.cycles[-LAST:], *since]
         if not loop.trouble:
             return ""

@@ -158,7 +158,11 @@ class AvatarStage:
         if live is not None and not live.begins():
             raise RunFailedError(live.trouble)
         if self._arm is not None:
-            self._arm.begin(source, motion)
+            try:
+                self._arm.begin(source, motion)
+            except RunFailedError as error:
+                self._record_event("fault", trial=asked.ask - 1, detail=str(error))
+                raise
         if self._clips is None:
             self._session.set_style(asked.weights)
         witness = _Witness(live, asked.trial.mode == Mode.INTERACTIVE.value)

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 from highfive.model.errors import HighFiveError
 
+SERVO_LAG = "_lag_s"
+"""What the names of joints' own lags end with in a calibration: the arm's, whatever motion capture sees it."""
+
 MOST_APART = 0.002
 """s: parts and whole that differ by more do not belong together."""
 

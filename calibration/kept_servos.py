@@ -9,11 +9,12 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint
+from highfive.calibration.arm_latency import SERVO_LAG
 from highfive.calibration.arm_poses import ArmPoses
 from highfive.calibration.registration import REGISTRATION, RegistrationSettings
 from highfive.model.geometry.rotations import Array
 
-SERVOS, LAGS = "play, friction and shadows", "lags"
+SERVOS, LAGS, SEEN = "play, friction and shadows", "lags", "the motion capture's latency"
 """What ``calibrate servos`` and ``calibrate latency`` measure, as it is called where it is not kept."""
 
 
@@ -25,7 +26,7 @@ class KeptServos:
         joints: by name; empty where nothing was measured, or nothing is valid.
         latency: s, by name; empty likewise.
         servos_date, latency_date: UTC, when; None where that is empty.
-        dropped: what is not kept (:data:`SERVOS`, :data:`LAGS`), and why, of each.
+        dropped: what is not kept (:data:`SERVOS`, :data:`LAGS`, :data:`SEEN`), and why, of each.
     """
 
     joints: Mapping[str, CalibratedJoint] = field(default_factory=dict)
@@ -47,16 +48,20 @@ def kept_servos(
     Args:
         before: the one that is there.
         arm: fingerprint of the arm that is calibrated anew; another one's servos are others.
-        system: the motion capture by which it is; lags through another one are others.
+        system: the motion capture by which it is: another one's latency is another, the servos' lags are not.
         now: UTC.
         settings: with the longest age of what is relied on.
     """
     own = before.registration
+    lags = {name: value for name, value in before.latency.items() if name.endswith(SERVO_LAG)}
+    seen = {name: value for name, value in before.latency.items() if name not in lags}
     measured = {
         SERVOS: any(joint.play or joint.friction is not None or joint.shadow is not None for joint in _all(before)),
-        LAGS: bool(before.latency),
+        LAGS: bool(lags),
+        SEEN: bool(seen),
     }
-    dates = {SERVOS: before.servos_date or own.date, LAGS: before.latency_date or own.date}
+    latency = before.latency_date or own.date
+    dates = {SERVOS: before.servos_date or own.date, LAGS: latency, SEEN: latency}
     dropped: dict[str, str] = {}
     for what in (what for what, there in measured.items() if there):
         age = now - dates[what]
@@ -64,14 +69,14 @@ def kept_servos(
             dropped[what] = f"they are of another arm ({own.arm}; this one is {arm})"
         elif age > timedelta(days=settings.longest_age):
             dropped[what] = f"they are {age.days} days old, at most {settings.longest_age:g} are relied on"
-        elif what == LAGS and own.system != system:
-            dropped[what] = f"they were seen by a {own.system} system; this one is {system}"
+        elif what == SEEN and own.system != system:
+            dropped[what] = f"it is that of a {own.system} system; this one is {system}"
     good = {what: there and what not in dropped for what, there in measured.items()}
     return KeptServos(
         joints=before.joints if good[SERVOS] else {},
-        latency=before.latency if good[LAGS] else {},
+        latency=(lags if good[LAGS] else {}) | (seen if good[SEEN] else {}),
         servos_date=dates[SERVOS] if good[SERVOS] else None,
-        latency_date=dates[LAGS] if good[LAGS] else None,
+        latency_date=dates[LAGS] if good[LAGS] or good[SEEN] else None,
         dropped=dropped,
     )
 

@@ -5,6 +5,7 @@ From here on everything that plans, judges or limits takes the arm for what was 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from highfive.calibration.arm_file import ArmCalibration, load_arm
+from highfive.calibration.arm_latency import SERVO_LAG
 from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.fingerprint import fingerprint
@@ -26,6 +28,7 @@ from highfive.hil.safety.limits_file import lowered
 from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
+from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
 
@@ -147,12 +150,15 @@ def calibration_troubles(found: ArmCalibration, rig: Rig, folder: ArmFolder, now
     return troubles
 
 
-LAG = "_lag_s"
-"""What the names of joints' lags end with in a calibration."""
-
-
 MOCAP_AGE, MOCAP_LATE = "mocap_age_s", "mocap_late_s"
 """How old a frame is as it arrives, and how late it is at the time at which a session takes it to have been seen."""
+
+
+def known_lags(found: ArmCalibration | None, names: Sequence[str]) -> Array | None:
+    """(J,) s, from command to encoder; None unless all joints were measured."""
+    if found is None or not all(name + SERVO_LAG in found.latency for name in names):
+        return None
+    return np.array([found.latency[name + SERVO_LAG] for name in names])
 
 
 def known_limits(limits: Limits, rig: Rig, folder: ArmFolder) -> Limits:

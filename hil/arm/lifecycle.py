@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 
 from highfive.hil.arm.arm_files import rig_file, rig_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
-from highfive.hil.arm.calibrated import calibration_file, known_arm, known_rig, trusted_calibration
+from highfive.hil.arm.calibrated import calibration_file, known_arm, known_lags, known_rig, trusted_calibration
 from highfive.hil.arm.emergency_stop import SIGNALS, listening
 from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.arm.planner import Retarget
@@ -158,8 +158,8 @@ def session_planner(options: ArmOptions, rig: Rig, limits: Limits) -> Retarget:
     Raises:
         HighFiveError: as :func:`highfive.hil.arm.calibrated.trusted_calibration`.
     """
-    found = trusted_calibration(options, rig, datetime.now(UTC))
-    return planner(rig, limits, known_arm(find_arm(options.arm), found))
+    folder, found = find_arm(options.arm), trusted_calibration(options, rig, datetime.now(UTC))
+    return planner(rig, limits, known_arm(folder, found), known_lags(found, folder.names))
 
 
 def emulator_options(options: ArmOptions) -> EmulatorOptions:

@@ -18,6 +18,10 @@ from highfive.model.geometry.rotations import Array
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
 
+HELD = 0.006
+"""s, beside a lag that was measured: a command stays for a period of the bus, so that it is half of one old on average,
+and a moment goes by until it is sent."""
+
 EVERYWHERE = 10.0
 """m: where no point may be faster than near a face, the plan takes the whole room for its zone."""
 
@@ -25,15 +29,17 @@ FULL_GAIN = 885.0 * 128.0
 """Counts of error times gain at which a servo's position controller gives full voltage (the maker's manual)."""
 
 
-def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None) -> Retarget:
+def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None, lags: Array | None = None) -> Retarget:
     """Retargeting for an arm as it is known (None: the default one as drawn): what may not be sent is not planned
-    either.
+    either. ``lags``: (J,) s, from command to encoder, as measured; None: as the servos' data have it.
 
     Compiles where nobody has yet.
     """
     arm = arm or default_arm()
     slow = replace(arm, fastest=tuple(limits.speed.tolist()))
     settings = retarget_settings(rig, limits, folder=arm.folder)
+    if lags is not None:
+        settings = replace(settings, lag=float(np.median(lags)) + HELD)
     soft = tuple((np.array(settings.sag) + arm.compliance).tolist())
     return Retarget(slow, np.array(arm.folder.ready), replace(settings, sag=soft))
 

@@ -1,5 +1,8 @@
 """How late each joint of an arm is: each in turn is led along a chirp, slowly, and its encoder is listened to.
 
+What a joint gives way to its load looks like lag as well, friction most of all. Retargeting makes up for that by its
+torques, and plans ahead of time by the rest: so the same torques are taken off here.
+
 Where a motion capture system sees the plate, its markers are listened to as well: how late that is comes with it.
 """
 
@@ -7,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +21,7 @@ from highfive.calibration.servo_lag import ServoLag, servo_lag
 from highfive.hil.arm.free_postures import check_way
 from highfive.hil.arm.mocap_lags import MocapDelay, SeenFrames, mocap_delay, ways
 from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm_model.dynamics import dynamics, friction_torque
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle
 from highfive.hil.safety.limits import Limits
@@ -27,6 +32,8 @@ NS, MS = 1e-9, 1e-3
 
 LONGEST_S, UNSURE_S = 0.15, 0.005
 """A servo's lag, and how sure it has to be."""
+
+_STEP_S = 2e-3  # of the differences by which speed and acceleration of a chirp are taken
 
 
 @dataclass
@@ -87,11 +94,14 @@ def servo_lags(
     settings: ChirpSettings | None = None,
     plate: PlateSeen | None = None,
     reply: float = 0.0,
+    sag: Array | None = None,
 ) -> dict[str, ServoLag]:
     """From command to encoder, by the driver's clock: of joints by their names, about where the arm waits.
 
     No chirp is faster than the limits of its joint, nor than a point of the arm may be. Where the plate is seen, what
     joints tell of the motion capture goes into ``plate.delays``. ``reply``: s, that an answer takes on the line.
+    ``sag``: (J,) rad/(N·m), by which joints give way to the torques of arm and gears that the model knows; None takes
+    nothing off.
 
     Raises:
         HighFiveError: the arm was stopped, or a joint does not follow; which.
@@ -102,16 +112,19 @@ def servo_lags(
     for name in joints:
         joint = limits.names.index(name)
         own, along = limits.joints[joint], np.eye(len(limits.joints))[joint]
-        speed = slow_enough(drive, arm, limits, joint)
-        course = lambda t, along=along, speed=speed, most=own.braking: (  # noqa: E731
-            arm.ready + along * chirp(np.array([t]), speed, most, s)[0]
-        )
+        angle = partial(chirp, speed=slow_enough(drive, arm, limits, joint), acceleration=own.braking, settings=s)
+        course = lambda t, along=along, angle=angle: arm.ready + along * angle(np.array([t]))[0]  # noqa: E731
         if plate is not None:
             plate.frames.begin()
         look = (lambda: None) if plate is None else plate.frames.look
         cycles = [cycle for cycle in drive.follow(course, s.seconds + 0.1, look) if cycle.sent is not None]
         try:
-            found[name] = lag = lag_of(cycles, joint, reply)
+            lag = lag_of(cycles, joint, reply)
+            if sag is not None:
+                period = limits.timing.period_s
+                load = partial(_load, arm, joint, lambda t, angle=angle, late=lag.lag - period: angle(t - late))
+                lag = lag_of(cycles, joint, reply, lambda t, load=load, soft=sag[joint]: soft * load(t))
+            found[name] = lag
             if plate is not None:
                 plate.tell(joint, cycles, arm.ready)
         except HighFiveError as error:
@@ -126,10 +139,29 @@ def servo_lags(
     return found
 
 
-def lag_of(cycles: Sequence[Cycle], joint: int, reply: float) -> ServoLag:
-    """Of one joint, in cycles that sent goals; ``reply``: s, that an answer takes on the line."""
+def lag_of(
+    cycles: Sequence[Cycle], joint: int, reply: float, gives_way: Callable[[Array], Array] | None = None
+) -> ServoLag:
+    """Of one joint, in cycles that sent goals.
+
+    Args:
+        cycles: of the bus.
+        joint: which.
+        reply: s, that an answer takes on the line.
+        gives_way: (N,) rad, by which the joint stands off its goal by its load, at (N,) s from the first cycle on.
+    """
     told = np.array([cycle.sent.positions[joint] for cycle in cycles if cycle.sent is not None])
     heard = np.array([cycle.state.answered[joint] for cycle in cycles])
     at, begun = NS * np.array([[cycle.state.time_ns, cycle.begun_ns] for cycle in cycles]).T
     angles = np.array([cycle.state.positions[joint] for cycle in cycles])
-    return servo_lag(begun - begun[0], told, (at - reply - begun[0])[heard], angles[heard])
+    at = at - reply - begun[0]
+    off = 0.0 if gives_way is None else gives_way(at)
+    return servo_lag(begun - begun[0], told, at[heard], (angles + off)[heard])
+
+
+def _load(arm: ServoArm, joint: int, angle: Callable[[Array], Array], times: Array) -> Array:
+    """(N,) N·m of inertia and friction as one joint moves along ``angle``; gravity's the goals lead by already."""
+    before, now, after = (angle(times + step) for step in (-_STEP_S, 0.0, _STEP_S))
+    speeds, pulls = (after - before) / (2.0 * _STEP_S), (after - 2.0 * now + before) / _STEP_S**2
+    mass = dynamics(arm.packed, arm.ready, np.zeros(arm.joints))[0][joint, joint]  # the same at all its own angles
+    return mass * pulls + np.array([friction_torque(arm.packed, joint, speed) for speed in speeds])

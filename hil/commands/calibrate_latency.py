@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from highfive.calibration.arm_file import ArmCalibration, load_arm, save_arm
-from highfive.calibration.arm_latency import ArmLatency
+from highfive.calibration.arm_latency import SERVO_LAG, ArmLatency
 from highfive.calibration.servo_lag import ServoLag
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
-from highfive.hil.arm.calibrated import LAG, MOCAP_AGE, MOCAP_LATE, calibration_file, known_arm
+from highfive.hil.arm.calibrated import MOCAP_AGE, MOCAP_LATE, calibration_file, known_arm
 from highfive.hil.arm.calibration_arm import calibration_arm, virtual_calibration_arm
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.fingerprint import fingerprint
@@ -22,7 +22,7 @@ from highfive.hil.arm.mocap_lags import MocapDelay, SeenFrames, Source, together
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
-from highfive.hil.arm.rig_planner import retarget_settings
+from highfive.hil.arm.rig_planner import retarget_settings, sags
 from highfive.hil.arm.servo_lags import PlateSeen, servo_lags
 from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm.wand_lag import Followed, followed_wand
@@ -102,11 +102,13 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
                 clear = PlateWatch(source, plate_of(found), MACHINE).in_the_way
             drive = stack.enter_context(calibration_arm(arm, body, clear))
         advance = bar("joints", len(folder.names) + (options.wand is not None))
-        lags = servo_lags(drive, body, limits, folder.names, advance, plate=plate, reply=rig.reply_s)
+        lags = servo_lags(
+            drive, body, limits, folder.names, advance, plate=plate, reply=rig.reply_s, sag=sags(rig, folder)
+        )
         seen = None if plate is None else seen_lags(options, drive, body, limits, plate)
         moving_s = drive.moving_s
     if found is not None and not arm.emulated:
-        latency = {**found.latency, **{name + LAG: lag.lag for name, lag in lags.items()}}
+        latency = {**found.latency, **{name + SERVO_LAG: lag.lag for name, lag in lags.items()}}
         latency |= {} if seen is None else seen.kept
         new = replace(found, latency=latency, latency_date=datetime.now(UTC))
         save_arm(options.out, new, replace=options.overwrite)

@@ -13,9 +13,10 @@ from rich.table import Table
 
 from highfive.calibration.arm_difference import arm_difference, plate_places
 from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint, load_arm
+from highfive.calibration.arm_latency import SERVO_LAG
 from highfive.calibration.registration import REGISTRATION
 from highfive.hil.arm.arm_files import rig_of
-from highfive.hil.arm.calibrated import LAG, calibration_troubles
+from highfive.hil.arm.calibrated import calibration_troubles
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import PostureSettings, free_postures
@@ -150,7 +151,9 @@ def _described(found: ArmCalibration, folder: ArmFolder, now: datetime) -> dict[
         "base_turned_deg": round(float(np.degrees(np.linalg.norm(rotations.to_rotation_vector(turned)))), 2),
         "temperatures_C": found.temperatures,
         "joints": _joints_of(found),
-        "latency_ms": {name: round(MS * value, 2) for name, value in found.latency.items() if not name.endswith(LAG)},
+        "latency_ms": {
+            name: round(MS * value, 2) for name, value in found.latency.items() if not name.endswith(SERVO_LAG)
+        },
     }
 
 
@@ -160,7 +163,7 @@ def _when(date: datetime, now: datetime) -> dict[str, Any]:
 
 def _joints_of(found: ArmCalibration) -> dict[str, dict[str, Any]]:
     return {
-        name: _joint(joint, found.latency.get(name + LAG), found.servos_date is not None)
+        name: _joint(joint, found.latency.get(name + SERVO_LAG), found.servos_date is not None)
         for name, joint in found.joints.items()
     }
 

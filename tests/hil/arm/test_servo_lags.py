@@ -9,11 +9,11 @@ import pytest
 from hidden_calibration import hidden_calibration
 
 from highfive.calibration.arm_file import save_arm
+from highfive.calibration.arm_latency import SERVO_LAG
 from highfive.calibration.chirp import ChirpSettings
 from highfive.calibration.servo_lag import ServoLag
 from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.calibrated import LAG
 from highfive.hil.arm.calibration_arm import virtual_calibration_arm
 from highfive.hil.arm.free_postures import check_way
 from highfive.hil.arm.lifecycle import session_planner
@@ -75,7 +75,7 @@ def lagged(folder: Path) -> tuple[Path, dict[str, float]]:
     file = folder / "arm.toml"
     found = hidden_calibration(drawn_truth(5), file)
     lags = dict(zip(ARM.folder.names, (0.03, 0.034, 0.034, 0.031, 0.031, 0.06), strict=True))
-    save_arm(file, replace(found, latency={name + LAG: lag for name, lag in lags.items()}), replace=True)
+    save_arm(file, replace(found, latency={name + SERVO_LAG: lag for name, lag in lags.items()}), replace=True)
     return file, lags
 
 

@@ -14,7 +14,7 @@ from highfive.calibration.arm_poses import ArmPoses
 from highfive.calibration.registration import REGISTRATION, RegistrationSettings
 from highfive.model.geometry.rotations import Array
 
-SERVOS, LAGS, SEEN = "play, friction and shadows", "lags", "the motion capture's latency"
+SERVOS, LAGS, SEEN = "play, friction and shadows", "lags", "ages of frames"
 """What ``calibrate servos`` and ``calibrate latency`` measure, as it is called where it is not kept."""
 
 
@@ -70,7 +70,7 @@ def kept_servos(
         elif age > timedelta(days=settings.longest_age):
             dropped[what] = f"they are {age.days} days old, at most {settings.longest_age:g} are relied on"
         elif what == SEEN and own.system != system:
-            dropped[what] = f"it is that of a {own.system} system; this one is {system}"
+            dropped[what] = f"they are of a {own.system} system; this one is {system}"
     good = {what: there and what not in dropped for what, there in measured.items()}
     return KeptServos(
         joints=before.joints if good[SERVOS] else {},

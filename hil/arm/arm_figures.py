@@ -103,18 +103,19 @@ class ArmResults:
             self.whole[number] = trial
 
 
-def arm_summary(trials: Sequence[ArmFigures]) -> dict[str, Any]:
+def arm_summary(trials: Sequence[ArmFigures], retarget: Retarget) -> dict[str, Any]:
     """The figures of the arm in a session: numbers, strings, lists and objects of them; what is not known is None.
 
     ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
     contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them;
-    those that were ``broken_off`` by a stop are counted and not in them. ``closing_speed`` and ``face_speed`` are the
-    largest near hand and head, m/s, of what went on the ``wire`` and of the ``body``.
+    those that were ``broken_off`` by a stop are counted and not in them. ``lag_ms`` is by how much ``retarget`` planned
+    ahead of time, ``lag_from`` where that is from. ``closing_speed`` and ``face_speed`` are the largest near hand and
+    head, m/s, of what went on the ``wire`` and of the ``body``.
     """
     whole = [trial for trial in trials if not trial.broken_off]
     able = [trial for trial in whole if trial.met.possible]
     touched = [trial for trial in able if trial.met.touched]
-    periods, took, retarget, step = (
+    periods, took, planning, step = (
         _joined([getattr(trial, name) for trial in trials])
         for name in ("periods_ms", "took_ms", "retarget_ms", "step_ms")
     )
@@ -128,12 +129,14 @@ def arm_summary(trials: Sequence[ArmFigures]) -> dict[str, Any]:
         "missed": len(able) - len(touched),
         "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in whole if not trial.met.possible],
         "broken_off": len(trials) - len(whole),
+        "lag_ms": round(MS * retarget.settings.lag, 2),
+        "lag_from": retarget.lag_from,
         "following_error_mrad": percentiles(MS * following),
         "cycles": len(took),
         "missed_cycles": int((periods > MISSED * period).sum()),
         "period_jitter_ms": percentiles(np.abs(periods - period)),
         "cycle_ms": percentiles(took),
-        "retarget_ms": percentiles(retarget),
+        "retarget_ms": percentiles(planning),
         "step_ms": percentiles(step),
         "closing_speed": {which: _largest(speeds, f"{which}_closing_speed") for which in ("wire", "body")},
         "face_speed": {which: _largest(speeds, f"{which}_face_speed") for which in ("wire", "body")},

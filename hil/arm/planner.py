@@ -41,14 +41,19 @@ FULLY = 0.2
 """m a radian: ``facing`` of an arm that can turn its plate as it likes."""
 
 
+LAG_BY_DATA, LAG_MEASURED = "the servos' data", "measured by calibrate latency"
+"""Where the lag is from by which is planned ahead."""
+
+
 class Retarget:
     """The arm, its ready posture and the settings: what does not change from tick to tick."""
 
     def __init__(
-        self, arm: ServoArm, ready: Array, settings: RetargetSettings | None = None, plan: PlanSettings | None = None
-    ) -> None:
-        """Compiles what has to be compiled."""
-        self.arm, self.ready = arm, np.array(ready, float)
+        self, arm: ServoArm, ready: Array, settings: RetargetSettings | None = None, plan: PlanSettings | None = None,
+        *, lag_from: str = LAG_BY_DATA,
+    ) -> None:  # fmt: skip
+        """Compiles what has to be compiled; ``lag_from`` says where the lag in ``settings`` is from."""
+        self.arm, self.ready, self.lag_from = arm, np.array(ready, float), lag_from
         self.settings = settings or RetargetSettings()
         self.plan = plan or PlanSettings()
         self._plan = self.plan.compiled()

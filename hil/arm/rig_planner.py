@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from highfive.hil.arm.planner import Retarget
+from highfive.hil.arm.planner import LAG_BY_DATA, LAG_MEASURED, Retarget
 from highfive.hil.arm.planner_settings import RetargetSettings
 from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, default_arm
@@ -18,9 +18,8 @@ from highfive.model.geometry.rotations import Array
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
 
-HELD = 0.006
-"""s, beside a lag that was measured: a command stays for a period of the bus, so that it is half of one old on average,
-and a moment goes by until it is sent."""
+HELD = 0.5 * RetargetSettings().tick
+"""s, beside a lag that was measured: a command stays for a period of the bus, and is half of one old on average."""
 
 EVERYWHERE = 10.0
 """m: where no point may be faster than near a face, the plan takes the whole room for its zone."""
@@ -38,10 +37,11 @@ def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None, lags: Array |
     arm = arm or default_arm()
     slow = replace(arm, fastest=tuple(limits.speed.tolist()))
     settings = retarget_settings(rig, limits, folder=arm.folder)
+    origin = LAG_BY_DATA
     if lags is not None:
-        settings = replace(settings, lag=float(np.median(lags)) + HELD)
+        settings, origin = replace(settings, lag=float(np.median(lags)) + HELD), LAG_MEASURED
     soft = tuple((np.array(settings.sag) + arm.compliance).tolist())
-    return Retarget(slow, np.array(arm.folder.ready), replace(settings, sag=soft))
+    return Retarget(slow, np.array(arm.folder.ready), replace(settings, sag=soft), lag_from=origin)
 
 
 def retarget_settings(

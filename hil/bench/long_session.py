@@ -146,7 +146,7 @@ def bench_long_session(options: LongSessionOptions, model: HGPDM, bar: Bar) -> d
             minutes, stopped = (clock.now() - start) / 60e9, loop.trouble
         counted.count()
     computing = time.process_time() - began
-    summary = arm_summary(trials)
+    summary = arm_summary(trials, planner)
     return {
         "minutes": round(minutes, 2),
         "computing_min": round(computing / 60.0, 2),

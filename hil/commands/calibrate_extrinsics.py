@@ -17,7 +17,7 @@ from highfive.calibration.arm_kinematics import ArmShape
 from highfive.calibration.arm_observability import check_excitation, not_observed
 from highfive.calibration.arm_plate import check_loose, held_out, plate_of_fit
 from highfive.calibration.arm_result import Source, calibration_of
-from highfive.calibration.kept_servos import LAGS, SERVOS, KeptServos, kept_servos, with_servos, without_play
+from highfive.calibration.kept_servos import LAGS, SEEN, SERVOS, KeptServos, kept_servos, with_servos, without_play
 from highfive.calibration.plate_template import PlateTemplate, load_template
 from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
@@ -163,6 +163,7 @@ def not_kept(run: Calibrated) -> list[str]:
     again = {
         SERVOS: run.rig.calibrate("servos", port, "--source", options.source, *same),
         LAGS: run.rig.calibrate("latency", port, *same),
+        SEEN: run.rig.calibrate("latency", port, "--source", options.source, *same),
     }
     lines = []
     for what, why in run.kept.dropped.items():

@@ -48,6 +48,7 @@ from highfive.model.online.reaction import ReactionModel
 if TYPE_CHECKING:
     from highfive.calibration.headset_file import KeptRegistration
     from highfive.hil.arm.arm_trial import ArmWatch
+    from highfive.hil.arm.planner import Retarget
     from highfive.hil.publish.outputs import SessionOutputs
     from highfive.hil.report.film import Strip
     from highfive.hil.sim.rendering import NoPictures
@@ -141,8 +142,8 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
             played = play(options, session, scene, partners, person, outputs, bar, watch, page, replay, drift)
             if page is not None:
                 page.tell("over", **over_told(played, folder))
-        lag, replayed = 0.0 if watch is None else watch.loop.retarget.settings.lag, replay and replay.summary()
-        return _report(options, played, outputs, recorder.trouble, replayed, settings, folder, bar, lag)
+        planned, replayed = None if watch is None else watch.loop.retarget, replay and replay.summary()
+        return _report(options, played, outputs, recorder.trouble, replayed, settings, folder, bar, planned)
 
 
 def _check(options: SimulateOptions, live: bool, again: bool) -> None:
@@ -218,13 +219,13 @@ def _report(
     settings: SessionSettings,
     folder: Path,
     bar: Bar,
-    lag: float,
+    retarget: Retarget | None,
 ) -> dict[str, Any]:
     """Writes report, figures and film; the summary."""
     from highfive.hil.report.report import write_report  # noqa: PLC0415
 
     arm, drawings = None, []
-    if played.arm is not None:
+    if played.arm is not None and retarget is not None:
         from highfive.hil.arm.arm_figures import arm_summary  # noqa: PLC0415
         from highfive.hil.arm_model.arm_folder import find_arm  # noqa: PLC0415
         from highfive.hil.report.arm_report import draw_arm  # noqa: PLC0415
@@ -232,7 +233,8 @@ def _report(
         figures = played.arm.figures
         assert options.arm is not None
         names = find_arm(options.arm.arm).names
-        arm, drawings = arm_summary(figures), draw_arm(list(played.arm.whole.values()), lag, figures, names)
+        arm, whole = arm_summary(figures, retarget), list(played.arm.whole.values())
+        drawings = draw_arm(whole, retarget.settings.lag, figures, names)
     summary = summarise(
         played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm,
         streams=outputs.stream_rows(),

@@ -172,7 +172,8 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
         f"{summary['cycles']} cycles of the bus, {summary['missed_cycles']} missed, period off by "
         f"{_known(jitter['p99'], 'ms')} at most in 99 of 100; one cycle took "
         f"{_known(summary['cycle_ms']['p50'], 'ms')}, planning and safety "
-        f"{_known(summary['step_ms']['p50'], 'ms')} (medians). "
+        f"{_known(summary['step_ms']['p50'], 'ms')} (medians). It planned ahead by the servos' lag, "
+        f"{summary['lag_ms']:.1f} ms ({summary['lag_from']}). "
         f"Cycles in which a servo did not answer: {summary['unanswered']}."
     )
     if summary["stopped"]:

@@ -10,7 +10,7 @@ from kept_arm import DATE, kept_arm
 
 from highfive.calibration.arm_file import ArmCalibration
 from highfive.calibration.arm_fit import fit_arm
-from highfive.calibration.kept_servos import LAGS, SERVOS, KeptServos, kept_servos, with_servos, without_play
+from highfive.calibration.kept_servos import LAGS, SEEN, SERVOS, KeptServos, kept_servos, with_servos, without_play
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.hidden_arm import TEMPLATE, drawn_truth
@@ -25,7 +25,7 @@ def before() -> ArmCalibration:
     return replace(
         kept_arm(),
         joints=joints,
-        latency={"elbow_lag_s": 0.031},
+        latency={"elbow_lag_s": 0.031, "mocap_age_s": 0.012},
         servos_date=DATE + timedelta(days=10),
         latency_date=DATE - timedelta(days=5),
     )
@@ -53,10 +53,10 @@ def test_servos_and_lags_go_into_the_new_one_and_zeros_do_not() -> None:
 @pytest.mark.parametrize(
     ("arm", "system", "days", "dropped", "says"),
     [
-        ("another", "vicon", 20, {SERVOS, LAGS}, "of another arm"),
-        (ARM, "vicon", 26, {LAGS}, "31 days old"),
-        (ARM, "vicon", 41, {SERVOS, LAGS}, "days old, at most 30"),
-        (ARM, "qtm", 20, {LAGS}, "seen by a vicon system"),
+        ("another", "vicon", 20, {SERVOS, LAGS, SEEN}, "of another arm"),
+        (ARM, "vicon", 26, {LAGS, SEEN}, "31 days old"),
+        (ARM, "vicon", 41, {SERVOS, LAGS, SEEN}, "days old, at most 30"),
+        (ARM, "qtm", 20, {SEEN}, "they are of a vicon system"),
     ],
 )
 def test_what_is_no_longer_valid_is_said(arm: str, system: str, days: int, dropped: set[str], says: str) -> None:
@@ -64,7 +64,8 @@ def test_what_is_no_longer_valid_is_said(arm: str, system: str, days: int, dropp
     assert set(kept.dropped) == dropped
     assert all(says in why for why in kept.dropped.values())
     new = with_servos(bare(), kept)
-    assert (new.latency == {}) == (LAGS in dropped) and (new.latency_date is None) == (LAGS in dropped)
+    assert ("elbow_lag_s" in new.latency, "mocap_age_s" in new.latency) == (LAGS not in dropped, SEEN not in dropped)
+    assert (new.latency_date is None) == (LAGS in dropped)
     assert (new.joints["elbow"].friction is None) == (SERVOS in dropped)
     assert (new.servos_date is None) == (SERVOS in dropped)
 

@@ -39,6 +39,7 @@ from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
     from highfive.hil.arm.loop import ArmLoop, ArmTick
+    from highfive.hil.arm.planner import Retarget
     from highfive.hil.commands.rig.play_view import PlayView
     from highfive.hil.commands.simulate_options import PageOptions
     from highfive.hil.drivers.bus.cycle_ring import Cycle
@@ -111,15 +112,15 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
             from highfive.hil.commands.rig.play_view import shown_trials  # noqa: PLC0415
 
             shown = shown_trials(session, options.view)
-        results, lag, end = _played(recorded, shown, chosen, about, options, folder, bar, from_now_on)
+        results, retarget, end = _played(recorded, shown, chosen, about, options, folder, bar, from_now_on)
         said = {"session": str(path), "port": options.arm.port}
         ended = {
             "stopped": end.why,
             "remedy": end.remedy,
             "from": chosen[end.whole] if end.whole < len(chosen) else None,
         }
-        summary = {**said, **arm_summary(results.figures), **ended, "versions": versions()}
-        _write_report(summary, results, lag, options.arm, path, folder)
+        summary = {**said, **arm_summary(results.figures, retarget), **ended, "versions": versions()}
+        _write_report(summary, results, retarget.settings.lag, options.arm, path, folder)
     return summary
 
 
@@ -158,8 +159,8 @@ def _played(
     folder: Path,
     bar: Bar,
     ready: Callable[[], object],
-) -> tuple[ArmResults, float, _End]:
-    """What the arm did, its lag, s, and how it ended; ``ready`` is called once it is switched on.
+) -> tuple[ArmResults, Retarget, _End]:
+    """What the arm did, how it was planned, and how it ended; ``ready`` is called once it is switched on.
 
     ``shown`` is on the live page meanwhile, where there is one. What is played is recorded as it comes.
     """
@@ -173,7 +174,7 @@ def _played(
         )
         stack.enter_context(recorder)
         ready()
-        lag, stopped, remedy, whole = loop.retarget.settings.lag, "", "", 0
+        stopped, remedy, whole = "", "", 0
         advance = bar("high fives", len(chosen))
         for number in chosen:
             try:
@@ -208,7 +209,7 @@ def _played(
         stopped = stopped or recorder.trouble
         if view is not None:
             view.end(stopped, folder)
-    return results, lag, _End(stopped, remedy, whole)
+    return results, loop.retarget, _End(stopped, remedy, whole)
 
 
 class Kept:

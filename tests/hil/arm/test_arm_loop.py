@@ -280,7 +280,8 @@ def test_a_source_whose_clock_stands_still_does_not_make_a_measurement_younger(p
 
 def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
-    summary = arm_summary([arm_figures(n, trial, loop.retarget, LIMITS) for n, trial in enumerate(trials, 3)])
+    rows = [arm_figures(n, trial, loop.retarget, LIMITS) for n, trial in enumerate(trials, 3)]
+    summary = arm_summary(rows, loop.retarget)
     assert summary["trials"] == 2
     assert summary["missed"] == 0
     assert summary["missed_cycles"] == 0
@@ -327,7 +328,7 @@ def test_a_high_five_in_which_the_arm_was_stopped_says_nothing_of_how_palms_meet
         ticks.append(loop.tick(goal))
         twin.wait_until(twin.now() + TICK_NS)
     trial = arm_trial(reference, loop.retarget, ticks, loop.cycles(), loop.relaxation)
-    summary = arm_summary([arm_figures(0, trial, loop.retarget, LIMITS)])
+    summary = arm_summary([arm_figures(0, trial, loop.retarget, LIMITS)], loop.retarget)
     assert (trial.broken_off, trial.met.touched) == (broken_off, not broken_off)
     assert summary["broken_off"] == int(broken_off) and summary["missed"] == 0
     assert (summary["error_mm"]["median"] is None) == broken_off

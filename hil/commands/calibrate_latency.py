@@ -9,6 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from highfive.calibration.arm_file import ArmCalibration, load_arm, save_arm
 from highfive.calibration.arm_latency import SERVO_LAG, ArmLatency
 from highfive.calibration.servo_lag import ServoLag
@@ -22,7 +24,7 @@ from highfive.hil.arm.mocap_lags import MocapDelay, SeenFrames, Source, together
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
-from highfive.hil.arm.rig_planner import retarget_settings, sags
+from highfive.hil.arm.rig_planner import HELD, retarget_settings, sags
 from highfive.hil.arm.servo_lags import PlateSeen, servo_lags
 from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm.wand_lag import Followed, followed_wand
@@ -116,7 +118,8 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
         "out": None if arm.emulated else str(options.out),
         "arm": fingerprint(rig, folder),
         "moving_s": round(moving_s, 1),
-        "formula_ms": round(MS * retarget_settings(rig, limits, 0.0, folder).lag, 2),
+        "planned_ms": round(MS * (float(np.median([lag.lag for lag in lags.values()])) + HELD), 2),
+        "formula_ms": round(MS * retarget_settings(rig, limits, folder=folder).lag, 2),
         "joints": {name: _described(lag) for name, lag in lags.items()},
         "seen": None if seen is None else seen.described(),
     }
@@ -245,7 +248,10 @@ def print_latency(summary: dict[str, Any]) -> None:
             f"  {name:<14}{of['lag_ms']:6.1f} ± {of['error_ms']:.1f} slowly, {of['at_contact_ms']:6.1f} at "
             f"{CONTACT_HZ:g} Hz (delay {of['delay_ms']:.1f}, {of['omega_rad_s']:.0f} rad/s, damping {of['zeta']:.2f})"
         )
-    print(f"  without a measurement {summary['formula_ms']:.1f} is taken for all")
+    print(
+        f"  planned ahead by in a session, their median and half a period of the bus: {summary['planned_ms']:.1f}; "
+        f"without a measurement {summary['formula_ms']:.1f}"
+    )
     if (seen := summary["seen"]) is not None:
         of = seen["motion_capture_ms"]
         print(

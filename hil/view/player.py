@@ -37,7 +37,7 @@ class Player:
         self._trials = trials
         self.damaged: dict[int, str] = {}
         """Those that were passed over, and why."""
-        self.trial, self.time_s, self.speed, self.playing = 0, 0.0, 1.0, True
+        self.trial, self.time_s, self.speed, self.playing = self._readable(0), 0.0, 1.0, True
         self._rested_s = 0.0
         self._leapt = True
 
@@ -196,6 +196,7 @@ def trial_line(span: TrialSpan) -> dict[str, Any]:
     contact = span.contact
     touched = contact.get("touch_error")  # the true palm's, as a session's own page has it; of no person who lives
     return {
+        "number": span.number + 1,
         "title": span.text("title"),
         "style": style_of(span),
         "cell": span.text("cell"),

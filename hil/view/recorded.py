@@ -95,7 +95,20 @@ class RecordedTrials(Sequence[RecordedTrial]):
             what = "no high five" if not whole else f"no high five that can be shown: {whole[0].lacking}"
             raise HighFiveError(f"{session.path} holds {what}")
         self.rig, self.without_arm = self._arm()
-        _ = self[0]  # one of another version is refused before the page is opened
+        self._check()
+
+    def _check(self) -> None:
+        """One of which nothing can be read, as of another version, is refused before the page is opened."""
+        first: HighFiveError | None = None
+        for place in range(len(self)):
+            try:
+                _ = self[place]
+            except HighFiveError as error:
+                first = first or error
+            else:
+                return
+        if first is not None:
+            raise first
 
     @property
     def hand(self) -> str:

@@ -18,7 +18,8 @@ export class Caption {
     this.write(this.mood, mood);
     this.mood.parentElement.classList.toggle("mixed", mood.includes("%") || mood.includes("+"));
     this.mood.style.setProperty("--tint", colourOf(mood.split(/\s/)[0]));
-    const which = state.trials ? `High five ${state.trial + 1} of ${state.trials}` : "";
+    // A recording's have their own numbers: some may be left out.
+    const which = state.trials ? `High five ${state.number ?? state.trial + 1} of ${state.last ?? state.trials}` : "";
     const more = recorded && !hello.title ? NEWCOMER : state.cell ? `hand raised at ${state.cell}` : "";
     this.write(this.about, [which, more].filter(Boolean).join("\n"));
   }

@@ -141,7 +141,7 @@ export class Controls {
 
   trials(trials) {
     const cells = new Set(trials.map((trial) => trial.cell));
-    const name = ({ style, cell }, i) => `${i + 1} · ${moodOf(weightsOf(style))}${cell && cells.size > 1 ? ` · ${cell}` : ""}`;
-    byId("trials").replaceChildren(...trials.map((trial, i) => new Option(name(trial, i), i)));
+    const name = ({ number, style, cell }) => `${number} · ${moodOf(weightsOf(style))}${cell && cells.size > 1 ? ` · ${cell}` : ""}`;
+    byId("trials").replaceChildren(...trials.map((trial, i) => new Option(name(trial), i)));
   }
 }

@@ -116,7 +116,7 @@ const heard = {
   state(text) {
     state = text;
     controls.state(text);
-    caption.state(text);
+    caption.state({ ...text, number: trials[text.trial]?.number, last: trials.at(-1)?.number });
     if (text.correction !== undefined) figures(text);  // while it is paused they stay
     if (stage) stage.showForecast(behind ? mirroredForecast(text.forecast) : text.forecast);
     if (text.message !== undefined) notice("why", why = text.message);

@@ -232,6 +232,14 @@ def test_a_damaged_high_five_is_passed_over_and_named(tmp_path: Path) -> None:
     assert player.trial == 0
 
 
+def test_a_recording_whose_first_high_five_is_damaged_begins_with_the_next(tmp_path: Path) -> None:
+    def damaged(topic: str, high_five: int, data: bytes) -> bytes:
+        return b'{"root": "far", "quaternions": []}' if topic == "/avatar" and high_five == 0 else data
+
+    player = Player(recorded_trials(shipped_with(tmp_path / "first.mcap", damaged), build_scene()))
+    assert player.trial == 1 and list(player.damaged) == [0]
+
+
 def test_the_list_has_what_the_session_showed_of_a_contact() -> None:
     """On its own page it was from the true palm, which of a person who lives nobody knows."""
     span = read_session(SHIPPED_RECORDING)[0].span

@@ -143,10 +143,21 @@ class ArmTrial:
         said = NS * np.array([it.begun_ns + it.took_ns - self.ticks[0].frame_ns for it in self.cycles])
         return np.maximum(np.searchsorted(said, times, side="right") - 1, 0)
 
+    @property
+    def kept_back(self) -> str:
+        """Why the arm did not follow, in one line, where it was not found fit to; '' where it was."""
+        return kept_back(self.ticks)
+
     @cached_property
     def acted(self) -> Counter[str]:
         """How many ticks each rule of the envelope acted in."""
         return Counter(rule.value for tick in self.ticks for rule in tick.report.acted)
+
+
+def kept_back(ticks: Sequence[ArmTick]) -> str:
+    """Why an arm does not follow, in one line, that is not found fit to; '' where it is, or before the first tick."""
+    last = ticks[-1].report if ticks else None
+    return last.reason if last is not None and last.state is State.UNCHECKED else ""
 
 
 def played_until_stopped(reference: ReferenceTrajectory, loop: ArmLoop, watch: Watch | None = None) -> ArmTrial | None:
@@ -284,8 +295,7 @@ class ArmWatch:
     @property
     def kept_back(self) -> str:
         """Why the arm did not follow in this trial, in one line, where it was not found fit to; '' where it was."""
-        last = self._ticks[-1].report if self._ticks else None
-        return last.reason if last is not None and last.state is State.UNCHECKED else ""
+        return kept_back(self._ticks)
 
     def watch(self, tick: Tick) -> None:
         """One tick of the session."""

@@ -247,7 +247,20 @@ class AvatarStage:
         if clip is not None and not clip.over:
             raise TrialBrokenOffError("the shoulder was not tapped" if not clip.tapped else "the clip was not over")
         kept.end(replace(result, style=head.style))
-        if self._arm is not None and (why := self._arm.stopped()):  # on its way back: the trial itself counts
+        self._look_at_arm(asked)
+
+    def _look_at_arm(self, asked: Asked) -> None:
+        """After a trial.
+
+        Raises:
+            RunFailedError: it did not take part.
+        """
+        if self._arm is None:
+            return
+        if why := self._arm.watch.kept_back:
+            self._record_event("fault", trial=asked.ask - 1, detail=why)
+            raise RunFailedError(f"the arm did not take part: {why}")
+        if why := self._arm.stopped():  # on its way back: the trial itself counts
             self._record_event("fault", trial=asked.ask - 1, detail=why)
             say_aside(why, logging.WARNING)
 

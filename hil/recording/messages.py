@@ -86,14 +86,14 @@ def frame(frame: MarkerFrame) -> dict[str, Any]:
     }
 
 
-def contact(result: TrialResult) -> dict[str, Any]:
-    """For ``/contact``."""
+def contact(result: TrialResult, met_s: float) -> dict[str, Any]:
+    """For ``/contact``; ``met_s``: when palms met, s from the first tick by the recording's clock."""
     found = result.contact
     return {
         "trial": result.number,
         "style": result.style,
         "met": found.met,
-        "met_time": known(result.contact_time),
+        "met_time": known(met_s),
         "distance": known(found.distance),
         "gap": known(found.gap),
         "lateral": known(found.lateral),

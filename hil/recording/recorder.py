@@ -7,6 +7,7 @@ second: a crash loses no more than the last of them.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -105,6 +106,7 @@ class SessionRecorder:
         self._zero_ns: int | None = None  # of the session's clock, where the recording's has its 0
         self._head: TrialHead | None = None  # of a high five that has not begun yet
         self._start = self._end = self._safe = self._count = 0  # ns, of the recording's clock; ticks
+        self._moments: list[tuple[int, int]] = []  # of the high five's ticks: by the person's clock and by this one, ns
         self._newest = 0  # ns, of what an arm did last
         self._open = False  # messages wait for the end of their chunk
         self._transforms = viewer_messages.Transforms(settings.arm_name or DEFAULT_ARM)
@@ -148,6 +150,7 @@ class SessionRecorder:
             head, self._head = self._head, None
             self._begin(head, tick)
         now, number = self._at(tick.at_ns), self._count
+        self._moments.append((tick.time_ns, now))
         if tick.frame is not None:
             self._add("/frame", now, messages.frame(tick.frame))
         self._add("/person", now, messages.person(tick.person))
@@ -176,6 +179,7 @@ class SessionRecorder:
         elif tick.at_ns - self._zero_ns <= self._end:
             self._zero_ns = tick.at_ns - self._end - PAUSE_NS
         self._trial, partner = head.number, head.partner
+        self._moments.clear()
         self._start = now = tick.at_ns - self._zero_ns
         utc = datetime.fromtimestamp(1e-9 * self._utc_ns(), UTC).isoformat(timespec="milliseconds")
         self._add(
@@ -210,8 +214,16 @@ class SessionRecorder:
 
     def end_trial(self, result: TrialResult) -> None:
         """The judgement of a high five, and makes all of it safe."""
-        self._add("/contact", self._end, messages.contact(result))
+        self._add("/contact", self._end, messages.contact(result, self._met_s(result.contact_time)))
         self._flush()
+
+    def _met_s(self, contact_time: float) -> float:
+        """When palms met, s from the first tick by the recording's clock; the result has it by the person's own, and
+        frames may have come late."""
+        if not (self._moments and math.isfinite(contact_time)):
+            return contact_time
+        (first_ns, start), wanted = self._moments[0], round(1e9 * contact_time)
+        return 1e-9 * (min(self._moments, key=lambda moment: abs(moment[0] - first_ns - wanted))[1] - start)
 
     def record_event(self, event: str, at_ns: int | None = None, **about: Any) -> None:
         """Something happened, ``at_ns`` of the session's clock; by default with what was recorded last.

@@ -108,7 +108,8 @@ def asked_of_arm(session: SessionReader, span: TrialSpan) -> ReferenceTrajectory
     due = float(contact.numbers("met_time"))
     if not 0.0 <= due <= 1e-9 * float(times[-1] - start.time_ns) + TOGETHER:  # a live person's clock jitters
         raise contact.wrong(f"met_time is {due:g} s, which is not within the trial")
-    return _reference(start.text("emotion"), start.text("cell"), round(due * RATE_HZ), _ours(avatars), _theirs(people))
+    met = int(np.argmin(np.abs(times - start.time_ns - 1e9 * due)))  # a tick, wherever some came late
+    return _reference(start.text("emotion"), start.text("cell"), met, _ours(avatars), _theirs(people))
 
 
 @dataclass(frozen=True)

@@ -191,6 +191,8 @@ def _played(
                     recorder.discard()
                     raise
                 trial, stopped = None, str(error)
+            if trial is not None and trial.kept_back:  # its servos say why; nothing has moved
+                trial, stopped = None, f"the arm does not take part: {trial.kept_back}"
             if trial is not None:
                 results.add(number, trial, loop.retarget, loop.limits)
                 if view is not None:
@@ -201,7 +203,7 @@ def _played(
                 idle = options.arm.never_silent
                 remedy = too_busy(trial, loop.cycles(), loop.stopped_by, gone=loop.gone, never_silent=idle)
                 recorder.record_event("fault", detail=stopped)
-                whole += trial is not None and not trial.broken_off and not recorder.trouble
+                whole += trial is not None and not (trial.broken_off or recorder.trouble)
                 break
             whole += 1
             advance()

@@ -13,6 +13,7 @@ from virtual_system import VirtualSystem
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.lifecycle import emulator_options, virtual_arm
 from highfive.hil.commands.shown_again import recorded_motion, recorded_trial
+from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.experiments.stage import RunFailedError, TrialBrokenOffError
@@ -31,7 +32,8 @@ class Run(VirtualStage):
     """A stage with a virtual arm."""
 
     def __init__(self, clock: VirtualClock, stack: ExitStack, folder: Path, person: LivePerson | None = None) -> None:
-        self.loop = stack.enter_context(virtual_arm(VirtualRig(clock, make_bus(emulator_options(ArmOptions())))))
+        self.virtual = VirtualRig(clock, make_bus(emulator_options(ArmOptions())))
+        self.loop = stack.enter_context(virtual_arm(self.virtual))
         super().__init__(clock, stack, folder, person, loop=self.loop)
 
     def way(self, row: TrialRow) -> NDArray[np.float64]:
@@ -147,3 +149,15 @@ def test_a_stop_on_the_way_back_is_said_at_once_and_the_trial_counts(
         found = read_recording(run.folder / row.recording)
     (fault,) = [message.data for message in found.channels["/event"] if message.data["event"] == "fault"]
     assert "emergency stop" in fault["detail"]
+
+
+@pytest.mark.slow
+def test_a_trial_in_which_the_arm_was_not_fit_to_follow_does_not_count(clock: VirtualClock, tmp_path: Path) -> None:
+    """Its supply was gone for a moment in the pause before: its servos say so until somebody looks at them."""
+    with ExitStack() as stack:
+        run = Run(clock, stack, tmp_path)
+        run.play("I1", "interactive", 1)
+        run.virtual.bus.set_faults(parse_faults(["brownout@0.02-0.12"]), run.virtual.now())
+        clock.wait_until(clock.now() + 200_000_000)
+        with pytest.raises(RunFailedError, match="voltage"):
+            run.play("I2", "interactive", 2)

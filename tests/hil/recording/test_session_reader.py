@@ -2,13 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from recorded_trials import record_trial
+from recorded_trials import head_of, record_trial, ticks_of
 from trial_results import some_results
 
 from highfive.hil.recording.recorder import SessionRecorder
@@ -163,3 +164,20 @@ def test_a_folder_with_one_recording_opens_it_and_others_say_what_is_there(tmp_p
     shutil.copy(SHIPPED_RECORDING, tmp_path / "b" / "session.mcap")
     with pytest.raises(HighFiveError, match=r"a folder of 2 recordings; give one of them: b/session.mcap, session"):
         read_session(tmp_path)
+
+
+def test_a_contact_is_where_its_tick_is_however_late_ticks_came(tmp_path: Path) -> None:
+    """On a machine that is too busy, each tick of this one begins half as late again as its frame was captured."""
+    result, path = some_results()[0], tmp_path / "late.mcap"
+    with SessionRecorder(path, SessionSettings(seed=3, model="default", trials=1)) as recorder:
+        recorder.begin_trial(head_of(result))
+        for tick in ticks_of(result):
+            recorder.record_tick(replace(tick, at_ns=round(1.5 * tick.time_ns)))
+        recorder.end_trial(result)
+    (found,) = read_session(path)
+    assert found.contact is not None
+    times, palms = found.arrays("/avatar")["time"], found.arrays("/person")["palm"]
+    met = int(np.argmin(np.abs(times - found.contact["met_time"])))
+    assert times[met] == pytest.approx(1.5 * result.contact_time, abs=1e-5)
+    at = int(np.argmin(np.abs(np.array(result.times) - result.contact_time)))
+    np.testing.assert_allclose(palms[met], result.people[at].palm.position, atol=1e-4)

@@ -10,7 +10,7 @@ from highfive.hil.safety import retract
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.motion import Motion, at_rest
 from highfive.hil.safety.rules import Rule
-from highfive.hil.safety.states import Event, State, after
+from highfive.hil.safety.states import HALTED, Event, State, after
 from highfive.hil.safety.values import EnvelopeState, Inputs
 
 
@@ -80,12 +80,15 @@ def entered(
     state, reference = after(now.state, event), now.motion
     if event is None:
         return now
+    halted = now.state in HALTED  # whatever stopped it before stays the reason
     now = replace(now, state=state, since_ns=now_ns)
     match event:
         case Event.CHECKED if inputs.arm is not None:
             now = replace(now, motion=at_rest(inputs.arm.positions))
         case Event.ESTOP:
-            now = replace(now, reason=pulled(limits, inputs, now_ns), stopped_by=frozenset({Rule.ESTOP}))
+            why, by = pulled(limits, inputs, now_ns), frozenset({Rule.ESTOP})
+            why, by = (f"{now.reason}; then {why}", now.stopped_by | by) if halted and now.reason else (why, by)
+            now = replace(now, reason=why, stopped_by=by)
             now = replace(now, motion=frozen(limits, reference, inputs))
         case Event.FAULT:
             now = replace(now, reason="; ".join(reasons.values()), stopped_by=frozenset(reasons))

@@ -1,6 +1,7 @@
 """Everything that stops the arm, and everything that makes it hold or retract, provoked in the loop."""
 
 import json
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -364,6 +365,17 @@ def test_the_emergency_stop_freezes_the_arm_where_it_is() -> None:
     loop.tick(wanted_on(loop), estop_ns=pulled, acknowledge=True)  # still pulled
     assert loop.state is State.ESTOPPED
     stays(loop)
+
+
+def test_an_emergency_stop_of_an_arm_that_was_stopped_already_keeps_why() -> None:
+    loop = moving()
+    requested = READY_POSE.copy()
+    requested[3] = np.nan
+    loop.tick(requested)
+    assert loop.state is State.STOPPING
+    loop.tick(wanted_on(loop), estop_ns=loop.now_ns)
+    assert loop.state is State.ESTOPPED and loop.before.stopped_by == {Rule.NOT_FINITE, Rule.ESTOP}
+    assert re.fullmatch(r"requested positions.*; then emergency stop, seen .*", loop.report.reason)
 
 
 def test_an_emergency_stop_believes_no_wild_reading() -> None:

@@ -27,6 +27,9 @@ class ServoLagSettings(Settings):
     """Beyond about this an error counts less (soft L1): a count of the encoder."""
     motion: float = setting(0.01, "rad", above=0.0)
     """Least standard deviation of the commands: below it the encoder's counts rule."""
+    told: float = setting(5e-4, "rad", above=0.0)
+    """A parameter that changes the answer by less (root mean square, by its unit; a frequency by a factor of e) is not
+    told, and says nothing of how sure the lag is."""
     worst: float = setting(0.5, above=0.0)
     """Most that the residual may be, of the motion: beyond it the servo did not follow."""
 
@@ -142,6 +145,12 @@ def servo_lag(
             "is it the right one, its direction right, its torque on?"
         )
     delay, omega, zeta = float(best.x[0]), float(np.exp(best.x[1])), float(np.exp(best.x[2]))
-    slope = np.array([1.0, -2.0 * zeta / omega, 2.0 * zeta / omega, 0.0, 0.0])  # of the lag by the parameters
-    error = 1.96 * standard_errors(best.jac * s.noise, residual, slope[None])[0]
+    # By delay, 2 ζ / ω and ω: the first two are the lag, and of the third a damped servo tells next to nothing.
+    by = best.jac[:, [0, 2, 1, 3, 4]] * s.noise
+    by[:, 2] += by[:, 1]
+    by[:, 1] /= 2.0 * zeta / omega
+    size = np.linalg.norm(by, axis=0)
+    told = size > s.told * np.sqrt(len(by))
+    of = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]]) / np.maximum(size, 1e-12)
+    error = 1.96 * standard_errors((by / np.maximum(size, 1e-12))[:, told], residual, of[:, told])[0]
     return ServoLag(delay, omega, zeta, error, float(best.x[3]), rms)

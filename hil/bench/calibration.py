@@ -24,9 +24,11 @@ from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.rigid_fit import rigid_fit
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.free_postures import free_postures
+from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm, solve
 from highfive.hil.bench.calibrated_contact import bench_calibrated_contact
 from highfive.hil.bench.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth, drawn_truth
+from highfive.hil.bench.lag_error import lag_errors
 from highfive.hil.runtime.console import STDOUT, Bar
 from highfive.hil.sim.people.grid import GRID_Y, GRID_Z
 from highfive.model.geometry import rotations
@@ -46,11 +48,13 @@ _PLAIN = replace(ARM_FIT, joint_noise=1e-6, cut=1e9, marker=1.0, base_turn=10.0,
 
 @dataclass(frozen=True)
 class CalibrationBenchOptions:
-    """What is measured: number of arms, the seed of the first, and how many high fives it has with a served person."""
+    """What is measured: number of arms, the seed of the first, how many high fives it has with a served person, and of
+    how many of the arms the lags are measured."""
 
     arms: int = 16
     first: int = 0
     high_fives: int = 36
+    lags: int = 4
 
 
 class _Bench:
@@ -195,8 +199,16 @@ def bench_calibration(options: CalibrationBenchOptions, bar: Bar) -> dict[str, A
         "bump_caught": round(float(np.mean(list(caught.values()))), 4),
         "bump_caught_by_kind": {name: round(share, 4) for name, share in caught.items()},
         "false_alarms": round(_alarms(quiet), 4),
+        "latency_error_ms": _latency_error(range(options.first, options.first + min(options.lags, options.arms)), bar),
         "contact_mm": bench_calibrated_contact(options.first, options.high_fives, bar),
     }
+
+
+def _latency_error(seeds: range, bar: Bar) -> dict[str, Any]:
+    """ms, of all joints; the worst joint by name."""
+    off = 1e3 * np.abs(lag_errors(seeds, bar))
+    by_joint = {name: round(float(most), 2) for name, most in zip(find_arm().names, off.max(axis=0), strict=True)}
+    return {**_spread(off.ravel()), "arms": len(seeds), "largest_by_joint": by_joint}
 
 
 def _alarms(checks: list[PoseCheck]) -> float:
@@ -224,6 +236,8 @@ def print_calibration(figures: dict[str, Any]) -> None:
     kinds = ", ".join(f"{name} {share:.0%}" for name, share in figures["bump_caught_by_kind"].items())
     print(f"Five-pose check: {figures['bump_caught']:.1%} of what changed was caught ({kinds}),")
     print(f"{figures['false_alarms']:.1%} false alarms; {figures['arms']} arms.")
+    late = figures["latency_error_ms"]
+    print(f"Lags of {late['arms']} arms' joints: {late['median']:.2f} ms off (median), {late['p95']:.2f} (95 %).")
     met = figures["contact_mm"]
     print(
         f"{met['high_fives']} high fives with a served person: {met['median']:.1f} mm (median) calibrated at the wire, "

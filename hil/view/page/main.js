@@ -135,7 +135,8 @@ const heard = {
   say(text) { spoken(text.message); },
   over(text) {
     const report = text.report && `The report, on the computer that ran it: ${text.report}`;
-    notice("over", [why, text.message, report].filter(Boolean).join("\n"));
+    const said = why && text.message.toLowerCase().includes(why.replace(/\.$/, "").toLowerCase());
+    notice("over", [said ? "" : why, text.message, report].filter(Boolean).join("\n"));
     linkShown("calm", "over");
     linked = "over";
     ended = text.message;

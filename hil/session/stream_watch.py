@@ -157,7 +157,7 @@ class StreamWatch:
         near = next((unit for unit, time in meant if abs(time - arrival_ns) <= self._settings.old_ns), "")
         how = f"{1e-9 * abs(ahead_ns):.4g} s {'in the future' if ahead_ns > 0 else 'ago'}"
         guess = f"are they in {near}?" if near else "are they of this computer's monotonic clock?"
-        self._say(Happened.ASTRAY, arrival_ns, f"has stamps of {how}; its samples are not used: {guess}")
+        self._say(Happened.ASTRAY, arrival_ns, f"has stamps of {how}; its stamps are not used: {guess}")
         return True
 
     def asked(self, time_ns: int, newest_ns: int) -> None:

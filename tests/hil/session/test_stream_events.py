@@ -194,7 +194,7 @@ def test_stamps_in_another_unit_than_s_are_guessed(unit: str, count: int) -> Non
     """Who takes them for s, as LSL's are, has them so many times as far ahead."""
     server, events = heard([(BEGAN + k * PERIOD) * count for k in range(300)])
     assert kinds(events) == [Happened.ASTRAY]
-    assert f"its samples are not used: are they in {unit}, not in s?" in events[0].text
+    assert f"its stamps are not used: are they in {unit}, not in s?" in events[0].text
     assert not server.at(BEGAN + 300 * PERIOD)
 
 

@@ -151,6 +151,6 @@ def servo_lag(
     by[:, 1] /= 2.0 * zeta / omega
     size = np.linalg.norm(by, axis=0)
     told = size > s.told * np.sqrt(len(by))
-    of = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]]) / np.maximum(size, 1e-12)
-    error = 1.96 * standard_errors((by / np.maximum(size, 1e-12))[:, told], residual, of[:, told])[0]
+    of = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]])[:, told] / size[told]
+    error = 1.96 * standard_errors(by[:, told] / size[told], residual, of)[0]
     return ServoLag(delay, omega, zeta, error, float(best.x[3]), rms)

@@ -143,11 +143,6 @@ class ArmTrial:
         said = NS * np.array([it.begun_ns + it.took_ns - self.ticks[0].frame_ns for it in self.cycles])
         return np.maximum(np.searchsorted(said, times, side="right") - 1, 0)
 
-    @property
-    def kept_back(self) -> str:
-        """Why the arm did not follow, in one line, where it was not found fit to; '' where it was."""
-        return kept_back(self.ticks)
-
     @cached_property
     def acted(self) -> Counter[str]:
         """How many ticks each rule of the envelope acted in."""

@@ -18,9 +18,6 @@ from highfive.model.geometry.rotations import Array
 ON_THE_WAY = 0.008
 """s from a command to the servos having it: planning, and half a cycle of the bus."""
 
-HELD = 0.5 * RetargetSettings().tick
-"""s, beside a lag that was measured: a command stays for a period of the bus, and is half of one old on average."""
-
 EVERYWHERE = 10.0
 """m: where no point may be faster than near a face, the plan takes the whole room for its zone."""
 
@@ -39,9 +36,15 @@ def planner(rig: Rig, limits: Limits, arm: ServoArm | None = None, lags: Array |
     settings = retarget_settings(rig, limits, folder=arm.folder)
     origin = LAG_BY_DATA
     if lags is not None:
-        settings, origin = replace(settings, lag=float(np.median(lags)) + HELD), LAG_MEASURED
+        settings, origin = replace(settings, lag=planned_ahead(lags)), LAG_MEASURED
     soft = tuple((np.array(settings.sag) + arm.compliance).tolist())
     return Retarget(slow, np.array(arm.folder.ready), replace(settings, sag=soft), lag_from=origin)
+
+
+def planned_ahead(lags: Array) -> float:
+    """s, of measured lags (J,), s: their median, and half a period of the bus; a command stays for one, and is half of
+    one old on average."""
+    return float(np.median(lags)) + 0.5 * RetargetSettings().tick
 
 
 def retarget_settings(

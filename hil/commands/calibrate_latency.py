@@ -24,7 +24,7 @@ from highfive.hil.arm.mocap_lags import MocapDelay, SeenFrames, Source, together
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
-from highfive.hil.arm.rig_planner import HELD, retarget_settings, sags
+from highfive.hil.arm.rig_planner import planned_ahead, retarget_settings, sags
 from highfive.hil.arm.servo_lags import PlateSeen, servo_lags
 from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm.wand_lag import Followed, followed_wand
@@ -118,7 +118,7 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
         "out": None if arm.emulated else str(options.out),
         "arm": fingerprint(rig, folder),
         "moving_s": round(moving_s, 1),
-        "planned_ms": round(MS * (float(np.median([lag.lag for lag in lags.values()])) + HELD), 2),
+        "planned_ms": round(MS * planned_ahead(np.array([lag.lag for lag in lags.values()])), 2),
         "formula_ms": round(MS * retarget_settings(rig, limits, folder=folder).lag, 2),
         "joints": {name: _described(lag) for name, lag in lags.items()},
         "seen": None if seen is None else seen.described(),

@@ -13,9 +13,8 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.view.commands import Command
 from highfive.hil.view.live_page import LivePage
-from highfive.hil.view.recorded import RecordedTrial, RecordedTrials, met_time_of, style_of
+from highfive.hil.view.recorded import RecordedTrial, RecordedTrials, met_time_of, readable_from, style_of
 from highfive.hil.view.wire import PoseMessage
-from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 RATE_HZ = 120.0
@@ -37,7 +36,7 @@ class Player:
         self._trials = trials
         self.damaged: dict[int, str] = {}
         """Those that were passed over, and why."""
-        self.trial, self.time_s, self.speed, self.playing = self._readable(0), 0.0, 1.0, True
+        self.trial, self.time_s, self.speed, self.playing = readable_from(trials, 0, self.damaged), 0.0, 1.0, True
         self._rested_s = 0.0
         self._leapt = True
 
@@ -127,21 +126,8 @@ class Player:
         return self._trials[self.trial]
 
     def _go(self, trial: int, time_s: float) -> None:
-        self.trial, self._rested_s, self._leapt = self._readable(trial), 0.0, True
+        self.trial, self._rested_s, self._leapt = readable_from(self._trials, trial, self.damaged), 0.0, True
         self.time_s = min(max(time_s, 0.0), float(self._now.times[-1]))
-
-    def _readable(self, trial: int) -> int:
-        """The one that is wanted, or the next that can be read."""
-        while True:
-            try:
-                self._trials[trial]
-            except HighFiveError as error:
-                self.damaged[trial] = str(error)
-                if len(self.damaged) == len(self._trials):
-                    raise
-                trial = (trial + 1) % len(self._trials)
-            else:
-                return trial
 
 
 def along(times: Array, bodies: Array, first: int, share: float) -> Array:

@@ -95,20 +95,7 @@ class RecordedTrials(Sequence[RecordedTrial]):
             what = "no high five" if not whole else f"no high five that can be shown: {whole[0].lacking}"
             raise HighFiveError(f"{session.path} holds {what}")
         self.rig, self.without_arm = self._arm()
-        self._check()
-
-    def _check(self) -> None:
-        """One of which nothing can be read, as of another version, is refused before the page is opened."""
-        first: HighFiveError | None = None
-        for place in range(len(self)):
-            try:
-                _ = self[place]
-            except HighFiveError as error:
-                first = first or error
-            else:
-                return
-        if first is not None:
-            raise first
+        readable_from(self, 0, {})  # one of another version is refused before the page is opened
 
     @property
     def hand(self) -> str:
@@ -157,6 +144,24 @@ class RecordedTrials(Sequence[RecordedTrial]):
                 f"{self._session.path} is a recording of another version, or damaged: high five {span.number + 1} "
                 "lacks something that is shown; view it with the version that recorded it"
             ) from None
+
+
+def readable_from(trials: Sequence[RecordedTrial], place: int, damaged: dict[int, str]) -> int:
+    """The high five at a place, or the next that can be read; those that are passed over go into ``damaged``, and why.
+
+    Raises:
+        HighFiveError: none can be read; why not the first that was passed over.
+    """
+    while True:
+        try:
+            trials[place]
+        except HighFiveError as error:
+            damaged[place] = str(error)
+            if len(damaged) == len(trials):
+                raise HighFiveError(next(iter(damaged.values()))) from None
+            place = (place + 1) % len(trials)
+        else:
+            return place
 
 
 def recorded_trials(path: Path, scene: Scene) -> RecordedTrials:

@@ -16,11 +16,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from highfive.hil.sim.sculpt import BONES
 from highfive.hil.view.cast import Cast
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 
-BONES_A_VERTEX = 4
 SKIN = "skin_"
 """Begins the names of the meshes; bones have those of their bodies."""
 FAR = "_far"
@@ -182,14 +182,14 @@ class _Skin:
 
     def strongest(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """(V, 4) bones and (V, 4) weights that sum to 255."""
-        count = min(BONES_A_VERTEX, len(self.bones))
+        count = min(BONES, len(self.bones))
         order = np.argsort(-self.weights, axis=1, kind="stable")[:, :count]
         weights = np.take_along_axis(self.weights, order, axis=1)
         whole = np.floor(255.0 * weights / weights.sum(axis=1, keepdims=True)).astype(int)
         whole[:, 0] += 255 - whole.sum(axis=1)
         bones = np.array(self.bones)[order]
         bones[whole == 0] = 0
-        padding = [(0, 0), (0, BONES_A_VERTEX - count)]
+        padding = [(0, 0), (0, BONES - count)]
         return np.pad(bones, padding).astype(np.uint8), np.pad(whole, padding).astype(np.uint8)
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from highfive.hil.arm.arm_figures import ArmResults, arm_summary
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
-from highfive.hil.arm.arm_trial import played_until_stopped
+from highfive.hil.arm.arm_trial import kept_back, played_until_stopped
 from highfive.hil.arm.busy import too_busy
 from highfive.hil.arm.contact_outcome import ReferenceTrajectory
 from highfive.hil.arm.emergency_stop import uninterrupted
@@ -191,8 +191,8 @@ def _played(
                     recorder.discard()
                     raise
                 trial, stopped = None, str(error)
-            if trial is not None and trial.kept_back:  # its servos say why; nothing has moved
-                trial, stopped = None, f"the arm does not take part: {trial.kept_back}"
+            if trial is not None and (why := kept_back(trial.ticks)):  # its servos say why; nothing has moved
+                trial, stopped = None, f"the arm does not take part: {why}"
             if trial is not None:
                 results.add(number, trial, loop.retarget, loop.limits)
                 if view is not None:

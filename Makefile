@@ -13,7 +13,7 @@ SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
 unexport PYTHONDONTWRITEBYTECODE
 
 .NOTPARALLEL:
-.PHONY: demo test fast clock slow style check model recording three webcam format
+.PHONY: demo test fast clock slow style check model recording three webcam lerobot format
 
 demo: $(READY)  ## one simulated session: report, film and recording in out/
 	$(BIN)/highfive simulate
@@ -52,6 +52,11 @@ three:  ## three.js of the page again; needs Node
 webcam: $(READY)  ## the nets of `highfive simulate --source webcam`; needs npm
 	$(BIN)/python packaging/webcam/fetch.py
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps ./packaging/webcam
+
+lerobot: $(READY)  ## our arm and data sets in lerobot itself, in an environment of its own (9 GB)
+	test -x .venv-lerobot/bin/python || $(PYTHON) -m venv .venv-lerobot
+	.venv-lerobot/bin/python -m pip install --quiet --disable-pip-version-check ./packaging/lerobot
+	LEROBOT_PYTHON=.venv-lerobot/bin/python $(BIN)/python -m pytest tests/packaging
 
 format: $(READY)
 	$(BIN)/ruff format .

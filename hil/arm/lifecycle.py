@@ -75,9 +75,9 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
         advance("starting", 0)
     with when_compiling(lambda: advance and advance("compiling, a minute or two the first time", 0)):
         retarget = session_planner(options, rig, limits)
-    terminal = 0 if sys.stdin.isatty() else None
     with ExitStack() as stack:
         if options.port == VIRTUAL:
+            terminal = 0 if sys.stdin.isatty() else None
             clock = stack.enter_context(VirtualClock())
             virtual = VirtualRig(clock, make_bus(emulator_options(options)))
             virtual.bus.set_faults(parse_faults(options.faults), virtual.now())
@@ -90,8 +90,28 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
                 advance("", 1)
             yield loop
             return
-        estop = Latch()
-        port = options.port
+        arm = stack.enter_context(started_arm(options, limits, rig))
+        loop = ArmLoop(arm, retarget, limits, lambda: checked(arm, retarget.arm, rig, limits, options), arm.estop)
+        if advance is not None:
+            advance("", 1)
+        try:
+            yield loop
+        finally:
+            loop.rest()
+
+
+@contextmanager
+def started_arm(options: ArmOptions, limits: Limits, rig: Rig, *, keys: bool = True) -> Iterator[ArmProcess]:
+    """The process of a real or emulated arm, which answers; nothing is switched on yet.
+
+    Its emergency stop is armed meanwhile, as in :func:`ready_arm`; with ``keys`` by keys, too.
+
+    Raises:
+        HighFiveError: a servo is not as it has to be, or does not answer. Nothing has moved then.
+    """
+    estop, port = Latch(), options.port
+    terminal = 0 if keys and sys.stdin.isatty() else None
+    with ExitStack() as stack:
         if options.emulated:
             emulator = stack.enter_context(EmulatorProcess(emulator_options(options)))
             emulator.set_faults(options.faults)
@@ -105,13 +125,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
         arm = ArmProcess(port, weakened(rig, limits), RATE_HZ, estop, allowance)
         stack.callback(arm.close)
         arm.wait_ready(START_S)
-        loop = ArmLoop(arm, retarget, limits, lambda: checked(arm, retarget.arm, rig, limits, options), estop)
-        if advance is not None:
-            advance("", 1)
-        try:
-            yield loop
-        finally:
-            loop.rest()
+        yield arm
 
 
 @contextmanager

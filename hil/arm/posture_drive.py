@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highfive.hil.arm.free_postures import RESTS, way_is_free
 from highfive.hil.arm.loop import Driver, first_of
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
+from highfive.hil.drivers.values import JointState
 from highfive.hil.runtime.clock import Clock
-from highfive.hil.safety import envelope
+from highfive.hil.runtime.console import say_aside
+from highfive.hil.safety import envelope, motion, retract
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.people import Human
 from highfive.hil.safety.startup import Check
@@ -40,6 +43,8 @@ class DriveSettings(Settings):
 
 
 DRIVE = DriveSettings()
+
+NO_WAY_BACK = "the straight way to where it rests leads through the floor, its mount or itself"
 
 _FAR = np.array([30.0, 0.0, 1.6])
 """m, where the head of nobody is: the envelope lets nothing move without a person it knows of."""
@@ -87,6 +92,7 @@ class PostureDrive:
             raise HighFiveError(first_of(self._check.mismatches))
         self._standing = standing(self._check.time_ns, len(limits.joints))
         self._reference: Array | None = None
+        self._stays = False
         self.moving_s = 0.0
         """For so long it moved, s."""
         arm.unread()
@@ -94,10 +100,20 @@ class PostureDrive:
     @property
     def positions(self) -> Array:
         """(J,) rad, as the servos said last."""
+        return self.measured.positions
+
+    @property
+    def measured(self) -> JointState:
+        """What the servos said last."""
         newest = self._arm.newest()
         if newest is None:
             raise HighFiveError("the arm was not read")
-        return newest.state.positions
+        return newest.state
+
+    @property
+    def reference(self) -> Array:
+        """(J,) rad, where the joints are commanded to be; where they are, before they were commanded anything."""
+        return self.positions if self._reference is None else self._reference
 
     def go(self, target: Array) -> Array:
         """Goes straight to a posture (J,), rad, and stands there; from which side each joint came (J,), ± 1.
@@ -105,7 +121,7 @@ class PostureDrive:
         Raises:
             HighFiveError: the arm was stopped, did not come to stand, or somebody stayed in the way.
         """
-        start = self.positions if self._reference is None else self._reference
+        start = self.reference
         seconds = self.seconds(start, target)
         period, done, waited = self._limits.timing.period_s, 0.0, 0.0
         while done < seconds:
@@ -151,11 +167,33 @@ class PostureDrive:
             look()
         return cycles
 
+    def stay(self) -> None:
+        """Stands where it is, and is not brought back to where it rests.
+
+        Raises:
+            HighFiveError: it was stopped, or does not come to stand.
+        """
+        self._stays = True
+        self._stand(motion.target_position(self._limits, self.reference)[0])
+
     def rest(self, longest_s: float = 30.0) -> None:
-        """Goes back along the known path, slowly, and waits until the arm stands."""
+        """Goes back along the known path, slowly, and waits until the arm stands; where no free way leads there, it
+        stays where it is."""
+        if self._stays or self._rests:
+            return
+        at = self.reference
+        on_the_path = self._limits.way_points[retract.nearest(self._limits, at)]
+        if not way_is_free(self._body, at, on_the_path, min(0.0, self._body.clearance(at)) - RESTS):
+            say_aside(f"the arm stays where it is: {NO_WAY_BACK}")
+            return
         end = self.clock.now() + round(1e9 * longest_s)
-        while self.clock.now() < end and self._standing.state not in (State.READY, State.UNCHECKED, *HALTED):
+        while self.clock.now() < end and not self._rests:
             self._tick(None, run=False)
+
+    @property
+    def _rests(self) -> bool:
+        """There is no way left to go."""
+        return self._standing.state in (State.READY, State.UNCHECKED, *HALTED)
 
     def tick(self, wanted: Array) -> None:
         """One period in which the arm is to be at (J,), rad.
@@ -167,7 +205,8 @@ class PostureDrive:
         if self._standing.state in HALTED:
             raise HighFiveError(f"the arm was stopped: {self._standing.reason}")
         if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
-            raise HighFiveError(self._arm.trouble or "the arm was stopped")
+            pulled = ": the emergency stop was pulled" if self._estop.pulled_ns is not None else ""
+            raise HighFiveError(self._arm.trouble or f"the arm was stopped{pulled}")
 
     def _tick(self, wanted: Array | None, *, run: bool) -> None:
         now, newest = self.clock.now(), self._arm.newest()

@@ -23,8 +23,8 @@ from highfive.calibration.placement import Placement
 from highfive.calibration.registration import Registration
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
-from highfive.hil.arm.calibration_arm import virtual_calibration_arm
 from highfive.hil.arm.contact_outcome import ContactOutcome, judged, notice, reference_in
+from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.lifecycle import session_planner, virtual_arm
 from highfive.hil.arm.planner import Retarget
@@ -110,7 +110,7 @@ def calibrated_at_the_wire(truth: HiddenTruth, folder: Path, bar: Bar, poses: in
         camera = PlateCamera(clock, truth, plant, CameraFaults())
         with closing(live_source(ADDRESS, None, camera_wiring(clock, camera))) as source:
             watch = PlateWatch(source, TEMPLATE, clock)
-            with virtual_calibration_arm(VirtualRig(clock, bus), arm, default_arm(), watch.in_the_way) as drive:
+            with virtual_driven_arm(VirtualRig(clock, bus), arm, default_arm(), watch.in_the_way) as drive:
                 taken = measured(run, drive, watch, bar)
         fitted(run, taken, drive.moving_s)
     return run.options.out

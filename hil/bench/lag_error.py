@@ -13,7 +13,7 @@ import numpy as np
 
 from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
-from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.rig_planner import sags
 from highfive.hil.arm.servo_lags import servo_lags
 from highfive.hil.arm_model.servo_arm import default_arm
@@ -55,7 +55,7 @@ def lags_found(arm: LateArm) -> tuple[float, ...]:
         for servo in bus.servos:
             servo.delay_ns = round(1e9 * late[rig.servos[servo.id].name])  # pyright: ignore[reportAttributeAccessIssue]
         virtual, slow = VirtualRig(clock, bus), ArmOptions(VIRTUAL, slow=True)
-        with virtual_calibration_arm(virtual, slow, body, lambda: "") as drive:
+        with virtual_driven_arm(virtual, slow, body, lambda: "") as drive:
             found = servo_lags(
                 drive, body, limits_of(body.folder), body.folder.names, reply=rig.reply_s, sag=sags(rig, body.folder)
             )

@@ -20,19 +20,24 @@ def export(
         Path,
         typer.Argument(metavar="SESSION", help="A recording, or a folder that holds one; a study with bids."),
     ],
-    to: Annotated[str, typer.Option("--to", help="bvh, glb, csv, npz, c3d or bids (docs/recordings.md).")],
+    to: Annotated[str, typer.Option("--to", help="bvh, glb, csv, npz, c3d, bids or lerobot (docs/recordings.md).")],
     out: Annotated[
         Path | None,
         typer.Option(help="Folder, or a name with the format's ending (default: beside the recording, with its name)."),
     ] = None,
     trial: Annotated[int | None, typer.Option(min=1, help="Only this high five; the first is 1.")] = None,
+    fps: Annotated[
+        int | None, typer.Option(min=1, max=1000, help="Frames a second of --to lerobot (default: 30).")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the files that are written.")] = False,
     json: Json = False,
 ) -> None:
-    """Turn a session's recording into files of other programs: animation, tables, motion capture, BIDS."""
-    from highfive.hil.commands.export import ExportOptions, export, print_export  # noqa: PLC0415
+    """Turn a session's recording into files of other programs: animation, tables, motion capture, BIDS, lerobot."""
+    from highfive.hil.commands.export import FPS, ExportOptions, export, print_export  # noqa: PLC0415
     from highfive.hil.commands.export_study import export_study, is_study, print_study_export  # noqa: PLC0415
 
+    if fps is not None and to != "lerobot":
+        raise HighFiveError(f"--fps is of --to lerobot; {to} keeps the recording's own times")
     if is_study(session):
         if to != "bids" or trial is not None:
             raise HighFiveError(
@@ -43,7 +48,8 @@ def export(
         print_result(result, json, print_study_export)
         return
     with progress_bars() as bar:
-        result = export(ExportOptions(session, to, out, None if trial is None else trial - 1, overwrite), bar)
+        number = None if trial is None else trial - 1
+        result = export(ExportOptions(session, to, out, number, overwrite, fps or FPS), bar)
     print_result(result, json, print_export)
 
 

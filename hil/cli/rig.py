@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -125,6 +126,14 @@ def scan(
 
 
 @app.command()
+def joints(arm: ArmName = DEFAULT_NAME, file: RigFile = None, json: Json = False) -> None:
+    """List an arm's joints, their servos and limits."""
+    from highfive.hil.commands.rig.joints import joints, print_joints  # noqa: PLC0415
+
+    print_result(joints(arm, file), json, print_joints)
+
+
+@app.command()
 def check(
     port: Port,
     file: RigFile = None,
@@ -227,6 +236,38 @@ def play(
             say_aside(summary["remedy"])
         if summary["from"] is not None:
             say_aside(f"go on with the same command, --from {summary['from'] + 1} and another --out")
+        raise typer.Exit(1)
+
+
+@app.command(cls=ArmCommand)
+def follow(
+    port: Annotated[
+        str,
+        typer.Argument(
+            metavar="PORT",
+            help="Serial port of a real arm, which MOVES (with --arm); emulated; or virtual: a line takes 1/30 s.",
+        ),
+    ],
+    arm: Armed = False,
+    which_arm: WhichArm = None,
+    file: RigFile = None,
+    limits: LimitsFile = None,
+    lower: Lower = None,
+    estop: Estop = None,
+    calibration: Calibration = None,
+    nobody_near: NobodyNear = False,
+    slow: Slow = False,
+    faults: Faults = None,
+) -> None:
+    """Have the arm follow joint goals of another program: a JSON object a line in, one out (docs/lerobot.md). THE ARM
+    MOVES, as far as it reaches. Nobody is tracked: a real arm needs --nobody-near or --slow beside --arm."""
+    from highfive.hil.commands.arm_options import arm_options  # noqa: PLC0415
+    from highfive.hil.commands.rig.follow import follow  # noqa: PLC0415
+
+    options = arm_options(port, arm, file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm)
+    assert options is not None
+    if stopped := follow(options, sys.stdin, lambda line: print(line, flush=True)):
+        say_aside(stopped)
         raise typer.Exit(1)
 
 

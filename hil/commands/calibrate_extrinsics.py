@@ -22,8 +22,8 @@ from highfive.calibration.plate_template import PlateTemplate, load_template
 from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.calibration_arm import calibration_arm
 from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.driven_arm import driven_arm
 from highfive.hil.arm.extrinsics import check_directions, take_poses
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import check_way, free_postures
@@ -150,7 +150,7 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
     with closing(live_source(options.source, None)) as source:
         source.first()
         watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
-        with calibration_arm(run.options.arm, run.body, watch.in_the_way) as drive:
+        with driven_arm(run.options.arm, run.body, watch.in_the_way) as drive:
             poses = measured(run, drive, watch, bar)
     with kept_where_refused(run.half_done):
         return fitted(run, poses, drive.moving_s)

@@ -16,8 +16,8 @@ from highfive.calibration.arm_latency import SERVO_LAG, ArmLatency
 from highfive.calibration.servo_lag import ServoLag
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL, ArmOptions
 from highfive.hil.arm.calibrated import MOCAP_AGE, MOCAP_LATE, calibration_file, known_arm
-from highfive.hil.arm.calibration_arm import calibration_arm, virtual_calibration_arm
 from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.driven_arm import driven_arm, virtual_driven_arm
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.lifecycle import emulator_options
 from highfive.hil.arm.mocap_lags import MocapDelay, SeenFrames, Source, together
@@ -95,14 +95,14 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
         if arm.emulated:
             clock = stack.enter_context(VirtualClock())
             virtual = VirtualRig(clock, make_bus(emulator_options(arm)))
-            drive = stack.enter_context(virtual_calibration_arm(virtual, arm, body, no_one))
+            drive = stack.enter_context(virtual_driven_arm(virtual, arm, body, no_one))
         else:
             if options.source is not None and found is not None:
                 source = stack.enter_context(closing(live_source(options.source, None)))
                 source.first()
                 plate = plate_seen(options, source, found, rig, MACHINE)
                 clear = PlateWatch(source, plate_of(found), MACHINE).in_the_way
-            drive = stack.enter_context(calibration_arm(arm, body, clear))
+            drive = stack.enter_context(driven_arm(arm, body, clear))
         advance = bar("joints", len(folder.names) + (options.wand is not None))
         lags = servo_lags(
             drive, body, limits, folder.names, advance, plate=plate, reply=rig.reply_s, sag=sags(rig, folder)

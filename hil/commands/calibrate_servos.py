@@ -22,8 +22,8 @@ from highfive.calibration.servo_fit import ServoFit, fit_servos
 from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import calibration_file, known_arm, known_limits, known_rig
-from highfive.hil.arm.calibration_arm import calibration_arm
 from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.driven_arm import driven_arm
 from highfive.hil.arm.extrinsics import check_directions
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import check_way
@@ -158,7 +158,7 @@ def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[st
         source.first()
         watch = PlateWatch(source, plate_of(run.found), LIVE_WIRING.clock)
         shadows = shadows_of(run, options.arm.port)
-        with calibration_arm(options.arm, run.body, watch.in_the_way) as drive:
+        with driven_arm(options.arm, run.body, watch.in_the_way) as drive:
             seen = seen_servos(run, drive, watch, shadows, bar)
     with kept_where_refused(run.half_done):
         return written_servos(run, seen, agreed)

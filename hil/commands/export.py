@@ -11,6 +11,7 @@ from typing import Any
 from highfive.hil.commands.written_files import write_files
 from highfive.hil.recording.exports.bids import bids_files
 from highfive.hil.recording.exports.export_file import ExportFile, trial_names
+from highfive.hil.recording.exports.lerobot import FPS, frames_written, lerobot_files
 from highfive.hil.recording.exports.motion_files import bvh_files, c3d_files
 from highfive.hil.recording.exports.tables import csv_files, npz_file, ticks_of
 from highfive.hil.recording.exports.trial_arrays import ExportTrial, export_trials
@@ -27,7 +28,9 @@ BY_TRIAL: dict[str, Callable[[Sequence[ExportTrial], Sequence[str]], list[Export
     "c3d": c3d_files,
 }
 """Formats of one motion a file."""
-FORMATS = (*BY_TRIAL, "csv", "npz", "bids")
+FOLDERS = ("bids", "lerobot")
+"""Formats of a folder."""
+FORMATS = (*BY_TRIAL, "csv", "npz", *FOLDERS)
 _LARGE = 8 << 20
 """Bytes of a recording, from which on reading it takes two seconds and more."""
 
@@ -42,6 +45,7 @@ class ExportOptions:
         out: a folder, or a file's name with the format's ending; None for beside the recording, with its name.
         trial: only the high five of this number, counted from 0.
         overwrite: replace files that are there.
+        fps: frames a second of ``lerobot``.
     """
 
     recording: Path
@@ -49,6 +53,7 @@ class ExportOptions:
     out: Path | None = None
     trial: int | None = None
     overwrite: bool = False
+    fps: int = FPS
 
 
 def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
@@ -74,8 +79,10 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     if options.trial is not None:
         trials = [_chosen(trials, options.trial)]
     trials = _movable(trials, path.name, options.format)
+    if options.format == "lerobot":
+        trials = _led(trials)
     folder, files = _planned(options, path, trials)
-    with results_folder(folder, options.overwrite) if options.format == "bids" else nullcontext():
+    with results_folder(folder, options.overwrite) if options.format in FOLDERS else nullcontext():
         for file in files:
             check_file(folder / file.name, options.overwrite)
         write_files(files, folder, bar)
@@ -84,7 +91,7 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
         "format": options.format,
         "recording": str(path),
         "files": [str(folder / file.name) for file in files],
-        "frames": ticks_of(trials),
+        "frames": frames_written(folder) if options.format == "lerobot" else ticks_of(trials),
         "duration": round(1e-9 * sum(span.end_ns - span.start_ns for span in spans), 6),
         "trials": [span.number for span in spans],
         "complete": session.complete,
@@ -131,9 +138,19 @@ def _movable(trials: list[ExportTrial], name: str, kind: str) -> list[ExportTria
     return moving
 
 
+def _led(trials: list[ExportTrial]) -> list[ExportTrial]:
+    """Those in which a servo arm took part, where it did in any: one data set is of one robot."""
+    led = [trial for trial in trials if trial.load_arm() is not None]
+    if led and len(led) < len(trials):
+        say_aside(f"left out: {counted(len(trials) - len(led), 'high five')} in which the arm did not take part")
+    return led or trials
+
+
 def _planned(options: ExportOptions, path: Path, trials: Sequence[ExportTrial]) -> tuple[Path, list[ExportFile]]:
     """The folder, and the files to be written there."""
     kind, out = options.format, options.out
+    if kind == "lerobot":
+        return out or path.with_name(f"{path.stem}_lerobot"), lerobot_files(trials, options.fps)
     if kind == "bids":
         return out or path.with_name(f"{path.stem}_bids"), bids_files(trials, path.name)
     named = out is not None and out.suffix.lower() == f".{kind}" and not out.is_dir()

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from highfive.hil.arm.arm_files import rig_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import known_arm, trusted_calibration
-from highfive.hil.arm.calibration_arm import calibration_arm
+from highfive.hil.arm.driven_arm import driven_arm
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.preconditions import check_person
 from highfive.hil.arm.session_check import five_poses, plate_of
@@ -43,6 +43,6 @@ def check_before_session(arm: ArmOptions, worn: MarkerSet | None, wiring: LiveWi
     with closing(live_source(arm.person, None, wiring)) as source:
         source.first()
         watch = PlateWatch(source, plate_of(found), wiring.clock)
-        with calibration_arm(replace(arm, slow=True), body, watch.in_the_way) as drive:
+        with driven_arm(replace(arm, slow=True), body, watch.in_the_way) as drive:
             check = five_poses(drive, watch, body, found)
     say_aside(f"the arm is where it was calibrated: {1e3 * check.rms:.1f} mm (root mean square of five poses)")

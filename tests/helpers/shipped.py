@@ -27,7 +27,7 @@ def shipped_trials() -> tuple[TrialArrays, ...]:
 
 def exported(*trials: TrialArrays) -> list[ExportTrial]:
     """As they are exported."""
-    return [ExportTrial(trial.span, partial(_itself, trial)) for trial in trials]
+    return [ExportTrial(trial.span, partial(_itself, trial), lambda: None) for trial in trials]
 
 
 def _itself(trial: TrialArrays) -> TrialArrays:

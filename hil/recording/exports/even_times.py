@@ -76,10 +76,15 @@ def even_times(times: Array, name: str) -> EvenTimes:
     if even:
         count = len(times)
         return EvenTimes(rate, np.arange(count), np.zeros(count), np.ones(count, dtype=bool))
-    at = times[0] + np.arange(int(np.floor((times[-1] - times[0]) * rate + EVEN)) + 1) / rate
+    return times_of_rate(times, rate, period)
+
+
+def times_of_rate(times: Array, rate_hz: float, period: float) -> EvenTimes:
+    """Even times of a rate, from the first to the last of times (T,), s, which are about ``period`` s apart."""
+    at = times[0] + np.arange(int(np.floor((times[-1] - times[0]) * rate_hz + EVEN)) + 1) / rate_hz
     left = np.clip(np.searchsorted(times, at + EVEN * period, side="right") - 1, 0, len(times) - 1)
     right = np.minimum(left + 1, len(times) - 1)
     length = np.where(right > left, times[right] - times[left], 1.0)
     share = np.clip((at - times[left]) / length, 0.0, 1.0) * (right > left)
     share[share < EVEN * period / length] = 0.0
-    return EvenTimes(rate, left, share, length < LOST * period)
+    return EvenTimes(rate_hz, left, share, length < LOST * period)

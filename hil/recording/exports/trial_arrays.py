@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highfive.hil.recording.exports.arm_arrays import ArmArrays, arm_arrays
 from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader
 from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.sim.avatar import avatar_skeleton
@@ -73,6 +74,8 @@ class ExportTrial:
 
     span: TrialSpan
     load: Callable[[], TrialArrays]
+    load_arm: Callable[[], ArmArrays | None]
+    """Of the servo arm; None where none took part."""
 
 
 def export_trials(session: SessionReader) -> list[ExportTrial]:
@@ -88,7 +91,11 @@ def export_trials(session: SessionReader) -> list[ExportTrial]:
             "it with the version that recorded it"
         )
     load = lru_cache(maxsize=1)(lambda place: trial_arrays(session.read(session.spans[place], TOPICS), name))
-    trials = [ExportTrial(span, partial(load, place)) for place, span in enumerate(session.spans) if span.ticks]
+    trials = [
+        ExportTrial(span, partial(load, place), partial(arm_arrays, session, place))
+        for place, span in enumerate(session.spans)
+        if span.ticks
+    ]
     if not trials:
         cut = "" if session.complete else "; it is cut short"
         spans = session.spans

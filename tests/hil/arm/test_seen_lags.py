@@ -14,7 +14,7 @@ from highfive.calibration.chirp import ChirpSettings
 from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import known_arm
-from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.mocap_lags import MocapDelay, angles_seen, together
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
@@ -75,7 +75,7 @@ def room(found: ArmCalibration) -> Iterator[Room]:
             source.first()
             plate = plate_seen(options, source, found, load_rig(), clock)
             watch = PlateWatch(source, plate_of(found), clock)
-            with virtual_calibration_arm(rig, arm, body, watch.in_the_way) as drive:
+            with virtual_driven_arm(rig, arm, body, watch.in_the_way) as drive:
                 yield Room(drive, body, plate, camera, options, clock, hand)
 
 

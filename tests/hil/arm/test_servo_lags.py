@@ -14,7 +14,7 @@ from highfive.calibration.chirp import ChirpSettings
 from highfive.calibration.servo_lag import ServoLag
 from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.free_postures import check_way
 from highfive.hil.arm.lifecycle import session_planner
 from highfive.hil.arm.planner import LAG_BY_DATA, LAG_MEASURED
@@ -44,7 +44,7 @@ def measured(late_s: tuple[float, float]) -> dict[str, ServoLag]:
         late = dict(zip(JOINTS, late_s, strict=True))
         for servo in bus.servos:
             servo.delay_ns = round(1e9 * late.get(rig.servos[servo.id].name, 0.0))  # type: ignore[attr-defined]
-        with virtual_calibration_arm(VirtualRig(clock, bus), SLOW, ARM, lambda: "") as drive:
+        with virtual_driven_arm(VirtualRig(clock, bus), SLOW, ARM, lambda: "") as drive:
             return servo_lags(
                 drive,
                 ARM,

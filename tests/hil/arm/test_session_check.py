@@ -12,7 +12,7 @@ from highfive.calibration.arm_file import ArmCalibration
 from highfive.calibration.pose_check import POSE_CHECK, PoseCheck
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import known_arm
-from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.session_check import five_poses, plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
@@ -47,7 +47,7 @@ def checked(
         camera = PlateCamera(clock, truth, plant, faults or CameraFaults())
         with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
             watch = PlateWatch(source, plate_of(found), clock)
-            with virtual_calibration_arm(VirtualRig(clock, bus), options, body, watch.in_the_way) as drive:
+            with virtual_driven_arm(VirtualRig(clock, bus), options, body, watch.in_the_way) as drive:
                 return five_poses(drive, watch, body, found)
 
 

@@ -14,7 +14,7 @@ from kept_arm import kept_arm
 from highfive.calibration.arm_file import load_arm, save_arm
 from highfive.calibration.pose_file import TakenPose, load_poses
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm_model.servo_arm import default_arm
@@ -66,7 +66,7 @@ def room(
         camera = PlateCamera(clock, truth, plant, faults)
         with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
             watch = PlateWatch(source, TEMPLATE, clock)
-            with virtual_calibration_arm(VirtualRig(clock, bus), ARM, default_arm(), watch.in_the_way) as drive:
+            with virtual_driven_arm(VirtualRig(clock, bus), ARM, default_arm(), watch.in_the_way) as drive:
                 yield drive, watch, clock
 
 

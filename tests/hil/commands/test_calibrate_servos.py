@@ -15,7 +15,7 @@ from kept_arm import kept_arm
 from highfive.calibration.arm_file import arm_text, load_arm, save_arm
 from highfive.calibration.pose_file import load_poses
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.calibration_arm import virtual_calibration_arm
+from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
@@ -77,7 +77,7 @@ def room(
         with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
             watch, virtual = PlateWatch(source, plate_of(run.found), clock), VirtualRig(clock, bus)
             shadows = shadows_of(run, PATH, virtual.wiring)
-            with virtual_calibration_arm(virtual, run.options.arm, run.body, watch.in_the_way) as drive:
+            with virtual_driven_arm(virtual, run.options.arm, run.body, watch.in_the_way) as drive:
                 yield drive, watch, shadows
 
 

@@ -1,61 +1,52 @@
-"""An arm made ready for a calibration: checked, engaged and slow; it goes back to where it rests afterwards."""
+"""An arm made ready to be driven from posture to posture; it goes back to where it rests afterwards."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.arm.emergency_stop import SIGNALS, listening
-from highfive.hil.arm.lifecycle import START_S, checked, tell_torque, weakened
+from highfive.hil.arm.lifecycle import START_S, checked, started_arm, weakened
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_arm, check_options, refuse_unless_ready
 from highfive.hil.arm.rig_planner import sags
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.arm_host import ArmHost
-from highfive.hil.drivers.bus.arm_process import ArmProcess
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.clock import MACHINE, Clock
-from highfive.hil.runtime.interrupts import answered_by_a_stop
 from highfive.hil.safety.limits import Limits
 from highfive.hil.session.session import RATE_HZ
 
 
 @contextmanager
-def calibration_arm(options: ArmOptions, body: ServoArm, in_the_way: Callable[[], str]) -> Iterator[PostureDrive]:
-    """A real arm, ready; key, signals and pipe stop it.
+def driven_arm(
+    options: ArmOptions, body: ServoArm, in_the_way: Callable[[], str], *, keys: bool = True
+) -> Iterator[PostureDrive]:
+    """A real arm, or one emulated by the clock, ready; signals and pipe stop it, and, with ``keys``, a key.
 
     Args:
-        options: which arm; always slow.
+        options: which arm.
         body: as it is known.
         in_the_way: why it must not move now; '' where it may.
+        keys: space and Esc stop it, where there is a terminal.
 
     Raises:
         HighFiveError: port, rig or limits cannot be used, a servo is not as it has to be, or the port is not armed.
             Nothing has moved then.
     """
     limits, rig = check_arm(options)
-    estop = Latch()
-    with ExitStack() as stack:
-        terminal = 0 if sys.stdin.isatty() else None
-        stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
-        stack.enter_context(answered_by_a_stop())
-        stack.callback(tell_torque, options.port, rig)
-        arm = ArmProcess(options.port, weakened(rig, limits), RATE_HZ, estop, ALLOWANCE_MS)
-        stack.callback(arm.close)
-        arm.wait_ready(START_S)
-        yield from _driven(arm, body, rig, limits, options, estop, MACHINE, in_the_way)
+    with started_arm(options, limits, rig, keys=keys) as arm:
+        yield from _driven(arm, body, rig, limits, options, arm.estop, MACHINE, in_the_way)
 
 
 @contextmanager
-def virtual_calibration_arm(
+def virtual_driven_arm(
     virtual: VirtualRig, options: ArmOptions, body: ServoArm, in_the_way: Callable[[], str]
 ) -> Iterator[PostureDrive]:
-    """An emulated arm in virtual time, ready as :func:`calibration_arm` makes a real one.
+    """An emulated arm in virtual time, ready as :func:`driven_arm` makes a real one.
 
     Raises:
         HighFiveError: as there.

@@ -122,7 +122,7 @@ class CellReach:
 
     Attributes:
         cell: its name.
-        reached: inside the limits, clear of everything, and agile.
+        lacking: why it is not reached, in a few words; '' where it is, inside limits, clear of everything, and agile.
         miss: m, what is left of position and normal; of an arm of fewer than six joints, of the position.
         turned: rad, of the plate's normal from the one that is wanted.
         joints: (J,) rad.
@@ -133,7 +133,7 @@ class CellReach:
     """
 
     cell: str
-    reached: bool
+    lacking: str
     miss: float
     turned: float
     joints: Array
@@ -141,6 +141,11 @@ class CellReach:
     gap: float
     agility: float
     seconds: float
+
+    @property
+    def reached(self) -> bool:
+        """Nothing is lacking."""
+        return not self.lacking
 
 
 @dataclass(frozen=True)
@@ -158,8 +163,8 @@ class BaseReach:
 
     @property
     def slowest(self) -> float:
-        """s, to the cell that takes longest."""
-        return max(cell.seconds for cell in self.cells)
+        """s, to the cell that takes longest of those that are reached; of none, of all."""
+        return max(cell.seconds for cell in self.cells if cell.reached or not self.reached)
 
     @property
     def margin(self) -> float:
@@ -266,13 +271,22 @@ def _rated(arm: ServoArm, cell: str, joints: Array, miss: float, ready: Array, s
     if arm.joints < SIX:  # the normal is met as far as it can be
         miss = float(np.linalg.norm(plate.position - cell_point(cell)))
         values = np.linalg.svd(plate.jacobian, compute_uv=False)
-        near = miss < s.near_fewer and margin > s.margin_fewer and gap > s.gap_fewer and turned < s.turned_fewer
-        good, agility = near and values[-1] > s.agile, float(values[-1])
+        agility, near, least, clear = float(values[-1]), s.near_fewer, s.margin_fewer, s.gap_fewer
     else:
-        good = miss < s.near and margin > s.margin and gap > s.gap and values[4] > s.agile
-        agility = float(values[4])
+        agility, near, least, clear = float(values[4]), s.near, s.margin, s.gap
+    lacking = ""
+    if miss >= near:
+        lacking = f"{100.0 * miss:.0f} cm short" if miss > 0.01 else f"{1e3 * miss:.0f} mm short"
+    elif arm.joints < SIX and turned >= s.turned_fewer:
+        lacking = f"turned away by {np.degrees(turned):.0f}°"
+    elif margin <= least:
+        lacking = f"a joint {np.degrees(margin):.0f}° from its limit"
+    elif gap <= clear:
+        lacking = f"{100.0 * gap:.0f} cm from touching something"
+    elif agility <= s.agile:
+        lacking = "the arm is nearly straight"
     seconds = float(dynamics.quickest(arm.packed, ready, joints))
-    return CellReach(cell, bool(good), miss, turned, joints, margin, gap, agility, seconds)
+    return CellReach(cell, lacking, miss, turned, joints, margin, gap, agility, seconds)
 
 
 def better_ready(reach: BaseReach, settings: ReachabilitySettings = REACHABILITY) -> BaseReach:

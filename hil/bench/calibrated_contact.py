@@ -35,7 +35,7 @@ from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
 from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
-from highfive.hil.bench.live_people import BEFORE_S, System, frames_of, parts, people
+from highfive.hil.bench.live_people import System, frames_of, parts, people
 from highfive.hil.commands.calibrate_extrinsics import ExtrinsicsOptions, checked_extrinsics, fitted, measured
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
@@ -59,6 +59,9 @@ from highfive.model.geometry.rotations import Array
 
 SYSTEM = System(latency_ms=8.0, reported_ms=8.0)
 PLAY = np.radians(0.3)
+STILL_S, READY_S = 3.0, 2.0
+"""So long the person stands still before she raises her hand, and so long before that the arm is made ready, s: checks
+and servos take 1.4, as before a session."""
 ADDRESS = "vicon://cameras"
 
 
@@ -166,12 +169,12 @@ def play(job: ContactJob) -> ContactOutcome | None:
         box = PlateBox(plant)
         with virtual_arm(VirtualRig(clock, bus, box.look), _options(job.file), _planner(job.file)) as loop:
             begins = clock.now() + 100_000_000
-            frames = [_in_mocap(truth, frame) for frame in frames_of(person, SYSTEM, begins, _rng(job))]
+            frames = [_in_mocap(truth, frame) for frame in frames_of(person, SYSTEM, begins, _rng(job), STILL_S)]
             link = FrameLink(clock, SYSTEM.rate_hz, SentFrames(frames))
             scheduler = VirtualScheduler(clock)
             with closing(LiveSource("simulated", lambda: link, None, SYSTEM.rate_hz, scheduler)) as source:
-                zero = begins + round(1e9 * BEFORE_S)
-                clock.wait_until(zero + round(1e6 * SYSTEM.latency_ms))
+                zero = begins + round(1e9 * STILL_S)
+                clock.wait_until(zero - round(1e9 * READY_S))  # the arm is checked, and follows, before she moves
                 arm, ticks = ArmWatch(loop), list[Tick]()
                 trial, seen = LiveTrial(source, placement, clock, 0), _seen(arm, ticks)
                 arm.begin()

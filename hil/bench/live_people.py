@@ -120,16 +120,18 @@ def _person(draw: tuple[str, str, int]) -> Partner:
     return simulated_partner(emotion, cell, 0, rng, CLEAN)
 
 
-def frames_of(person: Partner, system: System, begins_ns: int, rng: np.random.Generator) -> list[MarkerFrame]:
-    """What the system sends of a person who stands still for :data:`BEFORE_S` first, from a time on."""
+def frames_of(
+    person: Partner, system: System, begins_ns: int, rng: np.random.Generator, before_s: float = BEFORE_S
+) -> list[MarkerFrame]:
+    """What the system sends of a person who stands still for ``before_s`` first, from a time on."""
     points = person.recording.points
     spline = CubicSpline(np.arange(len(points)) / RATE_HZ, points)
-    seconds = np.arange(0.0, BEFORE_S + (len(points) - 1) / RATE_HZ, 1.0 / system.rate_hz)
+    seconds = np.arange(0.0, before_s + (len(points) - 1) / RATE_HZ, 1.0 / system.rate_hz)
     arrivals, frames = 0, list[MarkerFrame]()
     for number, second in enumerate(seconds):
         delay_ms = system.latency_ms + rng.exponential(system.delay_ms) if system.delay_ms else system.latency_ms
         dropped = rng.random() < system.drop
-        seen = spline(max(second - BEFORE_S, 0.0)) + rng.normal(0.0, Defects().noise, points.shape[1:])
+        seen = spline(max(second - before_s, 0.0)) + rng.normal(0.0, Defects().noise, points.shape[1:])
         arrivals = max(arrivals, begins_ns + round(1e9 * second + 1e6 * delay_ms))  # in their order
         if dropped:
             continue

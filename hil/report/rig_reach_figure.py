@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import wrap
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,20 +20,27 @@ from highfive.model.geometry.rotations import Array
 INK, QUIET = "#2b2d33", "#8a8d94"
 
 
-def draw_reach(path: Path, chosen: BaseReach, found: Sequence[BaseReach], *, replace: bool = True) -> None:
-    """Draws the chosen base cell by cell, its postures from above and from the side, and the search's map.
+def draw_reach(path: Path, arm: str, chosen: BaseReach, found: Sequence[BaseReach], *, replace: bool = True) -> None:
+    """Draws the chosen base of an arm cell by cell, its postures from above and from the side, and, where there was a
+    search, its map.
 
     Raises:
         HighFiveError: the file cannot be written, or is there and may not be replaced.
     """
-    figure, axes = plt.subplots(2, 2, figsize=(12, 10.5), constrained_layout=True)
-    _cells(axes[0, 0], chosen)
-    _search(axes[0, 1], found)
-    _postures(axes[1, 0], chosen, (1, 0), "from above")
-    _postures(axes[1, 1], chosen, (0, 2), "from the side")
+    if found:
+        figure, grid = plt.subplots(2, 2, figsize=(12, 10.5), constrained_layout=True)
+        cells, side, above = grid[0, 0], grid[1, 1], grid[1, 0]
+        _search(grid[0, 1], found)
+    else:
+        figure, (cells, above, side) = plt.subplots(
+            1, 3, figsize=(14, 5.2), width_ratios=(1.1, 1.2, 0.9), constrained_layout=True
+        )
+    _cells(cells, chosen)
+    _postures(above, chosen, (1, 0), "from above")
+    _postures(side, chosen, (0, 2), "from the side")
     base = chosen.base
     figure.suptitle(
-        f"Base {base.height:.2f} m high, {base.standoff:.2f} m behind the grid, {base.side:.0f}° aside, tilted "
+        f"{arm}: base {base.height:.2f} m high, {base.standoff:.2f} m behind the grid, {base.side:.0f}° aside, tilted "
         f"{base.tilt:.0f}°, plate {base.out:.2f} m out: {chosen.reached} of 9 cells, slowest {chosen.slowest:.2f} s",
         color=INK,
     )
@@ -50,7 +58,7 @@ def _cells(axes: Axes, reach: BaseReach) -> None:
         row, column = divmod(index, 3)
         text = f"{cell.cell}\n{cell.seconds:.2f} s\nmargin {np.degrees(cell.margin):.0f}°\ngap {100 * cell.gap:.0f} cm"
         if not cell.reached:
-            text = f"{cell.cell}\nnot reached"
+            text = "\n".join((cell.cell, "not reached:", *wrap(cell.lacking, 16)))
         dark = cell.reached and cell.seconds > 0.7
         axes.text(2 - column, row, text, ha="center", va="center", color="white" if dark else INK)
     axes.set_xticks(range(3), [f"{n}:  {y:+.2f}" for n, y in zip("321", GRID_Y[::-1], strict=True)])
@@ -62,10 +70,6 @@ def _cells(axes: Axes, reach: BaseReach) -> None:
 
 def _search(axes: Axes, found: Sequence[BaseReach]) -> None:
     axes.set_title("the search: cells reached, slowest reach")
-    if not found:
-        axes.text(0.5, 0.5, "not searched", ha="center", va="center", color=QUIET, transform=axes.transAxes)
-        axes.set_axis_off()
-        return
     heights, standoffs = REACHABILITY.heights, REACHABILITY.standoffs
     best = np.full((len(heights), len(standoffs)), np.nan)
     for reach in found:
@@ -98,14 +102,15 @@ def _postures(axes: Axes, reach: BaseReach, shown: tuple[int, int], title: str) 
     if shown[1] == 2:
         axes.plot([base[0], base[0]], [0.0, base[2]], color=QUIET, lw=5, zorder=0)
         axes.axvline(DEPTH, color=QUIET, lw=0.6, ls=":")
-        axes.set_ylim(0.0, 1.95)
+        axes.set_ylim(min(base[2], *GRID_Z) - 0.25, 1.95)
+        axes.set_xlim(min(axes.get_xlim()[0], base[0] - 0.1), DEPTH + 0.1)
     else:
         axes.axhline(DEPTH, color=QUIET, lw=0.6, ls=":")
         axes.invert_xaxis()
     axes.set_aspect("equal")
     axes.set_xlabel(f"{'xyz'[shown[0]]}, m")
     axes.set_ylabel(f"{'xyz'[shown[1]]}, m")
-    axes.set_title(f"postures at the cells, {title} (dark: ready)")
+    axes.set_title(f"{title} (dark: ready)")
 
 
 def _chain(reach: BaseReach, joints: Array) -> Array:

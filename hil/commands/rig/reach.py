@@ -53,7 +53,7 @@ def rig_reach(
     if picture is not None:
         from highfive.hil.report.rig_reach_figure import draw_reach  # noqa: PLC0415 (matplotlib takes a second)
 
-        draw_reach(picture, chosen, found, replace=overwrite)
+        draw_reach(picture, folder.name, chosen, found, replace=overwrite)
     return {
         "arm": folder.name,
         "gives_up": folder.gives_up,
@@ -61,6 +61,7 @@ def rig_reach(
         "cells": {
             cell.cell: {
                 "reached": cell.reached,
+                "lacking": cell.lacking,
                 "margin_deg": round(float(np.degrees(cell.margin)), 1),
                 "gap_m": round(cell.gap, 3),
                 "seconds": round(cell.seconds, 3),
@@ -85,7 +86,7 @@ def print_rig_reach(result: dict[str, Any]) -> None:
         f"{of['tilt_deg']:.0f}°: {of['cells']} of {len(result['cells'])} cells, slowest reach {of['slowest_s']:.2f} s"
     )
     for name, cell in result["cells"].items():
-        reached = "reached" if cell["reached"] else "not reached"
+        reached = "reached" if cell["reached"] else f"not reached ({cell['lacking']})"
         if cell["reached"] and cell["turned_deg"] >= 0.5:
             reached += f" (palm turned away by {cell['turned_deg']:.0f}°)"
         print(

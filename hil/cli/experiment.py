@@ -197,6 +197,10 @@ def run(
         str | None,
         typer.Option(metavar="DIR", help="Of an experiment that shows clips: their C3D files, or simulated."),
     ] = None,
+    tap_switch: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="LSL stream of a switch that says the tap, in place of her hand."),
+    ] = None,
     place: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session.")
     ] = None,
@@ -265,7 +269,18 @@ def run(
             publish=published(publish), publish_network=publish_network, record_lsl=tuple(record_lsl or ()),
         )  # fmt: skip
     options = RunOptions(
-        study, participant, session, resume, consent, language, simulate_participant, no_avatar, typed, clips, chain
+        study,
+        participant,
+        session,
+        resume,
+        consent,
+        language,
+        simulate_participant,
+        no_avatar,
+        typed,
+        clips,
+        tap_switch,
+        chain,
     )
     try:
         with progress_bars() as bar:

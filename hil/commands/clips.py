@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -128,30 +128,40 @@ class TappedClip:
 
     Attributes:
         tapped: it was.
+        tapped_ns: when a switch said so, ns of the host's clock; None where her hand did.
         over: the clip has been shown.
     """
 
-    def __init__(self, session: Session, clip: Clip) -> None:
-        """Who is tracked is tracked as ever."""
-        self._session, self._clip = session, clip
+    def __init__(self, session: Session, clip: Clip, switch: Callable[[], int | None] | None = None) -> None:
+        """Who is tracked is tracked as ever. ``switch`` says when the shoulder was tapped, ns, None as long as it was
+        not; without one her hand does."""
+        self._session, self._clip, self._switch = session, clip, switch
         self._shoulders = shoulders(clip.poses[0])
         self._from_ns = 0
         self.tapped = self.over = False
+        self.tapped_ns: int | None = None
 
     def reset(self) -> None:
         """A new trial."""
         self._session.reset()
         self.tapped = self.over = False
+        self.tapped_ns = None
 
     def step(self, frame: MarkerFrame | None, time_ns: int | None = None) -> Tick:
         """One tick, in which the clip is shown."""
         tick = self._session.step(frame, time_ns)
-        if not self.tapped and tick.person.valid:
-            away = np.linalg.norm(self._shoulders - tick.person.palm.position, axis=1)
-            self.tapped, self._from_ns = bool(away.min() < TAP), tick.time_ns
+        if not self.tapped:
+            self.tapped, self._from_ns = self._is_tapped(tick), tick.time_ns
         row = round(1e-9 * (tick.time_ns - self._from_ns) * RATE_HZ) if self.tapped else 0
         self.over = row >= len(self._clip.poses)
         return replace(tick, pose=self._clip.poses[min(row, len(self._clip.poses) - 1)])
+
+    def _is_tapped(self, tick: Tick) -> bool:
+        if self._switch is not None:
+            self.tapped_ns = self._switch()
+            return self.tapped_ns is not None
+        away = np.linalg.norm(self._shoulders - tick.person.palm.position, axis=1)
+        return tick.person.valid and bool(away.min() < TAP)
 
     def until_over(self, inputs: Iterable[TickInput]) -> Iterator[TickInput]:
         """The inputs until the clip has been shown."""

@@ -23,6 +23,7 @@ class RunOptions:
         dry: no avatar, in virtual time.
         typed: answers and commands are typed at this terminal, too.
         clips: folder of the clips that are shown, or ``simulated``; None of an experiment without.
+        tap_switch: name of the LSL stream of a switch that says the tap; None has her hand tell.
         chain: source, model and page, as of ``simulate``; its view is where the pages are.
     """
 
@@ -36,4 +37,5 @@ class RunOptions:
     dry: bool = False
     typed: bool = False
     clips: str | None = None
+    tap_switch: str | None = None
     chain: SimulateOptions | None = None

@@ -94,6 +94,8 @@ def _check(options: RunOptions, protocol: Protocol) -> None:
         raise HighFiveError("--no-avatar is for simulated participants; add --simulate-participant FILE.toml")
     if options.dry:
         return
+    if options.tap_switch is not None and protocol.motion is not Motion.CLIPS:
+        raise HighFiveError(f"{protocol.name} shows no clips, and nobody taps: leave out --tap-switch")
     if (protocol.motion is Motion.CLIPS) is (options.clips is None):
         shows = "shows clips: give --clips DIR with " if options.clips is None else "shows no clips: leave out --clips"
         named = f"{protocol.styles[0].name}_1.c3d and so on, or --clips simulated" if options.clips is None else ""

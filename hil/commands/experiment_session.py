@@ -138,13 +138,19 @@ def open_stage(
         physics=False, source=chain.source or "", command=shlex.join(["highfive", *sys.argv[1:]]),
         arm="" if chain.arm is None else chain.arm.port, arm_name="" if chain.arm is None else chain.arm.arm,
     )  # fmt: skip
+    switch = None
+    if options.tap_switch is not None:
+        from highfive.hil.commands.tap_switch import TapSwitch  # noqa: PLC0415 (LSL takes half a second)
+
+        switch = TapSwitch(options.tap_switch)
+        stack.callback(switch.close)
     desk = Desk(page, MACHINE, TypedCommands() if options.typed else lambda: ())
     outputs = partial(session_outputs, chain, publishers=publishers, person=person, clock=MACHINE)
     stage = AvatarStage(
         session, scene, page, desk, person, protocol,
         session_folder(options.study, options.participant, options.session), settings, outputs, MACHINE,
         None if watch is None or chain.arm is None else ArmInRun(watch, live=live, never_silent=chain.arm.never_silent),
-        None if beside is None or person is None else drift_watch(beside, person, page), clips,
+        None if beside is None or person is None else drift_watch(beside, person, page), clips, switch,
     )  # fmt: skip
     stack.callback(stage.close)
     return desk, stage

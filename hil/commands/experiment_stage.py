@@ -41,6 +41,7 @@ from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
     from highfive.hil.commands.arm_in_run import ArmInRun
+    from highfive.hil.commands.tap_switch import TapSwitch
     from highfive.hil.trials.head_watch import DriftWatch
     from highfive.hil.view.wire import PoseMessage
 
@@ -95,6 +96,7 @@ class _Witness:
     met: TickInput | None = None
     last: TickInput | None = None
     ended_ns: int = 0
+    switched_ns: int | None = None  # when a switch said that they met
     own_stamp_ns: int | None = None  # by the source's own clock, of the frame in ``met`` or ``last``
 
     def __post_init__(self) -> None:
@@ -126,18 +128,19 @@ class AvatarStage:
         protocol: Protocol, folder: Path, settings: SessionSettings,
         outputs: Callable[[BackgroundRecorder], SessionOutputs], clock: Clock,
         arm: ArmInRun | None = None, drift: DriftWatch | None = None,
-        clips: Mapping[tuple[str, int], Clip] | None = None,
+        clips: Mapping[tuple[str, int], Clip] | None = None, switch: TapSwitch | None = None,
     ) -> None:  # fmt: skip
         """Of a session that answers ``person``, or simulated people where there is none; records into ``folder``.
 
         ``outputs`` hands on what goes into a first recording; it is called once. ``arm`` takes part, and ``drift``
-        watches a headset that is worn beside a lab's system. ``clips`` are shown in place of the model's answer.
+        watches a headset that is worn beside a lab's system. ``clips`` are shown in place of the model's answer, from
+        when her hand, or a ``switch``, taps.
         """
         self._session, self._person, self._protocol, self._clock = session, person, protocol, clock
         self._desk, self._folder, self._settings = desk, folder, settings
         self._playout = KinematicPlayOut(scene)
         self._pictures: list[PageShown] = []
-        self._arm, self._drift, self._clips = arm, drift, clips
+        self._arm, self._drift, self._clips, self._switch = arm, drift, clips, switch
         self._view = SessionView(
             StagePage(page, desk), session, self._playout, scene, clock=clock, shown=self._picture,
             arm=None if arm is None else arm.watch.joints, rig=settings.arm_name or DEFAULT_ARM,
@@ -197,7 +200,7 @@ class AvatarStage:
         assert self._outputs is not None
         clip = None
         if self._clips is not None and motion is None:
-            clip = TappedClip(self._session, self._clips[trial.style, trial.clip])
+            clip = TappedClip(self._session, self._clips[trial.style, trial.clip], self._switched())
         chain: Session | ShownAgain | TappedClip = clip or self._session
         if motion is not None:
             watches = trial.mode != Mode.NO_CONTINGENCY.value
@@ -218,7 +221,10 @@ class AvatarStage:
             witness(begins, tick, state)
             if clip is not None and clip.tapped and witness.met is None:
                 witness.met = replace(begins, frame=begins.frame or (witness.last.frame if witness.last else None))
-                self._record_event("tapped", trial=asked.ask - 1, detail=f"clip {trial.style} {trial.clip}")
+                witness.switched_ns = clip.tapped_ns
+                self._record_event(
+                    "tapped", at_ns=clip.tapped_ns, trial=asked.ask - 1, detail=f"clip {trial.style} {trial.clip}"
+                )
 
         def seen(tick: Tick) -> None:
             if live is not None and clip is None:  # a clip says itself when it is over
@@ -248,6 +254,11 @@ class AvatarStage:
             raise TrialBrokenOffError("the shoulder was not tapped" if not clip.tapped else "the clip was not over")
         kept.end(replace(result, style=head.style))
         self._look_at_arm(asked)
+
+    def _switched(self) -> Callable[[], int | None] | None:
+        """When the switch said that the shoulder was tapped, from now on."""
+        switch, since_ns = self._switch, self._clock.now()
+        return None if switch is None else lambda: switch.tapped_since(since_ns)
 
     def _look_at_arm(self, asked: Asked) -> None:
         """After a trial.
@@ -292,8 +303,9 @@ class AvatarStage:
         at = witness.met or witness.last
         frame = None if at is None else at.frame
         shown = [one.shown.display_ns for one in self._pictures if at is not None and one.shown.pose_ns >= at.at_ns]
+        contact_ns = None if witness.met is None else witness.met.at_ns
         return Played(
-            ended_ns=witness.ended_ns, contact_ns=None if witness.met is None else witness.met.at_ns,
+            ended_ns=witness.ended_ns, contact_ns=contact_ns if witness.switched_ns is None else witness.switched_ns,
             peak_speed=round(witness.peak_speed, 5), frame=None if frame is None else frame.number,
             source_ns=witness.own_stamp_ns, arrival_ns=None if frame is None else frame.arrival_time_ns,
             tick_ns=None if at is None else at.at_ns, shown_ns=min(shown, default=None), recording=self._file,

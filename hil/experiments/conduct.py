@@ -14,7 +14,7 @@ from highfive.hil.experiments.analysis.adaptive import AdaptiveSettings, answere
 from highfive.hil.experiments.balance import PRACTICE
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.plan import Plan, PlannedTrial
-from highfive.hil.experiments.protocol import ADAPTIVE, Mode, Protocol
+from highfive.hil.experiments.protocol import ADAPTIVE, Mode, Motion, Protocol
 from highfive.hil.experiments.question import CERTAINTY, Question, Sheet, question_of, why_excluded
 from highfive.hil.experiments.stage import (
     Asked,
@@ -217,6 +217,7 @@ def _about(protocol: Protocol, plan: Plan, question: Question, language: str) ->
             for one in question.sliders
         ],
         "limit_s": question.limit_s,
+        "taps": protocol.motion is Motion.CLIPS,
         "language": language,
         "instructions": protocol.instructions[language],
     }

@@ -13,6 +13,7 @@ from highfive.hil.arm.loop import ArmLoop
 from highfive.hil.commands.arm_in_run import ArmInRun
 from highfive.hil.commands.clips import Clip
 from highfive.hil.commands.experiment_stage import AvatarStage
+from highfive.hil.commands.tap_switch import TapSwitch
 from highfive.hil.evaluation.reaction_models import open_model
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.plan import PlannedTrial
@@ -66,7 +67,7 @@ class VirtualStage:
     def __init__(
         self, clock: VirtualClock, stack: ExitStack, folder: Path, person: LivePerson | None = None, *,
         loop: ArmLoop | None = None, template: str = "high_five",
-        clips: Mapping[tuple[str, int], Clip] | None = None,
+        clips: Mapping[tuple[str, int], Clip] | None = None, switch: TapSwitch | None = None,
     ) -> None:  # fmt: skip
         self.page, self.clock = QuietPage(), clock
         self.desk = Desk(self.page, clock)
@@ -87,7 +88,7 @@ class VirtualStage:
         arm = None if loop is None else ArmInRun(ArmWatch(loop), live=person is not None)
         self.stage = AvatarStage(
             session, scene, self.page, self.desk, person, protocol(template), self.folder, settings,
-            partial(SessionOutputs, clock=clock), clock, arm, clips=clips,
+            partial(SessionOutputs, clock=clock), clock, arm, clips=clips, switch=switch,
         )  # fmt: skip
         stack.callback(self.stage.close)
 

@@ -1,8 +1,9 @@
 // An experiment: the participant's side (cue, answer, sliders), and the experimenter's (plan, progress, what comes next).
 
+import { Board, taskOf } from "./board.js";
 import { markdown } from "./markdown.js";
 
-const CUES = { go: "Go", watch: "Watch" }, TASKS = { go: "Raise your hand when you hear the tone.", watch: "Only watch: keep your arms down." };
+const CUES = { go: "Go", watch: "Watch" };
 const IDLE = new Set(["ready", "wait", "question", "pause", "over"]);  // nothing need move meanwhile
 const TONE_HZ = 660, TONE_S = 0.18;
 
@@ -29,8 +30,9 @@ function tone() {
 
 /** What a participant sees and presses. */
 class Participant {
-  constructor(connection, own) {
-    Object.assign(this, { connection, own, about: null, now: { phase: "" } });
+  constructor(connection, own, headset) {
+    Object.assign(this, { connection, own, headset, about: null, now: { phase: "" }, board: headset && new Board(this) });
+    headset?.ask(this.board);
     this.element = made("section", { className: "participant", hidden: true });
     this.element.setAttribute("aria-live", "polite");
     addEventListener("keydown", (event) => this.key(event), { capture: true });
@@ -66,13 +68,16 @@ class Participant {
     this.element.replaceChildren(...content);
     this.element.className = `participant ${now.phase}`;
     this.element.hidden = !content.length;
+    this.board?.tell(now);
+    const said = { cue: [CUES[now.task], now.text], wait: [now.text] }[now.phase];  // above the avatar, who is to be seen
+    if (came || said) this.headset?.spoken.say((said || []).filter(Boolean).join(". "), performance.now());
   }
 
   ready({ first, practice, task, text: said }) {
     const go = made("button", { className: "go", textContent: "Go on (Enter)", onclick: () => this.connection.command("ready") });
     const text = first ? markdown(this.about.instructions) : [];
     if (said || !first) text.push(made("h3", { textContent: said || (practice ? "Practice" : "The next block") }));
-    return [...text, made("p", { textContent: TASKS[task] }), go];
+    return [...text, made("p", { textContent: taskOf(this.about, task) }), go];
   }
 
   wait({ text }) { return text ? [made("p", { textContent: text })] : []; }
@@ -152,9 +157,9 @@ class Experimenter {
 const hearNothing = () => {};  // texts come through hear() below, also those of before the panels were there
 
 /** Puts what this page is for into its places. */
-export function openExperiment(connection, addPanel) {
+export function openExperiment(connection, addPanel, headset) {
   const own = new URLSearchParams(location.search).get("role") === "participant";
-  const participant = new Participant(connection, own);
+  const participant = new Participant(connection, own, headset);
   document.body.classList.add("experiment", own ? "blind" : "leading");
   const sheet = made("link", { rel: "stylesheet", href: "experiment.css" });
   document.head.append(sheet);

@@ -205,7 +205,7 @@ async function openExperiment() {
   if (experiment) return;
   experiment = "opening";
   const room = await import("./experiment.js");
-  experiment = window.highfive.experiment = room.openExperiment(connection, addPanel);
+  experiment = window.highfive.experiment = room.openExperiment(connection, addPanel, headset);
   for (const text of untold.splice(0)) experiment.hear(text);
   const view = byId("views").querySelector(`[data-view="${experiment.experimenter ? "orbit" : "person"}"]`);
   if (view) choose(view);

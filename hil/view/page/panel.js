@@ -6,7 +6,7 @@ const WIDE = 0.62;  // m
 const PIXELS = 1024, FONT = 60, LINE = 76, EDGE = 36, MOST_LINES = 4;
 
 /** Words in lines that are no wider than ``width`` as ``pen`` writes. */
-function lines(pen, text, width) {
+export function lines(pen, text, width) {
   const found = [""];
   for (const word of text.split(/\s+/)) {
     const longer = found[found.length - 1] ? `${found[found.length - 1]} ${word}` : word;

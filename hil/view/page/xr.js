@@ -1,5 +1,6 @@
 // In a headset: the avatar life-size before the person, floor on the floor; her own hands drawn, her own body hidden.
 
+import { rayOf } from "./board.js";
 import { Spoken } from "./spoken.js";
 import { Standing } from "./standing.js";
 import { LIMBS, Tracked } from "./tracked.js";
@@ -84,7 +85,8 @@ export class Headset {
     this.placed = false;
     stage.immerse(mode === "immersive-ar");
     session.addEventListener("end", () => this.left());
-    stage.renderer.xr.getReferenceSpace().addEventListener("reset", () => { this.placed = this.spoken.stands = this.standing.stands = false; });
+    session.addEventListener("select", (event) => this.chosen(event));
+    stage.renderer.xr.getReferenceSpace().addEventListener("reset", () => { this.placed = this.spoken.stands = this.standing.stands = false; this.board?.leave(); });
     this.spoken.say(this.spoken.text, this.began);
     this.standing.stands = false;
     this.label();
@@ -115,6 +117,7 @@ export class Headset {
     this.stage.renderer.xr.enabled = false;
     for (const hand of this.hands) hand.visible = false;
     this.spoken.visible = this.standing.visible = false;
+    this.board?.leave();
     this.stage.emerge();
     this.label();
     this.changed();
@@ -151,9 +154,29 @@ export class Headset {
       mesh.visible = Boolean(seen[side]);
       shown += mesh.visible;
     }
+    this.board?.show(eyes, turn, this.rays(frame, space));
     this.tell(frame, space, viewer.transform, seen);
     this.counts.hands += shown > 0;
     for (const side of [0, 1]) if (!seen[side]) this.hands[side].visible = false;
+  }
+
+  /** Asks who wears it, on a board before her. */
+  ask(board) {
+    this.board = board;
+    board.enter(this.stage.scene);
+  }
+
+  /** Of the left and the right hand, or its controller; null where there is none. */
+  rays(frame, space) {
+    const found = [null, null];
+    for (const source of this.session.inputSources) found[source.handedness === "left" ? 0 : 1] = rayOf(source, frame, space);
+    return found;
+  }
+
+  /** A pinch, or a trigger. */
+  chosen(event) {
+    const space = this.stage.renderer.xr.getReferenceSpace();
+    this.board?.choose(rayOf(event.inputSource, event.frame, space), event.timeStamp || performance.now());
   }
 
   /** Sends what is seen, for when it holds. */

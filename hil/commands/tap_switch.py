@@ -1,0 +1,59 @@
+"""A switch that says, over LSL, when a shoulder was tapped: a mat, a button, a dummy that is touched."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from highfive.hil.recording.lsl_inlets import LslInlets
+from highfive.hil.recording.stream_samples import StreamSamples, check_stream_names
+from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.session.session_streams import SessionStreams
+
+PRESSED = 0.5
+"""A number above it says that the switch is pressed."""
+_KEPT = 64
+
+
+class TapSwitch:
+    """Follows a stream of events or levels until it is closed.
+
+    A stream of texts says a tap by each text that is not empty; one of numbers by its first channel, as it rises above
+    :data:`PRESSED`.
+    """
+
+    def __init__(self, name: str, clock: Clock = MACHINE, *, local_only: bool = False) -> None:
+        """Looks for the stream; one that is not there is told, and looked for again.
+
+        Raises:
+            HighFiveError: no name of a stream.
+        """
+        check_stream_names([name])
+        self.name = name
+        self._taps: deque[int] = deque(maxlen=_KEPT)
+        self._held = False
+        self._inlets = LslInlets([name], self, SessionStreams(), local_only=local_only, clock=clock)
+
+    def close(self) -> None:
+        """It is followed no more."""
+        self._inlets.close()
+
+    def tapped_since(self, since_ns: int) -> int | None:
+        """When the first tap after a time was, ns of the host's clock; None where there was none."""
+        return next((at_ns for at_ns in list(self._taps) if at_ns >= since_ns), None)
+
+    def record_stream(self, samples: StreamSamples) -> None:
+        """Samples that have come."""
+        for at_ns, row in zip(samples.times_ns, samples.values, strict=True):
+            value = row[0] if row else ""
+            if isinstance(value, str):
+                pressed = bool(value.strip())
+                risen = pressed
+            else:
+                pressed = value > PRESSED
+                risen = pressed and not self._held
+            if risen and not (samples.begins and not samples.text and at_ns == samples.times_ns[0]):  # held as it began
+                self._taps.append(at_ns)
+            self._held = pressed
+
+    def record_event(self, event: str, at_ns: int | None = None, *, detail: str) -> None:
+        """What becomes of the stream is said already."""

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from highfive.calibration.arm_latency import SERVO_LAG
 from highfive.calibration.placement_file import check_frame, vector
 from highfive.calibration.registration import FORMAT, Registration, aware, registration_of
 from highfive.model.errors import HighFiveError
@@ -42,6 +43,12 @@ class ArmFileSettings(Settings):
     friction: float = setting(5.0, "N·m", above=0.0)
     """More than half of what the strongest servo gives: it is blocked."""
     shadow: float = setting(float(np.radians(3.0)), "rad", above=0.0)
+    lag: float = setting(0.2, "s", above=0.0)
+    """Servos that follow later could meet nobody."""
+    late: float = setting(0.25, "s", above=0.0)
+    """Of the motion capture, either way."""
+    markers: int = setting(3, least=3)
+    """Of the plate, that tell where it is."""
 
 
 ARM_FILE = ArmFileSettings()
@@ -232,7 +239,7 @@ def _digest(body: str) -> str:
 def _calibration(path: Path, data: Mapping[str, Any], settings: ArmFileSettings) -> ArmCalibration:
     meta, mount, plate, quality = (table(data, name) for name in ("meta", "mount", "plate", "quality"))
     rotation, position = vector(mount, "mount.", "rotation", 4), vector(mount, "mount.", "position_m", 3)
-    check_frame(rotation, position, "mount.")
+    check_frame(rotation, position, "mount.", "position_m")
     normal = vector(plate, "plate.", "normal", 3)
     if abs(math.hypot(*normal) - 1.0) > 1e-6:
         raise HighFiveError("plate.normal is no unit vector")
@@ -242,6 +249,8 @@ def _calibration(path: Path, data: Mapping[str, Any], settings: ArmFileSettings)
     times = data.get("latency", {})
     if not is_table(times):
         raise HighFiveError("[latency] is no table")
+    if len(markers) < settings.markers:
+        raise HighFiveError(f"plate.markers_m has {len(markers)} markers; {settings.markers} tell where the plate is")
     joints = {name: _joint(table(data, "joints"), name, settings) for name in table(data, "joints")}
     return ArmCalibration(
         registration=registration_of(path, data),
@@ -259,7 +268,7 @@ def _calibration(path: Path, data: Mapping[str, Any], settings: ArmFileSettings)
         held_out_max=number(quality, "quality.", "held_out_max_m", float, 0.0, 1.0),
         rms=number(quality, "quality.", "residual_rms_m", float, 0.0, 1.0),
         temperatures=None if heat is None else (float(heat[0]), float(heat[1])),
-        latency={name: number(times, "latency.", name, float, -1.0, 1.0) for name in times},
+        latency={name: number(times, "latency.", name, float, *_times(name, settings)) for name in times},
         servos_date=_day(meta, "servos_date"),
         latency_date=_day(meta, "latency_date"),
         poses=_poses(data.get("pose", []), len(joints)),
@@ -303,6 +312,11 @@ def _joint(joints: Mapping[str, Any], name: str, settings: ArmFileSettings) -> C
         friction=_maybe(entry, where, "friction_Nm", 0.0, settings.friction),
         shadow=_maybe(entry, where, "shadow_rad", -settings.shadow, settings.shadow),
     )
+
+
+def _times(name: str, settings: ArmFileSettings) -> tuple[float, float]:
+    """Within which a latency is believed, s."""
+    return (0.0, settings.lag) if name.endswith(SERVO_LAG) else (-settings.late, settings.late)
 
 
 def _maybe(entry: Mapping[str, Any], where: str, name: str, low: float, high: float) -> float | None:

@@ -88,8 +88,8 @@ def _placement(data: Mapping[str, Any]) -> tuple[datetime, str, Array, Array]:
     return measured, typed(world, "world.", "system", str), rotation, translation
 
 
-def check_frame(rotation: Array, translation: Array, where: str = "world.") -> None:
-    """A quaternion (4,) and a translation (3,), m, are ones that a room can have.
+def check_frame(rotation: Array, translation: Array, where: str = "world.", name: str = "translation_m") -> None:
+    """A quaternion (4,) and a translation (3,), m, which is called ``name``, are ones that a room can have.
 
     Raises:
         HighFiveError: they are not; the message says which entry of ``where``.
@@ -97,7 +97,7 @@ def check_frame(rotation: Array, translation: Array, where: str = "world.") -> N
     if not abs(math.hypot(*rotation) - 1.0) <= UNIT_NORM:
         raise HighFiveError(f"{where}rotation is no unit quaternion (w, x, y, z)")
     if not math.hypot(*translation) <= FURTHEST:
-        raise HighFiveError(f"{where}translation_m is further than {FURTHEST:g} m; is it in millimetres?")
+        raise HighFiveError(f"{where}{name} is further than {FURTHEST:g} m; is it in millimetres?")
 
 
 def vector(entry: Mapping[str, Any], where: str, name: str, length: int) -> Array:

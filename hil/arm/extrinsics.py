@@ -9,6 +9,7 @@ import numpy as np
 from highfive.calibration.arm_kinematics import ArmShape
 from highfive.calibration.joint_directions import reversed_joints
 from highfive.calibration.pose_file import TakenPose
+from highfive.calibration.rigid_fit import rigid_fit
 from highfive.hil.arm.free_postures import POSTURES
 from highfive.hil.arm.plate_watch import PlateWatch, StillMoves
 from highfive.hil.arm.posture_drive import PostureDrive
@@ -21,6 +22,9 @@ TURN = np.radians(5.0)
 """rad, by which each joint is turned, both ways."""
 HOLD_S = 0.75
 """A posture is looked at for so long, s."""
+SAME = 0.002
+"""m, root mean square: markers that fit a plate's template so well are not mirrored."""
+MIRRORED = "the plate is seen as in a mirror: the motion capture's axes are left-handed; set its up axis"
 TRIES = 3
 """Times that a posture is looked at while the plate still moves."""
 SIDES = 0.02
@@ -31,7 +35,7 @@ def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape, re
     """Turns one joint at a time, about where the arm waits: ``ready`` (J,), rad.
 
     Raises:
-        HighFiveError: joints are reversed, all of them by name, or the plate is not seen.
+        HighFiveError: the stream is mirrored, joints are reversed, all of them by name, or the plate is not seen.
     """
     joints = len(ready)
     lower, upper = np.empty(joints), np.empty(joints)
@@ -42,15 +46,36 @@ def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape, re
             target = ready.copy()
             target[joint] += turn
             pose = taken(drive, watch, target, drive.go(target))
+            check_handedness(shape.markers[pose.seen], pose.markers[pose.seen])
             (lower if side == 0 else upper)[joint] = pose.encoders[joint]
             seen[joint, side] = np.where(pose.seen[:, None], pose.markers, np.nan)
             middle += pose.encoders / (2 * joints)
         drive.go(ready)
     if wrong := reversed_joints(shape, middle, lower, upper, seen):
+        if _as_in_a_mirror(shape, middle, lower, upper, seen):  # of a flat plate, which looks the same there
+            raise HighFiveError(f"{MIRRORED}; or else these are reversed: {', '.join(wrong)}")
         raise HighFiveError(
             f"{', '.join(wrong)}: turned the other way than the servos say; correct `reversed` in the rig's file, then "
             f"{drive.command('configure')}"
         )
+
+
+def check_handedness(markers: Array, places: Array) -> None:
+    """Refuses a stream in which a plate with markers (M, 3), m, off one plane is at ``places`` (M, 3), m, mirrored.
+
+    Raises:
+        HighFiveError: it is.
+    """
+    fit = rigid_fit(markers, places)
+    if fit.rms > SAME and fit.mirrored_rms < 0.5 * fit.rms:
+        raise HighFiveError(f"{MIRRORED} ({1e3 * fit.mirrored_rms:.1f} against {1e3 * fit.rms:.1f} mm)")
+
+
+def _as_in_a_mirror(shape: ArmShape, middle: Array, lower: Array, upper: Array, seen: Array) -> bool:
+    try:
+        return not reversed_joints(shape, middle, lower, upper, seen * [1.0, -1.0, 1.0])
+    except HighFiveError:
+        return False
 
 
 def take_poses(

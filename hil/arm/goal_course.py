@@ -20,6 +20,9 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
+TURN = 2.0 * math.pi
+"""rad: no servo's goal is further; degrees are."""
+
 
 @dataclass(frozen=True)
 class CourseSettings(Settings):
@@ -76,8 +79,8 @@ class GoalCourse:
         for name, angle in goals.items():
             if name not in self._names:
                 raise HighFiveError(f"no joint {name}; there are {', '.join(self._names)}")
-            if isinstance(angle, bool) or not isinstance(angle, int | float) or not math.isfinite(angle):
-                raise HighFiveError(f"{name}: {angle!r} is no angle in rad")
+            if isinstance(angle, bool) or not isinstance(angle, int | float) or not abs(angle) <= TURN:
+                raise HighFiveError(f"{name}: {angle!r} is no angle in rad within a turn")
             wanted[self._names.index(name)] = angle
         within = target_position(self._limits, wanted)[0]
         with self._lock:

@@ -17,6 +17,9 @@ from highfive.model.geometry.rotations import Array
 LEAST, MOST = 4, 7
 """Joints that an arm may have."""
 
+FURTHEST_TURN, LONGEST_LINK, HEAVIEST_LINK = 6.5, 2.0, 50.0
+"""rad, m and kg, beyond which a model is in other units: servos have a turn, and such arms stand on tables."""
+
 
 @dataclass(frozen=True)
 class ArmBody:
@@ -56,6 +59,7 @@ def load_spec(folder: ArmFolder, plate: float | None = None) -> mujoco.MjSpec:
     if not path.is_file():
         raise HighFiveError(f"{path}: there is no such model; arm.toml names it")
     urdf = path.suffix == ".urdf"
+    _check_numbers(path)
     if urdf:
         _check_urdf(path)
     try:
@@ -124,6 +128,7 @@ def _packed(folder: ArmFolder, model: mujoco.MjModel) -> ArmBody:
             axes, away = data.ximat[body].reshape(3, 3), data.xipos[body] - anchors[link] - centres[link]
             inertias[link] += axes @ np.diag(model.body_inertia[body]) @ axes.T
             inertias[link] += model.body_mass[body] * (away @ away * np.eye(3) - np.outer(away, away))
+    _check_units(folder, model.jnt_range[joints], np.diff(anchors, axis=0), masses)
     site = model.site("plate").id
     turned = data.site_xmat[site].reshape(3, 3)
     low, high = model.jnt_range[joints].T
@@ -174,6 +179,32 @@ def _check_chain(folder: ArmFolder, model: mujoco.MjModel, bodies: list[int]) ->
         joint = model.joint(name)
         if not model.jnt_limited[joint.id]:
             raise HighFiveError(f"{folder.model}: {name} has no limits; give it a range")
+
+
+def _check_units(folder: ArmFolder, ranges: Array, links: Array, masses: Array) -> None:
+    """Of ranges (J, 2), rad, links (J - 1, 3), m, and what each joint carries (J,), kg, before its next joint."""
+    for name, stops in zip(folder.names, ranges, strict=True):
+        if (furthest := float(np.abs(stops).max())) > FURTHEST_TURN:
+            raise HighFiveError(f"{folder.model}: {name} turns to {furthest:g} rad; are its limits in degrees?")
+    for name, link in zip(folder.names[1:], links, strict=True):
+        if (length := float(np.linalg.norm(link))) > LONGEST_LINK:
+            raise HighFiveError(f"{folder.model}: {name} is {length:g} m from the joint before; is that millimetres?")
+    for name, mass in zip(folder.names, masses, strict=True):
+        if mass > HEAVIEST_LINK:
+            raise HighFiveError(f"{folder.model}: what {name} carries weighs {mass:g} kg; is that grams?")
+
+
+def _check_numbers(path: Path) -> None:
+    """Refuses a model with numbers that are none: MuJoCo computes with some of them."""
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, OSError):
+        return  # MuJoCo says what is wrong with it
+    for element in root.iter():
+        for attribute, value in element.attrib.items():
+            if attribute != "name" and {"nan", "inf"} & {word.strip("+-") for word in value.lower().split()}:
+                where = element.get("name") or element.tag
+                raise HighFiveError(f"{path}: {attribute} of {where} is {value!r}; expected finite numbers")
 
 
 def _check_urdf(path: Path) -> None:

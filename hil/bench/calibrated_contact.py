@@ -51,6 +51,7 @@ from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.trials.live_partner import LiveTrial, live_source
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.trial import run_trial
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.model.errors import HighFiveError
@@ -111,7 +112,7 @@ def calibrated_at_the_wire(truth: HiddenTruth, folder: Path, bar: Bar, poses: in
     with VirtualClock(truth.seed) as clock:
         bus, plant = hidden_bus(truth, load_rig())
         camera = PlateCamera(clock, truth, plant, CameraFaults())
-        with closing(live_source(ADDRESS, None, camera_wiring(clock, camera))) as source:
+        with closing(live_source(ADDRESS, EVERYBODY, camera_wiring(clock, camera))) as source:
             watch = PlateWatch(source, TEMPLATE, clock)
             with virtual_driven_arm(VirtualRig(clock, bus), arm, default_arm(), watch.in_the_way) as drive:
                 taken = measured(run, drive, watch, bar)

@@ -58,6 +58,10 @@ def hidden_bus(truth: HiddenTruth, rig: Rig) -> tuple[EmulatedBus, ArmPlant]:
     return bus, plant
 
 
+AFAR = np.array([[6.0, 5.0, 1.7]])
+"""m, where somebody stands who looks on."""
+
+
 @dataclass
 class CameraFaults:
     """What goes wrong with the markers.
@@ -68,6 +72,7 @@ class CameraFaults:
         swapped: two labels that are always swapped; empty for none.
         loose: label of a marker that moves by 5 mm after ``loose_after_s``; '' for none.
         visitor: (from, to) s, when a hand's marker is beside the plate; empty for never.
+        mirrored: the system's axes are left-handed.
     """
 
     gaps: float = 0.03
@@ -77,6 +82,7 @@ class CameraFaults:
     loose: str = ""
     loose_after_s: float = 60.0
     visitor: tuple[float, float] | None = None
+    mirrored: bool = False
 
 
 class PlateCamera:
@@ -119,8 +125,11 @@ class PlateCamera:
         if faults.visitor is not None and faults.visitor[0] <= seconds < faults.visitor[1]:
             names, places = [*names, "RFIN"], np.vstack([places, places[:1] + np.array([0.3, 0.0, 0.1])])
             valid = np.append(valid, True)
+        # The plate is a subject of its own, and somebody looks on from afar: in a lab it is never alone.
+        names, places, valid = [*names, "LFHD"], np.vstack([places, AFAR]), np.append(valid, True)
+        places = places * [1.0, -1.0, 1.0] if faults.mirrored else places
         return MarkerFrame(
-            names=tuple(names),
+            names=tuple(f"{'plate' if name in TEMPLATE.names else 'human'}:{name}" for name in names),
             positions=np.where(valid[:, None], places, 0.0),
             valid=valid,
             number=self._number,

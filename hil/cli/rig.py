@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -266,8 +267,12 @@ def follow(
 
     options = arm_options(port, arm, file, limits, lower, estop, calibration, nobody_near, slow, faults, which_arm)
     assert options is not None
-    if stopped := follow(options, sys.stdin, lambda line: print(line, flush=True)):
-        say_aside(stopped)
+    end = follow(options, sys.stdin, lambda line: print(line, flush=True))
+    if end.stopped:
+        say_aside(end.stopped)
+    if not end.heard:  # a thread still holds standard output, for which Python's own end would wait
+        os._exit(1)
+    if end.stopped:
         raise typer.Exit(1)
 
 

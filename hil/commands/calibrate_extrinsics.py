@@ -21,7 +21,9 @@ from highfive.calibration.kept_servos import LAGS, SEEN, SERVOS, KeptServos, kep
 from highfive.calibration.plate_template import PlateTemplate, load_template
 from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
+from highfive.calibration.registration import REGISTRATION
 from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.calibrated import calibration_troubles
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.driven_arm import driven_arm
 from highfive.hil.arm.extrinsics import check_directions, take_poses
@@ -43,11 +45,12 @@ from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING
 from highfive.hil.trials.summary import versions
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
-FEWEST, MOST = 6, 100
+FEWEST, MOST = REGISTRATION.fewest_poses, 100
 UP = np.array([0.0, 0.0, 1.0])
 """Of the motion capture's frame: links hand over frames with z up."""
 
@@ -147,7 +150,7 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
     check_in_a_room(options.arm)
     for line in not_kept(run):
         say_aside(line)
-    with closing(live_source(options.source, None)) as source:
+    with closing(live_source(options.source, EVERYBODY)) as source:
         source.first()
         watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
         with driven_arm(run.options.arm, run.body, watch.in_the_way) as drive:
@@ -228,6 +231,9 @@ def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str
     )
     place = (np.array(mount.position), mount.quaternion)
     kept = with_servos(calibration_of(options.out, fit, poses, plate, template, off, place, source), run.kept)
+    if troubles := calibration_troubles(kept, run.rig, run.body.folder, source.date):
+        there = f"; {options.out} stays as it was" if options.out.exists() else ""
+        raise HighFiveError(f"no session would take what was found: {'; '.join(troubles)}{there}")
     save_arm(options.out, kept, replace=options.overwrite)
     run.half_done.unlink(missing_ok=True)
     return {
@@ -252,7 +258,6 @@ def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str
             if day is not None
         },
         "not_kept": not_kept(run),
-        "mismatches": list(kept.registration.mismatches(run.arm, source.system, source.date)),
     }
 
 
@@ -270,6 +275,4 @@ def print_extrinsics(summary: dict[str, Any]) -> None:
         print(f"Kept of the calibration that it replaces: {what} ({day[:10]}).")
     for line in summary["not_kept"]:
         print(line)
-    for line in summary["mismatches"]:
-        print(f"Not to be relied on: {line}")
     print(f"Written: {summary['out']}")

@@ -40,6 +40,7 @@ from highfive.hil.runtime.folders import check_file
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.safety.limits import Limits
 from highfive.hil.trials.live_partner import live_source
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 
@@ -98,7 +99,7 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
             drive = stack.enter_context(virtual_driven_arm(virtual, arm, body, no_one))
         else:
             if options.source is not None and found is not None:
-                source = stack.enter_context(closing(live_source(options.source, None)))
+                source = stack.enter_context(closing(live_source(options.source, EVERYBODY)))
                 source.first()
                 plate = plate_seen(options, source, found, rig, MACHINE)
                 clear = PlateWatch(source, plate_of(found), MACHINE).in_the_way

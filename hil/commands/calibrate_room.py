@@ -16,6 +16,7 @@ from highfive.hil.commands.calibration_checks import check_system
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
@@ -65,7 +66,7 @@ def calibrate_room(options: RoomOptions, wiring: LiveWiring = MACHINE_WIRING) ->
     if options.out.suffix != ".toml":
         raise HighFiveError(f"--out {options.out}: a placement is a TOML file; write it as {options.out.stem}.toml")
     check_file(options.out, options.overwrite)
-    with closing(live_source(options.source, None, wiring)) as source:
+    with closing(live_source(options.source, EVERYBODY, wiring)) as source:
         source.first()
         frames, frame, end = [], None, wiring.clock.now() + round(1e9 * PATIENCE_S)
         while len(frames) < FEWEST and wiring.clock.now() < end:

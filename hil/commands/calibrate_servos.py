@@ -48,6 +48,7 @@ from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING as LIVE_WIRING
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 
@@ -154,7 +155,7 @@ def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[st
     """
     run = checked_servos(options)
     check_in_a_room(options.arm)
-    with closing(live_source(options.source, None)) as source:
+    with closing(live_source(options.source, EVERYBODY)) as source:
         source.first()
         watch = PlateWatch(source, plate_of(run.found), LIVE_WIRING.clock)
         shadows = shadows_of(run, options.arm.port)

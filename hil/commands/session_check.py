@@ -17,6 +17,7 @@ from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.model.errors import HighFiveError
 
@@ -40,7 +41,7 @@ def check_before_session(arm: ArmOptions, worn: MarkerSet | None, wiring: LiveWi
         raise HighFiveError(f"{arm.port}: no calibration says where the arm stands; give --calibration FILE.toml")
     body = known_arm(folder, found)
     say_aside("THE ARM MOVES, slowly, for about a minute, to five poses: stay a metre away until it is back")
-    with closing(live_source(arm.person, None, wiring)) as source:
+    with closing(live_source(arm.person, EVERYBODY, wiring)) as source:
         source.first()
         watch = PlateWatch(source, plate_of(found), wiring.clock)
         with driven_arm(replace(arm, slow=True), body, watch.in_the_way) as drive:

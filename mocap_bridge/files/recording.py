@@ -71,6 +71,10 @@ class Recording:
         )
 
 
+EVERYBODY = "*"
+"""In place of a person's prefix: all that the system labels, such as a plate beside the people in the room."""
+
+
 class SeveralPersons(HighFiveError):
     """There are several persons, and nobody said which one is meant: waiting does not help."""
 
@@ -92,11 +96,19 @@ def columns_of_person(names: Sequence[str], prefix: str | None, source: str) -> 
                 f"{source} holds several persons: {known}; say which one (--person, in a session --human)"
             )
         prefix = prefixes[0]
+    if prefix == EVERYBODY:
+        return list(range(len(names)))
     prefix = prefix.removesuffix(":")
     columns = [m for m, name in enumerate(names) if name.rpartition(":")[0] == prefix]
     if not columns:
         raise HighFiveError(f"{source} has no labels of {prefix!r}; the persons in it are: {known}")
     return columns
+
+
+def labels_without_prefix(names: Sequence[str]) -> tuple[str, ...]:
+    """Labels without their prefix; those that two persons have keep it."""
+    bare = [name.rpartition(":")[2] for name in names]
+    return tuple(name if bare.count(short) > 1 else short for name, short in zip(names, bare, strict=True))
 
 
 def make_recording(rate_hz: float, names: Sequence[str], points: Array, valid: NDArray[np.bool_]) -> Recording:

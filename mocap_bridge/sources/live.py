@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_person
+from highfive.mocap_bridge.files.recording import SeveralPersons, columns_of_person, labels_without_prefix
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.frame_check import check_frame, checked_rate
 from highfive.mocap_bridge.sources.scheduler import THREADS, Scheduler
@@ -89,7 +89,8 @@ class LiveSource:
         Args:
             title: the system's address, for messages.
             connect: makes a connection, or raises :class:`LinkError`, within a second or two.
-            person: prefix of the person's markers; None takes the only one there is.
+            person: prefix of the person's markers; None takes the only one there is, and
+                :data:`~highfive.mocap_bridge.files.recording.EVERYBODY` all of them.
             rate_hz: frames per second where the system does not say.
             scheduler: this process's monotonic clock, and what starts the thread.
         """
@@ -296,7 +297,7 @@ class LiveSource:
         """The person's part of a frame, if it is of the right unit."""
         if frame.names is not self._names and frame.names != self._names:
             columns = columns_of_person(frame.names, self._person, self._title)
-            self._own_names = tuple(frame.names[m].rpartition(":")[2] for m in columns)
+            self._own_names = labels_without_prefix([frame.names[m] for m in columns])
             self._columns = np.array(columns, dtype=np.intp)
         self._names = frame.names
         points, valid = frame.positions[self._columns], frame.valid[self._columns]

@@ -62,7 +62,7 @@ def test_every_change_by_hand_is_seen(tmp_path: Path) -> None:
         ({"length_m": "[0.0, 0.3, 0.0]"}, "length_m is 0.3 off"),
         ({"tilt_rad": "[0.0, 0.3, 0.0]"}, "tilt_rad is 0.3 off"),
         ({"normal": "[1.0, 1.0, 0.0]"}, "plate.normal is no unit vector"),
-        ({"position_m": "[1280.0, 0.0, 0.0]"}, "mount.translation_m is further than 50 m"),
+        ({"position_m": "[1280.0, 0.0, 0.0]"}, "mount.position_m is further than 50 m"),
         ({"residual_rms_m": "nan"}, "residual_rms_m"),
         ({"encoders_rad": "[1.0]"}, "pose.encoders_rad"),
         ({"held_out_m": "3.0"}, "pose.held_out_m is 3"),

@@ -101,6 +101,12 @@ def contact_currents(folder: ArmFolder) -> Array:
     low, high = np.maximum(body.low, -math.pi), np.minimum(body.high, math.pi)
     drawn = np.random.default_rng(0).uniform(low, high, (500, len(low)))
     most = np.max(np.abs([arm.gravity(joints) for joints in drawn]), axis=0)
+    for name, needed, strength in zip(folder.names, most, folder.each[0], strict=True):
+        if needed > FREE * strength:
+            raise HighFiveError(
+                f"{name} has to hold {needed:.1f} N·m somewhere, its servos give {FREE * strength:.1f} for long: take "
+                "stronger ones, two of them, or a lighter arm (is the model in kg and m?)"
+            )
     each = most / folder.each[0] * folder.stall_currents
     least = [LEAST if load_table(joint.model).limits_current else LEAST_DUTY for joint in folder.joints]
     return np.clip(HOLDING * each, least * folder.stall_currents, np.minimum(FREE * folder.stall_currents, MOST))

@@ -19,6 +19,7 @@ import json
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, TextIO
 
@@ -44,16 +45,32 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
 LONGEST = 1 << 16
-"""Characters of a line at most."""
+"""A line has fewer characters."""
 
 LINE_S = 1.0 / 30.0
 """That a line takes in virtual time, s."""
 
+DEAF_S = 2.0
+"""An answer that nobody reads for so long, s: whoever led the arm hangs."""
+DEAF = "whoever leads the arm reads no answers; it stays where it is"
 GONE = "whoever led the arm is gone (end of input); it stays where it is"
 
 
-def follow(options: ArmOptions, lines: TextIO, answer: Callable[[str], object]) -> str:
-    """Follows goals until they end; why the arm was stopped, '' where it was not.
+@dataclass(frozen=True)
+class End:
+    """How it ended.
+
+    Attributes:
+        stopped: why the arm was stopped, '' where it was not.
+        heard: all answers were taken; else a thread still waits for that.
+    """
+
+    stopped: str
+    heard: bool
+
+
+def follow(options: ArmOptions, lines: TextIO, answer: Callable[[str], object]) -> End:
+    """Follows goals until they end.
 
     Args:
         options: which arm.
@@ -82,14 +99,12 @@ def follow(options: ArmOptions, lines: TextIO, answer: Callable[[str], object]) 
                 with going_first():
                     leader.lead()
             if leader.gone:
-                stopped = GONE
+                stopped = leader.gone
                 drive.stay()
         except HighFiveError as error:
             stopped = str(error)
-        if stopped:
-            with suppress(OSError):  # nobody may be there
-                leader.say({"stopped": stopped})
-    return stopped
+        heard = leader.end(stopped)
+    return End(stopped, heard)
 
 
 @contextmanager
@@ -106,7 +121,11 @@ def _drive(options: ArmOptions, body: ServoArm) -> Iterator[PostureDrive]:
 
 
 class Leader:
-    """Answers lines in a thread of its own, while the arm is driven tick by tick."""
+    """Answers lines in a thread of its own, while the arm is driven tick by tick.
+
+    Attributes:
+        gone: why nobody leads any more, '' while somebody may.
+    """
 
     def __init__(
         self, drive: PostureDrive, course: GoalCourse, names: tuple[str, ...], answer: Callable[[str], object]
@@ -114,7 +133,8 @@ class Leader:
         """The arm is ready; ``names`` are of its joints."""
         self._drive, self._course, self._names, self._answer = drive, course, names, answer
         self._saying = threading.Lock()
-        self._ended = self.gone = False
+        self._said_ns: int | None = None  # when an answer was begun that nobody has read yet
+        self._ended, self._over, self.gone = False, False, ""
 
     def lead(self) -> None:
         """Drives the arm until its goals end.
@@ -123,6 +143,9 @@ class Leader:
             HighFiveError: it was stopped.
         """
         while not (self._ended or self.gone):
+            begun_ns = self._said_ns
+            if begun_ns is not None and self._drive.clock.now() - begun_ns > 1e9 * DEAF_S:
+                self.gone = DEAF
             self._drive.tick(self._course.at(self._drive.clock.now()))
 
     def lead_in_virtual_time(self, lines: TextIO) -> None:
@@ -132,27 +155,31 @@ class Leader:
             HighFiveError: the arm was stopped.
         """
         clock = self._drive.clock
-        for line in iter(lambda: lines.readline(LONGEST), ""):
+        for line in _lines(lines):
             self.say(self.answered(line))
             if self._ended:
                 return
             end = clock.now() + round(1e9 * LINE_S)
             while clock.now() < end:
                 self._drive.tick(self._course.at(clock.now()))
-        self.gone = True
+        self.gone = GONE
 
     def listen(self, lines: TextIO) -> None:
         """Answers line by line, until the last."""
         try:
-            while not self._ended and (line := lines.readline(LONGEST)):
+            for line in _lines(lines):
                 self.say(self.answered(line))
-            self.gone = not self._ended
+                if self._ended:
+                    return
+            self.gone = GONE
         except (OSError, ValueError):  # nobody reads the answers, or what comes in is no text
-            self.gone = True
+            self.gone = GONE
 
     def answered(self, line: str) -> dict[str, Any]:
         """The answer to a line."""
         try:
+            if len(line) >= LONGEST:
+                raise HighFiveError(f"a line has {LONGEST} characters at most")
             request = json.loads(line)
             if not isinstance(request, dict) or not set(request) <= {"goal", "end"}:
                 raise HighFiveError('a line is {"goal": {"JOINT": rad, …}}, {"end": true} or {}')
@@ -175,9 +202,32 @@ class Leader:
         return {"positions": self._named(measured.positions), "goal": self._named(self._course.goal), "age": age}
 
     def say(self, what: dict[str, Any]) -> None:
-        """A line of output."""
+        """A line of output; none after the last."""
         with self._saying:
-            self._answer(json.dumps(what))
+            if not self._over:
+                self._said_ns = self._drive.clock.now()
+                self._answer(json.dumps(what))
+                self._said_ns = None
+
+    def end(self, stopped: str) -> bool:
+        """Says why the arm was stopped, if it was, as the last line; whether the answers before it were taken."""
+        self._ended = True
+        if not self._saying.acquire(timeout=DEAF_S):
+            return False
+        self._over = True
+        if stopped:
+            with suppress(OSError):  # nobody may be there
+                self._answer(json.dumps({"stopped": stopped}))
+        self._saying.release()
+        return True
 
     def _named(self, angles: Array) -> dict[str, float]:
         return dict(zip(self._names, np.round(angles, 6).tolist(), strict=True))
+
+
+def _lines(lines: TextIO) -> Iterator[str]:
+    """Line by line; of one that is too long its beginning, and nothing of its rest."""
+    while line := lines.readline(LONGEST):
+        yield line
+        while len(line) >= LONGEST and not line.endswith("\n"):
+            line = lines.readline(LONGEST)

@@ -32,6 +32,7 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.model.errors import HighFiveError
 
 TRUTH = drawn_truth(41)
@@ -71,7 +72,7 @@ def room(found: ArmCalibration) -> Iterator[Room]:
         bus, plant = hidden_bus(TRUTH, load_rig())
         rig = VirtualRig(clock, bus)
         camera = LateCamera(clock, TRUTH, (rig, plant), AGE_S, JITTER_S, wand=wand)
-        with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
+        with closing(live_source("vicon://cameras", EVERYBODY, camera_wiring(clock, camera))) as source:
             source.first()
             plate = plate_seen(options, source, found, load_rig(), clock)
             watch = PlateWatch(source, plate_of(found), clock)

@@ -24,6 +24,7 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.model.errors import HighFiveError
 
 TRUTH = drawn_truth(40)
@@ -45,7 +46,7 @@ def checked(
     with VirtualClock(truth.seed) as clock:
         bus, plant = hidden_bus(truth, load_rig())
         camera = PlateCamera(clock, truth, plant, faults or CameraFaults())
-        with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
+        with closing(live_source("vicon://cameras", EVERYBODY, camera_wiring(clock, camera))) as source:
             watch = PlateWatch(source, plate_of(found), clock)
             with virtual_driven_arm(VirtualRig(clock, bus), options, body, watch.in_the_way) as drive:
                 return five_poses(drive, watch, body, found)

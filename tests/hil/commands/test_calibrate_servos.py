@@ -41,6 +41,7 @@ from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
+from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.model.errors import HighFiveError
 
 BEFORE = drawn_truth(41)
@@ -74,7 +75,7 @@ def room(
         bus, plant = hidden_bus(truth, load_rig())
         bus.set_faults(parse_faults(on_the_bus))
         camera = PlateCamera(clock, truth, plant, CameraFaults())
-        with closing(live_source("vicon://cameras", None, camera_wiring(clock, camera))) as source:
+        with closing(live_source("vicon://cameras", EVERYBODY, camera_wiring(clock, camera))) as source:
             watch, virtual = PlateWatch(source, plate_of(run.found), clock), VirtualRig(clock, bus)
             shadows = shadows_of(run, PATH, virtual.wiring)
             with virtual_driven_arm(virtual, run.options.arm, run.body, watch.in_the_way) as drive:

@@ -2,7 +2,9 @@
 
 import io
 import json
-from collections.abc import Callable, Iterable
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +12,16 @@ import numpy as np
 import pytest
 from command_line import running
 
+from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.commands.rig.follow import follow
+from highfive.hil.arm.driven_arm import virtual_driven_arm
+from highfive.hil.arm.goal_course import GoalCourse
+from highfive.hil.arm.lifecycle import emulator_options
+from highfive.hil.arm_model.servo_arm import default_arm
+from highfive.hil.commands.rig.follow import Leader, follow
+from highfive.hil.drivers.emulator.emulator_process import make_bus
+from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
+from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.model.errors import HighFiveError
 
 VIRTUAL = ArmOptions("virtual")
@@ -22,8 +32,9 @@ def led(requests: Iterable[Any], options: ArmOptions = VIRTUAL) -> tuple[str, li
     """Why it was stopped, and the answers."""
     lines = "".join(f"{line if isinstance(line, str) else json.dumps(line)}\n" for line in requests)
     answers: list[dict[str, Any]] = []
-    stopped = follow(options, io.StringIO(lines), lambda line: answers.append(json.loads(line)))
-    return stopped, answers
+    end = follow(options, io.StringIO(lines), lambda line: answers.append(json.loads(line)))
+    assert end.heard
+    return end.stopped, answers
 
 
 def test_the_first_line_says_what_there_is() -> None:
@@ -60,7 +71,9 @@ def test_a_goal_that_is_far_is_reached_at_the_envelopes_pace() -> None:
 def test_a_line_that_is_not_understood_is_answered_and_moves_nothing() -> None:
     wrong = [
         "waist 0.1", "[]", "3", "null", '{"goal": 3}', '{"gaol": {"waist": 1}}', '{"goal": {"waist": NaN}}',
-        '{"goal": {"waist": 1e999}}', '{"goal": {"hip": 0.1}}', '{"goal": {"waist": "0.1"}}', "", "[" * 60_000,
+        '{"goal": {"waist": 1e999}}', '{"goal": {"waist": 57.3}}', "x" * 65_536 + '{"goal": {"waist": 0.5}}',
+        " " * 200_000 + '{"goal": {"waist": 0.5}}', '{"goal": {"hip": 0.1}}', "", "[" * 60_000,
+        '{"goal": {"waist": "0.1"}}',
     ]  # fmt: skip
     stopped, answers = led([*wrong, {}, {"end": True}])
     assert stopped == ""
@@ -80,6 +93,41 @@ def test_a_dead_servo_stops_it() -> None:
     stopped, answers = led([*({"goal": {"waist": 0.01 * n}} for n in range(200)), {"end": True}], options)
     assert "forearm_roll" in stopped or "4" in stopped
     assert answers[-1] == {"stopped": stopped} and len(answers) < 150
+
+
+def test_a_stopped_arm_says_nothing_more() -> None:
+    """Answers come from a thread of their own: none follows the last line."""
+    for _ in range(20):
+        said: list[dict[str, Any]] = []
+        with VirtualClock() as clock, ExitStack() as stack:
+            leader = stack.enter_context(_leader(clock, said))
+            asks = threading.Thread(target=leader.listen, args=(io.StringIO("{}\n" * 400),))
+            asks.start()
+            assert leader.end("it was stopped")
+            asks.join()
+        assert [list(one) for one in said].count(["stopped"]) == 1 and said[-1] == {"stopped": "it was stopped"}
+
+
+def test_whoever_reads_nothing_any_more_stops_the_arm() -> None:
+    """An answer that is not taken holds the thread that answers, and neither the arm nor the end."""
+    with VirtualClock() as clock, ExitStack() as stack:
+        taken = threading.Event()
+        leader = stack.enter_context(_leader(clock, answer=lambda line: taken.wait()))
+        threading.Thread(target=leader.listen, args=(io.StringIO("{}\n"),), daemon=True).start()
+        leader.lead()
+        assert "reads no answers" in leader.gone
+        assert not leader.end(leader.gone)
+        taken.set()
+
+
+@contextmanager
+def _leader(clock: VirtualClock, said: list[dict[str, Any]] | None = None, answer: Any = None) -> Iterator[Leader]:
+    body = default_arm()
+    virtual = VirtualRig(clock, make_bus(emulator_options(VIRTUAL)))
+    with virtual_driven_arm(virtual, VIRTUAL, body, lambda: "") as drive:
+        course = GoalCourse(body, limits_of(body.folder), drive.positions)
+        took = answer or (lambda line: (said if said is not None else []).append(json.loads(line)))
+        yield Leader(drive, course, body.folder.names, took)
 
 
 def test_refused_before_anything_moves() -> None:

@@ -28,7 +28,7 @@ ZERO, RIPPLE, REPEAT = np.radians(2.0), np.radians(0.1), np.radians(0.06)
 TAPE_M, TAPE_RAD = 0.02, np.radians(2.0)
 LENGTH_M, TILT_RAD = 0.0007, np.radians(0.2)
 PLATE_M, PLATE_RAD, GLUE_M = 0.002, np.radians(1.5), 0.0005
-PLAY_RAD = np.radians(0.3)
+PLAY_RAD, LAG_S = np.radians(0.3), 0.006
 
 TEMPLATE = PlateTemplate(
     names=("plate1", "plate2", "plate3", "plate4", "stalk"),
@@ -59,6 +59,7 @@ class HiddenTruth:
         length, tilt: (J, 3) m and rad, in the frame before the joint.
         plate, plate_turn: (3,) m and rad, of the plate beside its drawing, in the last joint's frame.
         glue: (M, 3) m, of the markers beside the template.
+        lag: (J,) s, by which servos act on their goals later than the model's.
         mocap, mocap_place: (4,) quaternion and (3,) m, from the world to the motion capture's frame; z is up in both.
     """
 
@@ -74,6 +75,7 @@ class HiddenTruth:
     plate: Array
     plate_turn: Array
     glue: Array
+    lag: Array
     mocap: Array
     mocap_place: Array
 
@@ -122,6 +124,7 @@ def drawn_truth(seed: int, play: float = 0.0) -> HiddenTruth:
         plate=rng.normal(0.0, PLATE_M, 3) / np.sqrt(3.0),
         plate_turn=rng.normal(0.0, PLATE_RAD, 3) / np.sqrt(3.0),
         glue=rng.normal(0.0, GLUE_M, TEMPLATE.places.shape) / np.sqrt(3.0),
+        lag=np.random.default_rng((seed, 19)).uniform(0.0, LAG_S, joints),
         mocap=rotations.from_axis_angle("z", rng.uniform(-np.pi, np.pi)),
         mocap_place=np.array([*rng.uniform(-3.0, 3.0, 2), rng.uniform(-0.1, 0.1)]),
     )

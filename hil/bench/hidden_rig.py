@@ -54,6 +54,7 @@ def hidden_bus(truth: HiddenTruth, rig: Rig) -> tuple[EmulatedBus, ArmPlant]:
     bus = EmulatedBus(servos, joints, plant, seed=truth.seed)
     for servo, joint in zip(servos, joints, strict=True):
         servo.astray, servo.play, servo.ripple = float(truth.zero[joint]), float(truth.play[joint]), truth.ripple[joint]
+        servo.delay_ns = round(1e9 * truth.lag[joint])
         servo.compliance = float(truth.compliance[joint]) * joints.count(joint)  # each of two carries half
     return bus, plant
 

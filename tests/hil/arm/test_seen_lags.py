@@ -96,7 +96,7 @@ def test_parts_and_whole_are_found_and_a_stream_that_changed_is_refused(kept: Ar
         )  # fmt: skip
         assert set(at.plate.delays) == set(joints) == set(lags)
         found = seen_lags(at.options, at.drive, at.body, limits, at.plate, lambda line: told(at, line))
-        assert found.mocap.age == pytest.approx(AGE_S + JITTER_S, abs=0.0015)
+        assert found.mocap.age == pytest.approx(AGE_S + JITTER_S, abs=0.002)
         assert 0.0 < found.mocap.age - found.mocap.late < 0.001  # the least that a frame takes is not seen by a session
         assert found.whole is not None and found.whole.followed == "waist"
         assert abs(found.whole.disagreement) < 0.002

@@ -21,10 +21,10 @@ from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, int
 from highfive.hil.experiments.recorded.methods import methods
 from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
 from highfive.hil.experiments.study_rows import answers_of, study_rows, tidy_rows
+from highfive.hil.report.page import write_file
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
 from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
 
 OVERALL = "overall"
 """The table's last row, which is nobody's."""
@@ -128,10 +128,10 @@ def _of_study(
     result["trials"] = {"all": len(found.rows), "counted": len(found.counted)}
     if options.out is not None:
         tidy = tidy_rows(found.rows, found.excluded, (*TIMING, *SYNCHRONY), moved.figures)
-        write_whole(options.out / ALL_TRIALS, tidy)
-        write_whole(options.out / METHODS, methods(study, found, options.level, rules).encode())
+        write_file(options.out / ALL_TRIALS, tidy)
+        write_file(options.out / METHODS, methods(study, found, options.level, rules).encode())
         if beside:
-            write_whole(options.out / XDF_EVENTS, events_csv(beside))
+            write_file(options.out / XDF_EVENTS, events_csv(beside))
     return result, people, answers
 
 

@@ -15,7 +15,14 @@ from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.observer import SimulatedParticipant, read_observer
 from highfive.hil.experiments.protocol import Motion, Protocol
 from highfive.hil.experiments.stage import EmptyStage, RunFailedError, Stage
-from highfive.hil.experiments.study import LOG, participant_folder, session_folder, stored_plan, study_protocol
+from highfive.hil.experiments.study import (
+    LOG,
+    check_planned,
+    participant_folder,
+    session_folder,
+    stored_plan,
+    study_protocol,
+)
 from highfive.hil.experiments.trial_log import RunHead, open_log
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, ask_line, confirm, counted, say, say_aside
@@ -37,6 +44,7 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
         HighFiveError: something does not fit, is not there, or cannot be written; what was asked is in the log.
     """
     protocol, plan = study_protocol(options.study), stored_plan(options.study, options.participant)
+    check_planned(options.study, protocol)
     observer = None if options.simulated is None else read_observer(options.simulated)
     _check(options, protocol)
     language = _language(options, protocol)

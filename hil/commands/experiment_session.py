@@ -125,7 +125,7 @@ def open_stage(
         page = session_page(chain, about, watch, stack, None if beside is None else (beside, person), opened)
         if person is not None:
             person.say = saying_to(page)
-    say_aside(f"that is the experimenter's; the participant's: {page.address}&role=participant")
+    say_aside(f"that is the experimenter's; the participant's: {page.participant_address}")
     publishers += open_outlets(chain, _markers(person).names, person, stack)
     session = Session(
         model, dict(protocol.styles[0].weights) if clips is None else {model.emotions[0]: 1.0}, _markers(person), scene,
@@ -144,6 +144,7 @@ def open_stage(
 
         switch = TapSwitch(options.tap_switch)
         stack.callback(switch.close)
+        switch.wait()
     desk = Desk(page, MACHINE, TypedCommands() if options.typed else lambda: ())
     outputs = partial(session_outputs, chain, publishers=publishers, person=person, clock=MACHINE)
     stage = AvatarStage(

@@ -160,6 +160,7 @@ class AvatarStage:
         live = None if self._person is None else self._person.trial()
         if live is not None and not live.begins():
             raise RunFailedError(live.trouble)
+        self._look_at_switch()
         if self._arm is not None:
             try:
                 self._arm.begin(source, motion)
@@ -247,10 +248,12 @@ class AvatarStage:
             with kept:
                 result = run_trial(asked.ask - 1, partner, chain, self._playout, self._view.inputs(inputs), seen, keep)
         except (RunFailedError, TrialBrokenOffError) as error:
+            self._look_at_switch()
             event = "fault" if self._arm is not None and self._arm.watch.loop.trouble else "trial_broken_off"
             self._record_event(event, trial=asked.ask - 1, detail=str(error))
             raise
         if clip is not None and not clip.over:
+            self._look_at_switch()
             raise TrialBrokenOffError("the shoulder was not tapped" if not clip.tapped else "the clip was not over")
         kept.end(replace(result, style=head.style))
         self._look_at_arm(asked)
@@ -259,6 +262,15 @@ class AvatarStage:
         """When the switch said that the shoulder was tapped, from now on."""
         switch, since_ns = self._switch, self._clock.now()
         return None if switch is None else lambda: switch.tapped_since(since_ns)
+
+    def _look_at_switch(self) -> None:
+        """A switch that is gone is as a source that is gone: the run ends, and goes on with it again.
+
+        Raises:
+            RunFailedError: no tap would be heard.
+        """
+        if self._switch is not None and self._switch.trouble:
+            raise RunFailedError(self._switch.trouble)
 
     def _look_at_arm(self, asked: Asked) -> None:
         """After a trial.

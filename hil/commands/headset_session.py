@@ -73,7 +73,7 @@ def wait_until_worn(source: LiveSource, page: LivePage, clock: Clock = MACHINE) 
     Raises:
         HighFiveError: nobody puts it on, or somebody ends the session on the page.
     """
-    say_aside(f"put the headset on, open {page.address} in its browser, and press Enter VR or Enter AR")
+    say_aside(f"put the headset on, open {page.participant_address} in its browser, and press Enter VR or Enter AR")
     waiting = Waiting(page, PATIENCE_S, clock)
     while source.wait(None, WAKE_S) is None or waiting.paused:
         if not waiting.look("no headset has sent anything yet: open the page in it, and press Enter VR or Enter AR"):

@@ -8,10 +8,14 @@ from highfive.hil.recording.lsl_inlets import LslInlets
 from highfive.hil.recording.stream_samples import StreamSamples, check_stream_names
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.session.session_streams import SessionStreams
+from highfive.model.errors import HighFiveError
 
 PRESSED = 0.5
 """A number above it says that the switch is pressed."""
+PATIENCE_S = 30.0
+"""So long the stream is waited for before a run, s."""
 _KEPT = 64
+_HEARD, _GONE = {"lsl_found", "lsl_changed"}, {"lsl_lost", "lsl_refused", "lsl_absent"}
 
 
 class TapSwitch:
@@ -30,6 +34,8 @@ class TapSwitch:
         check_stream_names([name])
         self.name = name
         self._taps: deque[int] = deque(maxlen=_KEPT)
+        self._clock = clock
+        self._there = False
         self._held = False
         self._inlets = LslInlets([name], self, SessionStreams(), local_only=local_only, clock=clock)
 
@@ -56,4 +62,22 @@ class TapSwitch:
             self._held = pressed
 
     def record_event(self, event: str, at_ns: int | None = None, *, detail: str) -> None:
-        """What becomes of the stream is said already."""
+        """What becomes of the stream."""
+        self._there = event in _HEARD or (self._there and event not in _GONE)
+
+    @property
+    def trouble(self) -> str:
+        """Why no tap would be heard now, '' where one would."""
+        return "" if self._there else f"the switch's LSL stream {self.name} is not there"
+
+    def wait(self, seconds: float = PATIENCE_S) -> None:
+        """Returns once the stream is heard.
+
+        Raises:
+            HighFiveError: it is not there within so many s.
+        """
+        end = self._clock.now() + round(1e9 * seconds)
+        while self.trouble:
+            if self._clock.now() > end:
+                raise HighFiveError(f"{self.trouble}; is its name right, and is it sending? (--tap-switch)")
+            self._clock.wait_until(self._clock.now() + 50_000_000)

@@ -8,6 +8,7 @@ are asked again, by their number in the session).
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
@@ -82,7 +83,7 @@ def read_log(content: bytes, where: str) -> LogContent:
         at = f"{where}, line {number}"
         if not _is_object(line):
             raise HighFiveError(f"{at}: damaged, expected a JSON object; take the log from a backup")
-        entry: dict[str, Any] = json.loads(line)
+        entry: dict[str, Any] = _loaded(line)
         match entry.pop("kind", None):
             case "run":
                 plan = plan or plan_of(_table(entry, at, "plan"))
@@ -90,7 +91,10 @@ def read_log(content: bytes, where: str) -> LogContent:
             case "begin":
                 begun[typed(entry, f"{at}: ", "ask", int)] = typed(entry, f"{at}: ", "trial", str)
             case "trial":
-                finished.append(row_of(entry, at))
+                row = row_of(entry, at)
+                if any(row.ask == one.ask for one in finished):
+                    raise HighFiveError(f"{at}: trial {row.trial} is there twice; take the log from a backup")
+                finished.append(row)
             case "mark":
                 why = typed(entry, f"{at}: ", "why", str)
                 asks = typed(entry, f"{at}: ", "asks", list)
@@ -132,8 +136,19 @@ def _table(entry: dict[str, Any], where: str, name: str) -> Any:
     return entry[name]
 
 
+def _loaded(line: bytes) -> Any:
+    """JSON whose numbers are finite."""
+    return json.loads(line, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"{text} is no finite number")
+    return value
+
+
 def _is_object(line: bytes) -> bool:
     try:
-        return is_table(json.loads(line))
+        return is_table(_loaded(line))
     except (ValueError, RecursionError):
         return False

@@ -1,6 +1,7 @@
 """A study's folder: its protocol, and a folder a participant with her plan, her rows and her recordings.
 
     DIR/protocol.toml, DIR/instructions/en.md, …    the experiment, as it was planned
+    DIR/planned.json                                the same, as plans were drawn from it: what is changed is refused
     DIR/participants/P01/plan.toml, plan.csv        what she is asked
     DIR/participants/P01/session-1/trials.jsonl     what she answered; recordings beside it
 
@@ -12,7 +13,9 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from highfive.hil.experiments.plan import Plan
 from highfive.hil.experiments.plan_file import difference, plan_csv, plan_toml, read_plan
@@ -21,7 +24,9 @@ from highfive.hil.experiments.protocol_file import CODE, TEMPLATES, read_protoco
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
 
-PROTOCOL, INSTRUCTIONS = "protocol.toml", "instructions"
+PROTOCOL, PLANNED, INSTRUCTIONS = "protocol.toml", "planned.json", "instructions"
+_SHORT = 80
+"""Characters of what a difference shows."""
 PARTICIPANTS, PLAN, LOG = "participants", "plan.toml", "trials.jsonl"
 
 
@@ -67,6 +72,52 @@ def study_protocol(study: Path) -> Protocol:
     if not (study / PROTOCOL).is_file():
         raise HighFiveError(f"{study} is no study: it has no {PROTOCOL}; make one with highfive experiment plan")
     return read_protocol(study / PROTOCOL)
+
+
+def check_planned(study: Path, protocol: Protocol) -> None:
+    """Refuses an experiment that was changed since plans were drawn from it.
+
+    Raises:
+        HighFiveError: it was; each difference is said.
+    """
+    path = study / PLANNED
+    if not path.is_file():  # of before 0.2.0
+        return
+    try:
+        before = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise HighFiveError(f"cannot read {path}: {error}; take it as highfive experiment plan wrote it") from None
+    if not isinstance(before, dict):
+        raise HighFiveError(f"{path} is nothing that highfive experiment plan wrote")
+    now, said = _flat(_planned(protocol)), []
+    for name, value in _flat(before).items():
+        if name in now and now[name] != value:
+            short = len(f"{value}{now[name]}") < _SHORT
+            said.append(f"{name} was {value!r} and is {now[name]!r}" if short else f"{name} is another text")
+    if said:
+        raise HighFiveError(
+            f"{study / PROTOCOL} was changed since the plans were drawn: {'; '.join(said)}; take it as it was, or plan "
+            "a study of its own"
+        )
+
+
+def _planned(protocol: Protocol) -> dict[str, Any]:
+    """What all plans of a study have in common, as JSON has it."""
+    return json.loads(json.dumps(asdict(replace(protocol, participants=0, codes=())), default=str))
+
+
+def _flat(content: Any, name: str = "") -> dict[str, Any]:
+    """``timing.answer_s`` and so on, and how long lists are."""
+    if isinstance(content, dict):
+        parts = list(content.items())
+    elif isinstance(content, list):
+        parts = [("number", len(content)), *((str(place + 1), one) for place, one in enumerate(content))]
+    else:
+        return {name: content}
+    found: dict[str, Any] = {}
+    for key, value in parts:
+        found |= _flat(value, f"{name}.{key}" if name else str(key))
+    return found
 
 
 def stored_plan(study: Path, code: str) -> Plan:
@@ -137,6 +188,7 @@ def write_study(study: Path, source: Path, protocol: Protocol, plans: list[Plan]
         for language, text in protocol.instructions.items():
             _write(study / INSTRUCTIONS / f"{language}.md", text.encode())
         _write(study / PROTOCOL, _with(source.read_text(encoding="utf-8"), values).encode())
+        _write(study / PLANNED, json.dumps(_planned(protocol), indent=1, ensure_ascii=False).encode())
         for plan in plans:
             folder = participant_folder(study, plan.participant)
             _write(folder / "plan.csv", plan_csv(plan))

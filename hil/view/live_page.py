@@ -60,6 +60,7 @@ class LivePage:
             HighFiveError: the port is in use, or the server does not start.
         """
         self._key, self._clock = key or new_key(), clock
+        self._experiment = about.get("mode") == "experiment"
         self._box, others = mailboxes()
         self.tracked, tracker = mailboxes() if tracks else (None, None)
         """What the page tracks, a message after the other; None where it does not."""
@@ -94,6 +95,11 @@ class LivePage:
     def address(self) -> str:
         """What to open in a browser."""
         return f"{self._scheme}://{self._name}:{self.port}/?key={self._key}"
+
+    @property
+    def participant_address(self) -> str:
+        """What to open for who takes part: of an experiment her own page, which is told no style."""
+        return f"{self.address}&role=participant" if self._experiment else self.address
 
     def show(self, message: PoseMessage) -> None:
         """Where everything is. Its number is given here. Never waits (docs/performance.md)."""

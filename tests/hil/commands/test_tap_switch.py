@@ -14,7 +14,7 @@ from helpers.virtual_stage import VirtualStage
 
 from highfive.hil.commands.clips import SIMULATED, load_clips
 from highfive.hil.commands.tap_switch import TapSwitch
-from highfive.hil.experiments.stage import TrialBrokenOffError
+from highfive.hil.experiments.stage import RunFailedError, TrialBrokenOffError
 from highfive.hil.recording.stream_samples import StreamSamples
 from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -106,9 +106,11 @@ def test_the_clip_begins_with_the_switch_and_the_row_has_its_time(
 ) -> None:
     """Her hand is on the shoulder all the time, and tells nothing; a press before the cue is none."""
     clips = load_clips(SIMULATED, protocol("tipping"))
-    for name, pressed_s in (("pressed", 0.001), ("before", -0.5)):
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo("TestQuiet", "Markers", 1, 0, pylsl.cf_string, "quiet"))
+    switch = follow("TestQuiet")
+    switch.wait(PATIENCE_S)
+    for name, pressed_s in (("before", -0.5), ("pressed", 0.001)):
         with VirtualClock() as clock, ExitStack() as stack:
-            switch = follow("NobodyHasThisName")
             run = VirtualStage(clock, stack, tmp_path / name, template="tipping", clips=clips, switch=switch)
             at_ns = clock.now() + round(1e9 * pressed_s)
             switch.record_stream(samples("tap", at_ns=at_ns))
@@ -118,6 +120,22 @@ def test_the_clip_begins_with_the_switch_and_the_row_has_its_time(
             else:
                 with pytest.raises(TrialBrokenOffError, match=r"was not tapped|it took longer"):
                     run.play("I1", "interactive", 1, style="angry", clip=3, cell="")
+    del outlet
+
+
+@pytest.mark.slow
+def test_a_switch_that_is_gone_ends_the_run_before_the_next_trial(
+    follow: Callable[..., TapSwitch], tmp_path: Path
+) -> None:
+    """As a source that is gone: the trial is not lost, it is not begun."""
+    switch = follow("NobodyHasThisName")
+    with pytest.raises(HighFiveError, match=r"NobodyHasThisName is not there; is its name right"):
+        switch.wait(0.1)
+    clips = load_clips(SIMULATED, protocol("tipping"))
+    with VirtualClock() as clock, ExitStack() as stack:
+        run = VirtualStage(clock, stack, tmp_path / "gone", template="tipping", clips=clips, switch=switch)
+        with pytest.raises(RunFailedError, match="is not there"):
+            run.play("I1", "interactive", 1, style="angry", clip=3, cell="")
 
 
 def test_refused_in_one_line(fails: Callable[..., str], tmp_path: Path) -> None:

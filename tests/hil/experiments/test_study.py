@@ -11,7 +11,15 @@ from highfive.hil.experiments.forget import forget
 from highfive.hil.experiments.plan import draw_plan, draw_plans
 from highfive.hil.experiments.plan_file import difference, plan_of, plan_toml, read_plan
 from highfive.hil.experiments.protocol_file import TEMPLATES, read_protocol, templates
-from highfive.hil.experiments.study import check_plans, participants, stored_plan, study_protocol, write_study
+from highfive.hil.experiments.study import (
+    PROTOCOL,
+    check_planned,
+    check_plans,
+    participants,
+    stored_plan,
+    study_protocol,
+    write_study,
+)
 from highfive.hil.experiments.trial_log import open_log
 from highfive.model.errors import HighFiveError
 
@@ -131,3 +139,34 @@ def test_templates_are_files_that_come_along() -> None:
     for name in templates():
         assert sorted(path.name for path in (TEMPLATES / f"{name}_instructions").iterdir()) == ["de.md", "en.md"]
         assert read_protocol(TEMPLATES / f"{name}.toml").name == name
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("answer_s = ", "answer_s = 1.0 #"), r"timing\.answer_s was .* and is 1\.0"),
+        (("trial_s = ", "trial_s = 9.0 #"), r"timing\.trial_s"),
+        (('consent_version = "1"', 'consent_version = "2"'), "consent was '1' and is '2'"),
+    ],
+)
+def test_an_experiment_that_was_changed_since_it_was_planned_is_refused_with_the_difference(
+    tmp_path: Path, change: tuple[str, str], says: str
+) -> None:
+    folder = study(tmp_path)
+    check_planned(folder, study_protocol(folder))
+    file = folder / PROTOCOL
+    text = file.read_text()
+    assert change[0] in text
+    file.write_text(text.replace(*change, 1))
+    with pytest.raises(HighFiveError, match=says):
+        check_planned(folder, study_protocol(folder))
+
+
+def test_changed_instructions_are_refused_and_comments_are_no_change(tmp_path: Path) -> None:
+    folder = study(tmp_path)
+    (folder / PROTOCOL).write_text("# seen by the ethics board\n" + (folder / PROTOCOL).read_text())
+    check_planned(folder, study_protocol(folder))
+    text = next((folder / "instructions").glob("en.md"))
+    text.write_text(text.read_text() + "\nTap twice.\n")
+    with pytest.raises(HighFiveError, match=r"instructions\.en is another text"):
+        check_planned(folder, study_protocol(folder))

@@ -3,9 +3,11 @@
 import fcntl
 import json
 import os
+import re
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -288,3 +290,31 @@ def test_what_cannot_be_is_no_row(tipping: Path) -> None:
                 log.finish(wrong)
         log.finish(Outcome(answer="angry"))
     assert len(read_session(tipping, "P01", 1).rows) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda lines: [*lines, lines[-1]], "is there twice"),
+        (
+            lambda lines: [*lines[:2], re.sub(rb'"peak_speed": ?[^,}]+', b'"peak_speed": NaN', lines[2]), *lines[3:]],
+            "damaged",
+        ),
+        (
+            lambda lines: [*lines[:2], re.sub(rb'"peak_speed": ?[^,}]+', b'"peak_speed": 1e999', lines[2]), *lines[3:]],
+            "damaged",
+        ),
+    ],
+)
+def test_a_row_twice_and_numbers_that_are_none_are_damage(
+    tipping: Path, change: Callable[[list[bytes]], list[bytes]], says: str
+) -> None:
+    with open_log(tipping, head(), resume=False) as log:
+        for _ in range(2):
+            log.begin()
+            log.finish(Outcome(answer="angry", key="2", rt_s=0.25, peak_speed=2.5))
+    path = log_path(tipping)
+    assert b"peak_speed" in path.read_bytes()
+    path.write_bytes(b"\n".join(change(path.read_bytes().splitlines())) + b"\n")
+    with pytest.raises(HighFiveError, match=says):
+        read_session(tipping, "P01", 1)

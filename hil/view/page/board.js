@@ -6,7 +6,7 @@ import { lines } from "./panel.js";
 import { BufferAttribute, BufferGeometry, CanvasTexture, CircleGeometry, Line, LineBasicMaterial, Matrix4, Mesh, MeshBasicMaterial, PlaneGeometry, Quaternion, SRGBColorSpace, Vector3 } from "./three.js";
 
 const WIDE = 0.84, AWAY = 0.95, BELOW = 0.1;  // m: before her eyes, and below them
-const WIDTH = 1024, HEIGHT = 860, EDGE = 44, GAP = 22, BUTTON = 104, DOT = 24, STEPS = 11, LETTERS = 44, LEAST = 20;
+const WIDTH = 1024, HEIGHT = 860, EDGE = 44, GAP = 22, BUTTON = 104, DOT = 24, STEPS = 11, LETTERS = 44, LEAST = 28;
 const INK = "#1f2a2a", PAPER = "rgba(252, 250, 246, 0.97)", CHOSEN = "#1f6f9c", POINTED = "#d9e8f0", QUIET = "#c9c7c1";
 const FONT = "system-ui, sans-serif";
 const TASKS = { go: "Raise your hand when you hear the tone.", tap: "Tap the shoulder when you hear the tone.", watch: "Only watch: keep your arms down." };
@@ -23,7 +23,7 @@ export class Board extends Mesh {
     const map = new CanvasTexture(canvas);
     map.colorSpace = SRGBColorSpace;
     super(new PlaneGeometry(WIDE, (WIDE * HEIGHT) / WIDTH), new MeshBasicMaterial({ map, transparent: true, depthWrite: false, fog: false }));
-    Object.assign(this, { canvas, participant, places: [], rated: {}, pointed: [null, null], phase: "", stands: false, visible: false, renderOrder: 950 });
+    Object.assign(this, { canvas, participant, places: [], page: 0, rated: {}, pointed: [null, null], phase: "", stands: false, visible: false, renderOrder: 950 });
     this.rays = [0, 1].map(() => this.ray());
   }
 
@@ -43,7 +43,7 @@ export class Board extends Mesh {
   /** The phase is another, or what is asked in it. */
   tell(now) {
     const phase = `${now.phase} ${now.asks || ""}`;
-    if (phase !== this.phase) Object.assign(this, { stands: now.phase === "question" && this.phase.startsWith("question") && this.stands, rated: {} });
+    if (phase !== this.phase) Object.assign(this, { page: 0, stands: now.phase === "question" && this.phase.startsWith("question") && this.stands, rated: {} });
     this.phase = phase;
     this.draw();
   }
@@ -55,7 +55,7 @@ export class Board extends Mesh {
     const { connection } = this.participant;
     if (!about) return [];
     if (now.phase === "ready") {
-      const said = now.first ? markdown(about.instructions).map((part) => ({ text: part.textContent })) : [];
+      const said = now.first ? markdown(about.instructions).flatMap(paragraphs) : [];
       if (now.text || !now.first) said.push({ text: now.text || (now.practice ? "Practice" : "The next block"), big: true });
       return [...said, { text: taskOf(about, now.task) }, { buttons: [ask("Go on", () => connection.command("ready"))] }];
     }
@@ -70,21 +70,36 @@ export class Board extends Mesh {
   }
 
   draw() {
-    const content = this.content(), pen = this.canvas.getContext("2d");
+    let content = this.content();
+    const pen = this.canvas.getContext("2d");
     this.places = [];
     this.empty = !content.length;
     this.material.map.needsUpdate = true;
     pen.clearRect(0, 0, WIDTH, HEIGHT);
     if (this.empty) return;
     pen.textBaseline = "middle";
-    let size = LETTERS;
-    while (size > LEAST && this.lay(pen, content, size, false) > HEIGHT - EDGE) size *= 0.9;  // in smaller letters where there is much
+    let size = LETTERS, fits = (shown) => this.lay(pen, shown, size, false) <= HEIGHT - EDGE;
+    while (size > LEAST && !fits(content)) size *= 0.9;  // in smaller letters where there is much
+    if (!fits(content)) content = this.turned(content, fits);
     const tall = Math.min(this.lay(pen, content, size, false) + EDGE - GAP, HEIGHT);
     pen.fillStyle = PAPER;
     pen.beginPath();
     pen.roundRect(0, 0, WIDTH, tall, EDGE);
     pen.fill();
     this.lay(pen, content, size, true);
+  }
+
+  /** The page that is open, of what does not fit on one; it ends with what leads to the next. */
+  turned(content, fits) {
+    const more = { buttons: [{ label: "More", act: () => { this.page += 1; this.draw(); }, chosen: false }] }, pages = [[]];
+    for (const [i, one] of content.entries()) {
+      const page = pages[pages.length - 1], rest = i + 1 < content.length ? [more] : [];
+      if (page.length && !fits([...page, one, ...rest])) pages.push([one]);
+      else page.push(one);
+    }
+    const last = pages.length - 1;
+    this.page = Math.min(this.page, last);
+    return this.page < last ? [...pages[this.page], more] : pages[last];
   }
 
   /** Where it ends, from the top; ``paint`` draws it. */
@@ -214,6 +229,12 @@ export class Board extends Mesh {
   }
 
   leave() { this.visible = this.stands = false; for (const line of this.rays) line.visible = line.spot.visible = false; }
+}
+
+/** Of a block of the instructions: itself, or each item of a list. */
+function paragraphs(block) {
+  const items = [...block.querySelectorAll("li")];
+  return items.length ? items.map((item) => ({ text: `• ${item.textContent}` })) : [{ text: block.textContent }];
 }
 
 /** The ray of an input source in a frame, or null where it is not tracked. */

@@ -41,6 +41,28 @@ def choose(browser: Browser, name: str, by: str) -> None:
         browser.evaluate("new Promise(done => setTimeout(done, 120))")
 
 
+def check_pages(page: LivePage, browser: Browser, by: str) -> None:
+    """What does not fit on the board is turned page by page: nothing lies beyond its edge."""
+    many = [{**ABOUT["sliders"][0], "name": f"s{n}"} for n in range(9)]
+    page.tell("experiment", **{**ABOUT, "sliders": many, "instructions": "Read this.\n\n" + "- a word\n" * 60})
+    page.tell("participant", phase="ready", first=True, practice=False, task="go")
+    until(browser, "highfive.headset.board.phase === 'ready '")
+    pages = 0
+    while browser.evaluate(NAMES) == ["More"]:
+        choose(browser, "More", by)
+        pages += 1
+    assert pages >= 1 and browser.evaluate(NAMES) == ["Go on"]
+    page.tell("participant", phase="question", asks="rate", answer="neutral", until_ms=1e9)
+    until(browser, "highfive.headset.board.phase === 'question rate'")
+    rated = 0
+    while "Done" not in (names := browser.evaluate(NAMES)):
+        rated += len(names) // 7
+        choose(browser, "More", by)
+    assert rated + len(names) // 7 == 9
+    inside = "highfive.headset.board.places.every(one => one.y + one.tall <= highfive.headset.board.canvas.height)"
+    assert browser.evaluate(inside)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("by", ["controller", "hand"])
 def test_she_begins_answers_and_rates_without_taking_it_off(emulator: str, by: str) -> None:
@@ -79,6 +101,7 @@ def test_she_begins_answers_and_rates_without_taking_it_off(emulator: str, by: s
         choose(browser, "natural 5", by)
         choose(browser, "Done", by)
         assert asked(page, 2) == [("rate", {"name": "natural", "value": 6.0}), ("done", None)]
+        check_pages(page, browser, by)
         page.tell("participant", phase="pause")
         until(browser, "highfive.headset.board.visible && highfive.headset.board.places.length === 0")
         assert not browser.console

@@ -69,6 +69,7 @@ READ = {
     *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),
     *("bench protocols --file", "bench contact --baseline"),
     *("rig emulate --rig", "rig check --rig", "rig configure --rig", "rig release --rig", "rig play --rig"),
+    *("rig follow --rig", "rig follow --limits", "rig follow --calibration", "rig follow --estop", "rig joints --rig"),
     *("rig play session", "rig play --limits", "rig play --estop", "export session", "import files"),
     *("simulate --headset", "simulate --latencies", "calibrate event recording"),
     *("calibrate extrinsics --plate", "calibrate extrinsics --limits", "calibrate extrinsics --rig-file"),

@@ -52,7 +52,7 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
     begun = (session_folder(options.study, options.participant, options.session) / LOG).is_file()
     head = RunHead(
         options.participant, options.session, consent, str(versions()["high-five"]), _calibration(options),
-        simulated=observer is not None,
+        simulated=observer is not None or (options.chain is not None and options.chain.source is None),
     )  # fmt: skip
     participant = None if observer is None else SimulatedParticipant(observer, options.participant)
     with ExitStack() as stack:

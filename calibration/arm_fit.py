@@ -183,7 +183,7 @@ def placed(shape: ArmShape, poses: ArmPoses) -> RigidFit:
         raise HighFiveError(
             f"the plate moved {found.scale:.3g} times as far as the arm says; does the motion capture send metres?"
         )
-    if found.mirrored_rms < 0.5 * found.rms:
+    if found.mirrored:
         raise HighFiveError(
             f"the markers fit a mirror image ({1e3 * found.mirrored_rms:.1f} against {1e3 * found.rms:.1f} mm): "
             "the motion capture's axes are left-handed; set its up axis"

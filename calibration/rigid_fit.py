@@ -30,6 +30,11 @@ class RigidFit:
     rms: float
     mirrored_rms: float
 
+    @property
+    def mirrored(self) -> bool:
+        """The points' mirror image fits much better than they do."""
+        return self.mirrored_rms < 0.5 * self.rms
+
     def apply(self, points: Array) -> Array:
         """Points (..., 3) where they come to lie."""
         return points @ self.rotation.T + self.translation

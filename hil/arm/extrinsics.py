@@ -67,7 +67,7 @@ def check_handedness(markers: Array, places: Array) -> None:
         HighFiveError: it is.
     """
     fit = rigid_fit(markers, places)
-    if fit.rms > SAME and fit.mirrored_rms < 0.5 * fit.rms:
+    if fit.rms > SAME and fit.mirrored:
         raise HighFiveError(f"{MIRRORED} ({1e3 * fit.mirrored_rms:.1f} against {1e3 * fit.rms:.1f} mm)")
 
 

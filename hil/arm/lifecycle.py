@@ -79,8 +79,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
         if options.port == VIRTUAL:
             terminal = 0 if sys.stdin.isatty() else None
             clock = stack.enter_context(VirtualClock())
-            virtual = VirtualRig(clock, make_bus(emulator_options(options)))
-            virtual.bus.set_faults(parse_faults(options.faults), virtual.now())
+            virtual = virtual_rig(clock, options)
             estop = Latch(clock)
             stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
             stack.enter_context(answered_by_a_stop())
@@ -126,6 +125,13 @@ def started_arm(options: ArmOptions, limits: Limits, rig: Rig, *, keys: bool = T
         stack.callback(arm.close)
         arm.wait_ready(START_S)
         yield arm
+
+
+def virtual_rig(clock: VirtualClock, options: ArmOptions) -> VirtualRig:
+    """Bus, line and servos of an emulated arm in virtual time, with what is to go wrong there."""
+    virtual = VirtualRig(clock, make_bus(emulator_options(options)))
+    virtual.bus.set_faults(parse_faults(options.faults), virtual.now())
+    return virtual
 
 
 @contextmanager

@@ -49,15 +49,15 @@ class TapSwitch:
 
     def record_stream(self, samples: StreamSamples) -> None:
         """Samples that have come."""
+        self._held = self._held or samples.begins  # what is pressed as the stream begins has not risen
         for at_ns, row in zip(samples.times_ns, samples.values, strict=True):
             value = row[0] if row else ""
             if isinstance(value, str):
-                pressed = bool(value.strip())
-                risen = pressed
+                pressed = risen = bool(value.strip())
             else:
                 pressed = value > PRESSED
                 risen = pressed and not self._held
-            if risen and not (samples.begins and not samples.text and at_ns == samples.times_ns[0]):  # held as it began
+            if risen:
                 self._taps.append(at_ns)
             self._held = pressed
 

@@ -30,14 +30,11 @@ from highfive.hil.arm.calibrated import known_arm, trusted_calibration
 from highfive.hil.arm.driven_arm import driven_arm, virtual_driven_arm
 from highfive.hil.arm.emergency_stop import uninterrupted
 from highfive.hil.arm.goal_course import GoalCourse
-from highfive.hil.arm.lifecycle import emulator_options
+from highfive.hil.arm.lifecycle import virtual_rig
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
-from highfive.hil.drivers.emulator.bus_faults import parse_faults
-from highfive.hil.drivers.emulator.emulator_process import make_bus
-from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -113,11 +110,11 @@ def _drive(options: ArmOptions, body: ServoArm) -> Iterator[PostureDrive]:
         with driven_arm(options, body, lambda: "", keys=False) as drive:
             yield drive
         return
-    with VirtualClock() as clock:
-        virtual = VirtualRig(clock, make_bus(emulator_options(options)))
-        virtual.bus.set_faults(parse_faults(options.faults), virtual.now())
-        with virtual_driven_arm(virtual, options, body, lambda: "") as drive:
-            yield drive
+    with (
+        VirtualClock() as clock,
+        virtual_driven_arm(virtual_rig(clock, options), options, body, lambda: "") as drive,
+    ):
+        yield drive
 
 
 class Leader:

@@ -178,6 +178,15 @@ def shoulders(pose: Pose) -> Array:
     return positions[0, [skeleton.index(f"{side}_shoulder") for side in ("right", "left")]]
 
 
+def tapping(partner: Partner, shoulder: Array) -> Partner:
+    """A simulated person who stands where the high five that she raises her hand for ends at a ``shoulder``, (3,) m."""
+    assert partner.palm is not None
+    away = partner.palm - shoulder
+    aside = away[np.nanargmin(np.linalg.norm(away, axis=1))] * [1.0, 1.0, 0.0]
+    recording = replace(partner.recording, points=partner.recording.points - aside)
+    return replace(partner, recording=recording, palm=partner.palm - aside)
+
+
 def going_on(partner: Partner, seconds: float) -> Partner:
     """A simulated person who stands for some seconds more, as she does last: she looks on."""
     recording = partner.recording

@@ -19,6 +19,7 @@ from highfive.hil.datasets.dyads import Role
 from highfive.hil.datasets.take_check import check_take
 from highfive.hil.experiments.desk import Desk, Page
 from highfive.hil.experiments.stage import RunStoppedError
+from highfive.hil.experiments.words import PAGE
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, counted, say, say_aside
 from highfive.hil.runtime.folders import results_folder
@@ -135,7 +136,7 @@ def led(
     desk = Desk(page, clock, TypedCommands() if options.typed else lambda: ())
     desk.open(
         name=options.out.name, participant="both", keys={}, sliders=[], limit_s=0.0, language="en",
-        instructions=INSTRUCTIONS,
+        instructions=INSTRUCTIONS, words=dict(PAGE), shown={},
     )  # fmt: skip
     folder.begin()
     run, why = _Run(options, folder, people, desk), ""

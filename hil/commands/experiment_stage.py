@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
-from highfive.hil.commands.clips import Clip, TappedClip, going_on
+from highfive.hil.commands.clips import Clip, TappedClip, going_on, shoulders, tapping
 from highfive.hil.commands.play_trials import Kept
 from highfive.hil.commands.shown_again import RecordedMotion, ShownAgain, at_rest, for_as_long, recorded_motion
 from highfive.hil.experiments.desk import Desk
@@ -150,6 +150,7 @@ class AvatarStage:
         self._outputs: SessionOutputs | None = None
         self._recorder: BackgroundRecorder | None = None
         self._block, self._file = "", ""
+        self._at: TickInput | None = None  # of the last trial: the frame in which palms met, or the motion ended
 
     def play(self, asked: Asked, cue: Callable[[], None]) -> Played:
         """See :class:`highfive.hil.experiments.stage.Stage`."""
@@ -184,6 +185,13 @@ class AvatarStage:
         if self._recorder is not None and self._recorder.trouble:
             raise RunFailedError(self._recorder.trouble)
         return self._played(witness)
+
+    def shown_ns(self) -> int | None:
+        """See :class:`highfive.hil.experiments.stage.Stage`."""
+        self._view.hear_shown()
+        at = self._at
+        shown = [one.shown.display_ns for one in self._pictures if at is not None and one.shown.pose_ns >= at.at_ns]
+        return min(shown, default=None)
 
     def close(self) -> None:
         """No more trials."""
@@ -306,21 +314,21 @@ class AvatarStage:
             emotion, cell = next(iter(EMOTIONS)), asked.trial.cell or ("B2" if self._clips is None else TAPPING)
             partner = simulated_partner(emotion, cell, 0, np.random.default_rng([self._settings.seed, asked.ask]))
             if self._clips is not None:
-                partner = going_on(partner, self._protocol.timing.trial_s)
+                shoulder = shoulders(self._clips[asked.trial.style, asked.trial.clip].poses[0])[0]
+                partner = going_on(tapping(partner, shoulder), self._protocol.timing.trial_s)
             if motion is not None and asked.trial.mode != Mode.NO_CONTINGENCY.value:
                 partner = at_rest(partner, motion)
         return replace(partner, title=_title(asked.trial.name, asked.ask), cell=asked.trial.cell)
 
     def _played(self, witness: _Witness) -> Played:
-        at = witness.met or witness.last
+        at = self._at = witness.met or witness.last
         frame = None if at is None else at.frame
-        shown = [one.shown.display_ns for one in self._pictures if at is not None and one.shown.pose_ns >= at.at_ns]
         contact_ns = None if witness.met is None else witness.met.at_ns
         return Played(
             ended_ns=witness.ended_ns, contact_ns=contact_ns if witness.switched_ns is None else witness.switched_ns,
             peak_speed=round(witness.peak_speed, 5), frame=None if frame is None else frame.number,
             source_ns=witness.own_stamp_ns, arrival_ns=None if frame is None else frame.arrival_time_ns,
-            tick_ns=None if at is None else at.at_ns, shown_ns=min(shown, default=None), recording=self._file,
+            tick_ns=None if at is None else at.at_ns, recording=self._file,
         )  # fmt: skip
 
     def _record_block(self, asked: Asked) -> None:

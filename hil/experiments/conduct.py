@@ -14,8 +14,8 @@ from highfive.hil.experiments.analysis.adaptive import AdaptiveSettings, answere
 from highfive.hil.experiments.balance import PRACTICE
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.plan import Plan, PlannedTrial
-from highfive.hil.experiments.protocol import ADAPTIVE, Mode, Motion, Protocol
-from highfive.hil.experiments.question import CERTAINTY, Question, Sheet, question_of, why_excluded
+from highfive.hil.experiments.protocol import ADAPTIVE, CERTAINTY, Mode, Motion, Protocol
+from highfive.hil.experiments.question import Question, Sheet, question_of, why_excluded
 from highfive.hil.experiments.stage import (
     Asked,
     Played,
@@ -26,6 +26,7 @@ from highfive.hil.experiments.stage import (
 )  # fmt: skip
 from highfive.hil.experiments.trial_log import TrialLog, source_row
 from highfive.hil.experiments.trial_row import Outcome, TrialRow
+from highfive.hil.experiments.words import page_words
 from highfive.hil.runtime.clock import Clock
 
 CUES = {
@@ -91,7 +92,7 @@ def conduct(
         HighFiveError: a row cannot be written, or a trial that is shown again is not there.
     """
     run = _Run(study, log, protocol, desk, stage, clock, question_of(protocol, log.plan.keys))
-    desk.open(**_about(protocol, log.plan, run.question, language))
+    desk.open(**about(protocol, log.plan, run.question, language))
     for line in log.told:
         desk.tell(message=line)
     block, why = None, ""
@@ -170,7 +171,7 @@ def _answered(run: _Run, weights: Mapping[str, float], cue_ns: int | None, playe
         ratings={name: value for name, value in sheet.values.items() if name != CERTAINTY},
         peak_speed=played.peak_speed, cue_ns=cue_ns, contact_ns=played.contact_ns, ended_ns=played.ended_ns,
         asked_ns=sheet.opened_ns, answer_ns=sheet.answer_ns, source_ns=played.source_ns,
-        arrival_ns=played.arrival_ns, tick_ns=played.tick_ns, shown_ns=played.shown_ns, frame=played.frame,
+        arrival_ns=played.arrival_ns, tick_ns=played.tick_ns, shown_ns=run.stage.shown_ns(), frame=played.frame,
         recording=played.recording, excluded_why=why_excluded(sheet),
     )  # fmt: skip
 
@@ -206,20 +207,30 @@ def _last(row: TrialRow) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _about(protocol: Protocol, plan: Plan, question: Question, language: str) -> dict[str, Any]:
+def about(protocol: Protocol, plan: Plan, question: Question, language: str) -> dict[str, Any]:
     """What pages need to know once."""
+    words = protocol.words.get(language, {})
     return {
         "name": protocol.name,
         "participant": plan.participant,
         "keys": dict(question.keys),
         "sliders": [
-            {"name": one.name, "text": one.text, "low": one.low, "high": one.high, "points": one.points}
+            {
+                "name": one.name,
+                "text": one.text,
+                "low": one.low,
+                "high": one.high,
+                **words.get(f"sliders.{one.name}", {}),
+                "points": one.points,
+            }
             for one in question.sliders
         ],
         "limit_s": question.limit_s,
         "taps": protocol.motion is Motion.CLIPS,
         "language": language,
         "instructions": protocol.instructions[language],
+        "words": page_words(words),
+        "shown": {label: words.get("answers", {}).get(label, label) for label in question.keys},
     }
 
 

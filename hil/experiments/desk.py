@@ -11,7 +11,6 @@ from highfive.hil.experiments.stage import RunStoppedError
 from highfive.hil.runtime.clock import Clock
 
 READY, NOTE, BREAK_OFF, STOP, PAUSE = "ready", "note", "break_off", "stop", "pause"
-THANKS, ENDS = "That was all. Thank you.", "It ends here for now."
 LOOK_NS = 10_000_000
 """So often it is looked at what the page says while nothing is played, ns: what an answer says of its time counts."""
 
@@ -62,9 +61,11 @@ class Desk:
         self._notes: list[str] = []
         self._told: dict[str, Any] = {}
         self._phase: dict[str, Any] = {}
+        self._words: dict[str, str] = {}
 
     def open(self, **about: Any) -> None:
-        """What both need to know once: question, instructions, plan."""
+        """What both need to know once: question, instructions, plan, and the page's words."""
+        self._words = about["words"]
         self._page.tell("experiment", **about)
 
     def tell(self, **fields: Any) -> None:
@@ -80,7 +81,7 @@ class Desk:
     def close(self, *, finished: bool) -> None:
         """The last that both are told: pages, and a headset that is worn, are let go."""
         self.show("over", finished=finished)
-        self._page.tell("over", message=THANKS if finished else ENDS)
+        self._page.tell("over", message=self._words["finished" if finished else "ends"])
 
     def look(self) -> list[Said]:
         """Does as the experimenter asked; gives back what answers a question, in order."""

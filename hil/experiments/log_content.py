@@ -26,6 +26,7 @@ class LogContent:
 
     Attributes:
         plan: with which the first run began; None while there was none.
+        simulated: no person took part in the first run.
         software: versions that wrote it, in their order.
         begun: number in the session -> trial, of all that began.
         finished: rows as they were written.
@@ -33,6 +34,7 @@ class LogContent:
     """
 
     plan: Plan | None = None
+    simulated: bool = False
     software: tuple[str, ...] = ()
     begun: dict[int, str] | None = None
     finished: tuple[TrialRow, ...] = ()
@@ -69,39 +71,89 @@ def whole_lines(content: bytes) -> int:
 
 
 def read_log(content: bytes, where: str) -> LogContent:
-    """The content of whole lines.
+    """The content of a log's whole lines.
 
     Raises:
-        HighFiveError: a line is damaged; the message begins with ``where``.
+        HighFiveError: a line is damaged, or missing; the message begins with ``where``.
     """
-    plan: Plan | None = None
-    software: list[str] = []
-    begun: dict[int, str] = {}
-    finished: list[TrialRow] = []
-    marked: dict[int, str] = {}
+    read = LogContent()
+    open_ask: int | None = None  # of a trial that began, and is not over
     for number, line in enumerate(content.splitlines(), 1):
         at = f"{where}, line {number}"
-        if not _is_object(line):
-            raise HighFiveError(f"{at}: damaged, expected a JSON object; take the log from a backup")
-        entry: dict[str, Any] = _loaded(line)
-        match entry.pop("kind", None):
-            case "run":
-                plan = plan or plan_of(_table(entry, at, "plan"))
-                software.append(typed(entry, f"{at}: ", "software", str))
-            case "begin":
-                begun[typed(entry, f"{at}: ", "ask", int)] = typed(entry, f"{at}: ", "trial", str)
-            case "trial":
-                row = row_of(entry, at)
-                if any(row.ask == one.ask for one in finished):
-                    raise HighFiveError(f"{at}: trial {row.trial} is there twice; take the log from a backup")
-                finished.append(row)
-            case "mark":
-                why = typed(entry, f"{at}: ", "why", str)
-                asks = typed(entry, f"{at}: ", "asks", list)
-                marked |= {typed({"ask": ask}, f"{at}: ", "ask", int): why for ask in asks}
-            case other:
-                raise HighFiveError(f"{at}: kind is {other!r}, expected run, begin, trial or mark")
-    return LogContent(plan, tuple(dict.fromkeys(software)), begun, tuple(finished), marked)
+        one = read_line(line, at)
+        if twice := {row.ask for row in one.finished} & {row.ask for row in read.finished}:
+            raise HighFiveError(f"{at}: trial {read.asks[twice.pop()]} is there twice; take the log from a backup")
+        if missing := _missing_before(one, read, open_ask):
+            raise HighFiveError(f"{at}: {missing}: a line before it is missing; take the log from a backup")
+        if read.plan is not None and (strange := [row for row in one.finished if row.answer not in _keys(read.plan)]):
+            raise HighFiveError(
+                f"{at}: answer is {strange[0].answer!r}, expected {', '.join(read.plan.keys)}; take the log from a "
+                "backup"
+            )
+        open_ask = next(iter(one.asks), None if one.finished or one.plan is not None else open_ask)
+        read = joined(read, one)
+    return read
+
+
+def read_line(line: bytes, where: str) -> LogContent:
+    """The content of one line, by itself.
+
+    Raises:
+        HighFiveError: it is damaged; the message begins with ``where``.
+    """
+    if not _is_object(line):
+        raise HighFiveError(f"{where}: damaged, expected a JSON object; take the log from a backup")
+    entry: dict[str, Any] = _loaded(line)
+    match entry.pop("kind", None):
+        case "run":
+            plan = plan_of(_table(entry, where, "plan"))
+            simulated = typed(entry, f"{where}: ", "simulated", bool)
+            return LogContent(plan, simulated, (typed(entry, f"{where}: ", "software", str),))
+        case "begin":
+            return LogContent(begun={typed(entry, f"{where}: ", "ask", int): typed(entry, f"{where}: ", "trial", str)})
+        case "trial":
+            return LogContent(finished=(row_of(entry, where),))
+        case "mark":
+            why = typed(entry, f"{where}: ", "why", str)
+            asks = typed(entry, f"{where}: ", "asks", list)
+            return LogContent(marked={typed({"ask": ask}, f"{where}: ", "ask", int): why for ask in asks})
+        case other:
+            raise HighFiveError(f"{where}: kind is {other!r}, expected run, begin, trial or mark")
+
+
+def joined(first: LogContent, then: LogContent) -> LogContent:
+    """Of a log, and of what comes after it."""
+    return LogContent(
+        first.plan or then.plan,
+        then.simulated if first.plan is None else first.simulated,
+        tuple(dict.fromkeys((*first.software, *then.software))),
+        {**first.asks, **then.asks},
+        first.finished + then.finished,
+        {**(first.marked or {}), **(then.marked or {})},
+    )
+
+
+def _missing_before(one: LogContent, read: LogContent, open_ask: int | None) -> str:
+    """What shows that a line before this one is missing; empty where none does."""
+    if read.plan is None:
+        return "" if one.plan is not None else "no run has begun"
+    for ask, trial in one.asks.items():
+        if open_ask is not None:
+            return f"trial {trial} begins, and {read.asks[open_ask]} is not over"
+        if ask != len(read.asks) + 1:
+            return f"trial {trial} is number {ask} after {len(read.asks)}"
+        if any(row.trial == trial for row in read.standing):
+            return f"trial {trial} begins again, and is not marked"
+    for row in one.finished:
+        if row.ask != open_ask or read.asks[row.ask] != row.trial:
+            return f"trial {row.trial} is over, and has not begun"
+    return next(
+        (f"trial number {ask} is marked, and has not begun" for ask in one.marked or {} if ask not in read.asks), ""
+    )
+
+
+def _keys(plan: Plan) -> tuple[str, ...]:
+    return ("", *plan.keys)
 
 
 def next_trial(plan: Plan, content: LogContent, missing: Collection[str] = ()) -> PlannedTrial | None:

@@ -34,6 +34,8 @@ class Motion(StrEnum):
     CLIPS = "clips"
 
 
+CERTAINTY = "certainty"
+"""A slider beside the ratings: how sure the answer is."""
 ADAPTIVE = "adaptive"
 """The style of a trial whose weights are chosen while the block runs."""
 
@@ -162,6 +164,7 @@ class Protocol:
         seed: of all plans.
         consent: version of the consent form.
         instructions: language -> Markdown.
+        words: language -> words of her page, where there are some (:mod:`highfive.hil.experiments.words`).
         motion: where the avatar's motion comes from.
         styles: what it shows.
         blocks: in their order within each part.
@@ -200,6 +203,7 @@ class Protocol:
     timing: Timing = field(default_factory=Timing)
     order: Order = field(default_factory=Order)
     codes: tuple[str, ...] = ()
+    words: Mapping[str, Mapping[str, Mapping[str, str]]] = field(default_factory=dict)
 
     @property
     def variants(self) -> list[tuple[str, int]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from highfive.hil.experiments.protocol import (
+    CERTAINTY,
     Block,
     Mode,
     Morph,
@@ -19,14 +20,15 @@ from highfive.hil.experiments.protocol import (
     Style,
     Timing,
 )  # fmt: skip
+from highfive.hil.experiments.words import read_words
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.model.errors import HighFiveError
 from highfive.model.settings import Settings
 from highfive.model.toml_file import check_keys, is_list, number, read_toml, table, typed
 
-CODE = re.compile(r"[A-Za-z0-9]{2,12}")
-"""A participant's: it stands in paths, so it is no name."""
+CODE = re.compile(r"(?=.*[0-9])[A-Za-z0-9]{2,12}")
+"""A participant's: it stands in paths, so it is no name; a first name has no digit."""
 TEMPLATES = Path(__file__).with_name("templates")
 MOST_TRIALS = 100
 """Of a block: longer ones are for nobody, and their orders too many to count."""
@@ -77,7 +79,9 @@ def _protocol(data: Mapping[str, Any], folder: Path) -> Protocol:
         )
     codes = _texts(head, where, "codes") if "codes" in head else ()
     if bad := [code for code in codes if not CODE.fullmatch(code)]:
-        raise HighFiveError(f"{where}codes has {bad[0]!r}, expected 2 to 12 letters and digits, and no name")
+        raise HighFiveError(
+            f"{where}codes has {bad[0]!r}, expected 2 to 12 letters and digits, one digit at least, and no name"
+        )
     if len({code.upper() for code in codes}) != len(codes) or (codes and len(codes) < participants):
         raise HighFiveError(f"{where}codes are {len(codes)}, expected a different one for each of {participants}")
     morph = _morph(table(data, "morph"), motion, emotions) if "morph" in data else None
@@ -87,6 +91,15 @@ def _protocol(data: Mapping[str, Any], folder: Path) -> Protocol:
     styles = _levels(morph) if morph is not None else _styles(data["styles"], motion, emotions, labels)
     if morph is not None and set(labels) != {morph.start, morph.end}:
         raise HighFiveError(f"[answers] labels are {', '.join(labels)}, expected {morph.start} and {morph.end}")
+    ratings, texts = _ratings(data.get("ratings", [])), folder / _text(head, where, "instructions")
+    instructions = _instructions(texts)
+    sliders = [*([CERTAINTY] if certainty else ()), *(one.name for one in ratings)]
+    _all_different(sliders, "ratings")
+    words = read_words(texts, labels, sliders)
+    if alone := sorted(set(words) - set(instructions)):
+        raise HighFiveError(
+            f"{texts}/{alone[0]}.toml has words of a language without instructions; write {alone[0]}.md"
+        )
     practice = table(data, "practice") if "practice" in data else {"repetitions": 0}
     check_keys(practice, "[practice]", {"repetitions"})
     protocol = Protocol(
@@ -95,14 +108,15 @@ def _protocol(data: Mapping[str, Any], folder: Path) -> Protocol:
         participants=participants,
         seed=number(head, where, "seed", int, 0, 2**62) if "seed" in head else 0,
         consent=_text(head, where, "consent_version"),
-        instructions=_instructions(folder / _text(head, where, "instructions")),
+        instructions=instructions,
+        words=words,
         motion=motion,
         styles=styles,
         blocks=_blocks(data["blocks"]),
         labels=labels,
         keys=keys,
         certainty=certainty,
-        ratings=_ratings(data.get("ratings", [])),
+        ratings=ratings,
         practice=number(practice, "[practice] ", "repetitions", int, 0, 20),
         cells=cells,
         clips=clips,
@@ -228,7 +242,6 @@ def _ratings(entries: Any) -> tuple[Rating, ...]:
         texts = [_text(entry, f"{where}: ", name) for name in ("text", "low", "high")]
         points = number(entry, f"{where}: ", "points", int, 2, 101) if "points" in entry else 0
         found.append(Rating(_name(entry, f"{where}: ", "name"), *texts, points=points))
-    _all_different([rating.name for rating in found], "ratings")
     return tuple(found)
 
 

@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from highfive.hil.experiments.protocol import Protocol, Rating
+from highfive.hil.experiments.protocol import CERTAINTY, Protocol, Rating
 
-CERTAINTY = "certainty"
-"""A slider beside the ratings: how sure the answer is."""
 ANSWER, RATE, DONE = "answer", "rate", "done"
 """What a page says: which key, where a slider stands, that all is said."""
 S = 1_000_000_000

@@ -52,9 +52,8 @@ class Played:
         ended_ns: when the motion was over.
         contact_ns: when palms met; None if they did not, or nobody reached.
         peak_speed: of the person's palm, m/s.
-        frame, source_ns, arrival_ns, tick_ns, shown_ns: of the frame in which palms met, or the motion ended: its
-            number, by the source's own clock, as it came, for when its pose was, when a page showed that. None of what
-            is not known.
+        frame, source_ns, arrival_ns, tick_ns: of the frame in which palms met, or the motion ended: its number, by the
+            source's own clock, as it came, for when its pose was. None of what is not known.
         recording: file beside the log that holds the motion; empty where there is none.
     """
 
@@ -65,7 +64,6 @@ class Played:
     source_ns: int | None = None
     arrival_ns: int | None = None
     tick_ns: int | None = None
-    shown_ns: int | None = None
     recording: str = ""
 
 
@@ -80,6 +78,12 @@ class Stage(Interface):
             TrialBrokenOffError: it was not played to its end.
             RunStoppedError: the experimenter wants the run to end.
             RunFailedError: nothing tracks the person any more, or nothing is recorded.
+        """
+        ...
+
+    def shown_ns(self) -> int | None:
+        """When a page first showed that frame of the trial that was played, as far as pages have told: they do so some
+        pictures later.
         """
         ...
 
@@ -101,3 +105,7 @@ class EmptyStage:
         self._clock.wait_until(ended)
         met = begun + round(S * self.MEETS_S) if asked.source is None else None
         return Played(ended_ns=ended, contact_ns=met)
+
+    def shown_ns(self) -> int | None:
+        """Nothing is shown."""
+        return None

@@ -1,6 +1,6 @@
 """A study's folder: its protocol, and a folder a participant with her plan, her rows and her recordings.
 
-    DIR/protocol.toml, DIR/instructions/en.md, …    the experiment, as it was planned
+    DIR/protocol.toml, DIR/instructions/en.md, …    the experiment, as it was planned; words of its page (de.toml)
     DIR/planned.json                                the same, as plans were drawn from it: what is changed is refused
     DIR/participants/P01/plan.toml, plan.csv        what she is asked
     DIR/participants/P01/session-1/trials.jsonl     what she answered; recordings beside it
@@ -21,6 +21,7 @@ from highfive.hil.experiments.plan import Plan
 from highfive.hil.experiments.plan_file import difference, plan_csv, plan_toml, read_plan
 from highfive.hil.experiments.protocol import Protocol
 from highfive.hil.experiments.protocol_file import CODE, TEMPLATES, read_protocol, templates
+from highfive.hil.experiments.words import words_toml
 from highfive.model.errors import HighFiveError
 from highfive.model.files import write_whole
 
@@ -38,7 +39,8 @@ def check_code(code: str) -> str:
     """
     if not CODE.fullmatch(code):
         raise HighFiveError(
-            f"participant {code!r}: expected a code of 2 to 12 letters and digits, such as P07; no name"
+            f"participant {code!r}: expected a code of 2 to 12 letters and digits, one digit at least, such as P07, "
+            "and no name"
         )
     return code
 
@@ -187,6 +189,8 @@ def write_study(study: Path, source: Path, protocol: Protocol, plans: list[Plan]
     try:
         for language, text in protocol.instructions.items():
             _write(study / INSTRUCTIONS / f"{language}.md", text.encode())
+        for language, words in protocol.words.items():
+            _write(study / INSTRUCTIONS / f"{language}.toml", words_toml(words))
         _write(study / PROTOCOL, _with(source.read_text(encoding="utf-8"), values).encode())
         _write(study / PLANNED, json.dumps(_planned(protocol), indent=1, ensure_ascii=False).encode())
         for plan in plans:

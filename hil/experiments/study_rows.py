@@ -63,7 +63,8 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
     the lab's leave out.
 
     Raises:
-        HighFiveError: it is no study, nobody took part, or a log is damaged.
+        HighFiveError: it is no study, nobody took part, a log is damaged, or a rule is for somebody who was not
+            planned.
     """
     protocol = study_protocol(study)
     rows = [
@@ -79,6 +80,7 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
     pilot = protocol.code(0) if protocol.needs_donor else ""
     why = {row.row_key: _why(row, people, fillers, pilot) for row in rows}
     if rules is not None:
+        _check_codes(rules, participants(study))
         _by_rules(rows, why, rules)
     incomplete = _incomplete([row for row in rows if not why[row.row_key]])
     for row in rows:
@@ -107,6 +109,15 @@ def _why(row: TrialRow, people: bool, fillers: set[str], pilot: str) -> str:
 
 
 _NEVER_COMPARED = (PRACTICE_WHY, FILLER_WHY, PILOT_WHY, SIMULATED_WHY)
+
+
+def _check_codes(rules: ExclusionRules, planned: Sequence[str]) -> None:
+    """A code of a rule that nobody has is a slip that would let somebody's trials count."""
+    named = [code for rule in rules.people for code in rule.codes]
+    if unknown := [code for code in named if code not in planned]:
+        raise HighFiveError(
+            f"rules {rules.source}: codes has {unknown[0]!r}, whom nobody planned; the study has {', '.join(planned)}"
+        )
 
 
 def _by_rules(rows: Sequence[TrialRow], why: dict[Key, str], rules: ExclusionRules) -> None:

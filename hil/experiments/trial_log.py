@@ -182,7 +182,7 @@ class TrialLog:
         try:
             line = (json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n").encode()
             # What it says is what reading it back will say: a row that could not be read is not written.
-            content = read_log(line, "the row")
+            content = log_content.read_line(line, "the row")
         except ValueError as error:
             raise HighFiveError(f"this row cannot be written: {error}") from None
         try:
@@ -195,7 +195,7 @@ class TrialLog:
                 f"not on the disk: a row of {self.path}: {error.strerror or error}; make room, and resume"
             ) from None
         self._size += len(line)
-        self._content = _joined(self._content, content)
+        self._content = log_content.joined(self._content, content)
 
 
 @contextmanager
@@ -235,7 +235,7 @@ def open_log(
         _check_begun(content, plan, head, resume, path)
         for other in sorted(participant_folder(study, head.participant).glob(f"session-*/{LOG}")):
             _check_plan(read_log(_whole(other), str(other)), plan, other)
-        missing = missing_sources(study, plan)
+        missing = missing_sources(study, plan, content)
         ready()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)  # after all that may refuse: no empty session stays
@@ -283,11 +283,11 @@ def session_number(log: Path) -> int:
     return int(log.parent.name.rpartition("-")[2])
 
 
-def missing_sources(study: Path, plan: Plan) -> frozenset[str]:
+def missing_sources(study: Path, plan: Plan, content: LogContent) -> frozenset[str]:
     """Other people's trials of the plan that there are not: never played, or broken off.
 
     Raises:
-        HighFiveError: there is none of them.
+        HighFiveError: there is none of them, and never was by the ``content`` of her log.
     """
     wanted = {trial.source for trial in plan.trials if ":" in trial.source}
     there: set[str] = set()
@@ -295,7 +295,8 @@ def missing_sources(study: Path, plan: Plan) -> frozenset[str]:
         for path in participant_folder(study, code).glob(f"session-*/{LOG}"):
             rows = read_log(_whole(path), str(path)).standing
             there |= {f"{code}:{row.trial}" for row in rows if not row.broken_off}
-    if wanted and not wanted & there:
+    seen = {row.source_trial for row in content.rows}
+    if wanted and not wanted & (there | seen):
         code = min(wanted).partition(":")[0]
         raise HighFiveError(
             f"{plan.participant} is shown the trials of {code}, who has none yet; let {code} take part first"
@@ -340,6 +341,12 @@ def _check_begun(content: LogContent, plan: Plan, head: RunHead, resume: bool, p
         )
     if resume and not begun:
         raise HighFiveError(f"{head.participant} has no session {head.session} to resume; start it")
+    if begun and content.simulated is not head.simulated:
+        was, now = ("a person", "a simulated participant")[:: -1 if content.simulated else 1]
+        raise HighFiveError(
+            f"session {head.session} of {head.participant} is that of {was}, and {now} does not go on with it: give "
+            "another participant"
+        )
 
 
 def _check_plan(content: LogContent, plan: Plan, path: Path) -> None:
@@ -347,13 +354,6 @@ def _check_plan(content: LogContent, plan: Plan, path: Path) -> None:
         raise HighFiveError(
             f"the plan of {plan.participant} was changed after the first run ({path}): {changed}; take it as it was"
         )
-
-
-def _joined(first: LogContent, then: LogContent) -> LogContent:
-    return LogContent(
-        first.plan or then.plan, tuple(dict.fromkeys((*first.software, *then.software))),
-        {**first.asks, **then.asks}, first.finished + then.finished, {**(first.marked or {}), **(then.marked or {})},
-    )  # fmt: skip
 
 
 def _write_all(file: int, line: bytes) -> None:

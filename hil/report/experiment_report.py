@@ -22,6 +22,7 @@ from highfive.hil.report.report import DATA, FIGURES, PAGE
 from highfive.hil.runtime.console import counted
 
 TRIALS = "trials.csv"
+SIMULATED = "All participants are simulated: nothing here is a finding about people."
 
 
 def write_experiment(
@@ -64,8 +65,10 @@ def _page(result: dict[str, Any], drawings: Sequence[Drawing], answers: Sequence
     drawn = {drawing.name: drawing for drawing in drawings}
     names = [counted(result["people"], "participant")] if "people" in result else []
     names += [counted(len(answers), "trial")] if answers else ["counts alone"]
+    names += ["simulated participants"] if result.get("simulated") else []
     badges = "".join(f'<span class="badge">{escape(name)}</span>' for name in names)
     sections = [
+        f'<p class="warning">{SIMULATED}</p>' if result.get("simulated") else "",
         section("Recognition, by the source study's rules", figures(drawn, "rates") + _source_table(result)),
         section("Whether interaction helps", figures(drawn, "effects") + _hierarchical(result)),
         section("Confusions", figures(drawn, "confusions") + _emotions(result)),

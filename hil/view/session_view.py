@@ -151,8 +151,7 @@ class SessionView:
             Interruption: somebody wants another high five, or the end.
         """
         self._obey()
-        for picture in self._page.shown():
-            self._shown(picture)
+        self.hear_shown()
         data, markers = self._playout.data, tick.markers
         self._latest = PoseMessage(
             0, self._begins_ns, self._captured_ns, 0, 1.0, 1e-9 * tick.time_ns,
@@ -168,6 +167,11 @@ class SessionView:
         self._count += 1
         if self._wish and not self._arm:
             raise Interruption(self._wish)
+
+    def hear_shown(self) -> None:
+        """Hands on the pictures that pages say they have shown since the last call."""
+        for picture in self._page.shown():
+            self._shown(picture)
 
     def _bodies(self) -> Array:
         bodies = self._cast.poses(self._playout.data)

@@ -22,6 +22,7 @@ from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.publish.outputs import SessionOutputs
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.session.session import Session
+from highfive.hil.session.shown import Shown
 from highfive.hil.sim.people.capture import PERSON_SET
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.live_partner import LivePerson
@@ -32,18 +33,25 @@ from highfive.hil.view.wire import PoseMessage
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model import DEFAULT_MODEL
 
+LATE_NS = 30_000_000
+"""A picture is seen so long after its pose was, ns."""
+
 
 class QuietPage:
-    """Pages on which somebody may press something, and nothing is shown."""
+    """Pages on which somebody may press something; what they have shown they tell as late as ``tells``."""
 
     alive = True
 
     def __init__(self) -> None:
         self.pressed: list[Command] = []
         self.poses = 0
+        self.tells = False
+        self._pictures: list[PageShown] = []
 
     def show(self, message: PoseMessage) -> None:
         self.poses += 1
+        picture = Shown(self.poses, message.holds_ns, message.holds_ns + LATE_NS, 0)
+        self._pictures.append(PageShown(1, picture, 0))
 
     def tell(self, kind: str, **fields: Any) -> None: ...
 
@@ -51,7 +59,10 @@ class QuietPage:
         return []
 
     def shown(self) -> list[PageShown]:
-        return []
+        if not self.tells:
+            return []
+        told, self._pictures = self._pictures, []
+        return told
 
     def said(self) -> list[str]:
         return []
@@ -108,5 +119,5 @@ class VirtualStage:
             ask=ask, participant=about.participant, session=1, block=block, trial=trial.name, condition=mode,
             style=style, expected=style, cell=cell, clip=clip, source_trial=trial.source, viewpoint="", own_arm="",
             software="1", seed=1, calibration="", simulated=True, begun_utc_ns=0, utc_ns=0,
-            recording=played.recording, contact_ns=played.contact_ns,
+            recording=played.recording, contact_ns=played.contact_ns, ended_ns=played.ended_ns,
         )  # fmt: skip

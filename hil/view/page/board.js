@@ -9,10 +9,9 @@ const WIDE = 0.84, AWAY = 0.95, BELOW = 0.1;  // m: before her eyes, and below t
 const WIDTH = 1024, HEIGHT = 860, EDGE = 44, GAP = 22, BUTTON = 104, DOT = 24, STEPS = 11, LETTERS = 44, LEAST = 28;
 const INK = "#1f2a2a", PAPER = "rgba(252, 250, 246, 0.97)", CHOSEN = "#1f6f9c", POINTED = "#d9e8f0", QUIET = "#c9c7c1";
 const FONT = "system-ui, sans-serif";
-const TASKS = { go: "Raise your hand when you hear the tone.", tap: "Tap the shoulder when you hear the tone.", watch: "Only watch: keep your arms down." };
 
 /** What she is to do in a trial. */
-export const taskOf = (about, task) => TASKS[task === "go" && about.taps ? "tap" : task];
+export const taskOf = ({ taps, words }, task) => (task === "watch" ? words.only_watch : taps ? words.tap : words.raise_hand);
 
 /** What stands on it in a phase: words, and what can be chosen: ``{ text, big }``, ``{ label, act, chosen }`` in rows, or
  *  a row of dots. */
@@ -54,19 +53,20 @@ export class Board extends Mesh {
     const ask = (label, act, chosen = false) => ({ label, act, chosen });
     const { connection } = this.participant;
     if (!about) return [];
+    const { words, shown } = about;
     if (now.phase === "ready") {
       const said = now.first ? markdown(about.instructions).flatMap(paragraphs) : [];
-      if (now.text || !now.first) said.push({ text: now.text || (now.practice ? "Practice" : "The next block"), big: true });
-      return [...said, { text: taskOf(about, now.task) }, { buttons: [ask("Go on", () => connection.command("ready"))] }];
+      if (now.text || !now.first) said.push({ text: now.text || (now.practice ? words.practice : words.next_block), big: true });
+      return [...said, { text: taskOf(about, now.task) }, { buttons: [ask(words.go_on, () => connection.command("ready"))] }];
     }
-    if (now.phase === "pause") return [{ text: "A pause: it goes on soon.", big: true }];
-    if (now.phase === "over") return [{ text: now.finished ? "That was all. Thank you." : "It ends here for now.", big: true }];
+    if (now.phase === "pause") return [{ text: words.pause, big: true }];
+    if (now.phase === "over") return [{ text: now.finished ? words.finished : words.ends, big: true }];
     if (now.phase !== "question") return [];
     if (now.asks === "rate") {
-      return [...about.sliders.map((slider) => ({ slider })), { buttons: [ask("Done", () => this.participant.done())] }];
+      return [...about.sliders.map((slider) => ({ slider })), { buttons: [ask(words.done, () => this.participant.done())] }];
     }
     const keys = Object.entries(about.keys).sort((a, b) => a[1].localeCompare(b[1]));
-    return [{ text: "Which was it?", big: true }, { buttons: keys.map(([label, key]) => ask(label, (at) => this.participant.answer(key, at), label === now.answer)) }];
+    return [{ text: words.question, big: true }, { buttons: keys.map(([label, key]) => ask(shown[label], (at) => this.participant.answer(key, at), label === now.answer)) }];
   }
 
   draw() {
@@ -91,7 +91,7 @@ export class Board extends Mesh {
 
   /** The page that is open, of what does not fit on one; it ends with what leads to the next. */
   turned(content, fits) {
-    const more = { buttons: [{ label: "More", act: () => { this.page += 1; this.draw(); }, chosen: false }] }, pages = [[]];
+    const more = { buttons: [{ label: this.participant.about.words.more, act: () => { this.page += 1; this.draw(); }, chosen: false }] }, pages = [[]];
     for (const [i, one] of content.entries()) {
       const page = pages[pages.length - 1], rest = i + 1 < content.length ? [more] : [];
       if (page.length && !fits([...page, one, ...rest])) pages.push([one]);

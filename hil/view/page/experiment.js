@@ -3,7 +3,6 @@
 import { Board, taskOf } from "./board.js";
 import { markdown } from "./markdown.js";
 
-const CUES = { go: "Go", watch: "Watch" };
 const IDLE = new Set(["ready", "wait", "question", "pause", "over"]);  // nothing need move meanwhile
 const TONE_HZ = 660, TONE_S = 0.18;
 
@@ -69,34 +68,35 @@ class Participant {
     this.element.className = `participant ${now.phase}`;
     this.element.hidden = !content.length;
     this.board?.tell(now);
-    const said = { cue: [CUES[now.task], now.text], wait: [now.text] }[now.phase];  // above the avatar, who is to be seen
+    const said = { cue: [this.about.words[now.task], now.text], wait: [now.text] }[now.phase];  // above the avatar, who is to be seen
     if (came || said) this.headset?.spoken.say((said || []).filter(Boolean).join(". "), performance.now());
   }
 
   ready({ first, practice, task, text: said }) {
-    const go = made("button", { className: "go", textContent: "Go on (Enter)", onclick: () => this.connection.command("ready") });
+    const { words } = this.about;
+    const go = made("button", { className: "go", textContent: `${words.go_on} (Enter)`, onclick: () => this.connection.command("ready") });
     const text = first ? markdown(this.about.instructions) : [];
-    if (said || !first) text.push(made("h3", { textContent: said || (practice ? "Practice" : "The next block") }));
+    if (said || !first) text.push(made("h3", { textContent: said || (practice ? words.practice : words.next_block) }));
     return [...text, made("p", { textContent: taskOf(this.about, task) }), go];
   }
 
   wait({ text }) { return text ? [made("p", { textContent: text })] : []; }
 
-  cue({ task, text }) { return [made("strong", { textContent: CUES[task] }), ...this.wait({ text })]; }
+  cue({ task, text }) { return [made("strong", { textContent: this.about.words[task] }), ...this.wait({ text })]; }
 
-  pause() { return [made("p", { textContent: "A pause: it goes on soon." })]; }
+  pause() { return [made("p", { textContent: this.about.words.pause })]; }
 
-  over({ finished }) { return [made("p", { textContent: finished ? "That was all. Thank you." : "It ends here for now." })]; }
+  over({ finished }) { return [made("p", { textContent: finished ? this.about.words.finished : this.about.words.ends })]; }
 
   question({ asks, answer }) {
-    const { keys, sliders } = this.about;
+    const { keys, sliders, words, shown } = this.about;
     const buttons = made("div", { className: "answers" }, ...Object.entries(keys).sort((a, b) => a[1].localeCompare(b[1])).map(([label, key]) => {
-      const button = made("button", { disabled: asks !== "answer", onclick: (event) => this.answer(key, event.timeStamp) }, made("kbd", { textContent: key }), made("span", { textContent: label }));
+      const button = made("button", { disabled: asks !== "answer", onclick: (event) => this.answer(key, event.timeStamp) }, made("kbd", { textContent: key }), made("span", { textContent: shown[label] }));
       button.classList.toggle("chosen", label === answer);
       return button;
     }));
-    if (asks !== "rate") return [made("h3", { textContent: "Which was it?" }), buttons];
-    return [buttons, ...sliders.map((slider) => this.slider(slider)), made("button", { className: "go", textContent: "Done (Enter)", onclick: () => this.done() })];
+    if (asks !== "rate") return [made("h3", { textContent: words.question }), buttons];
+    return [buttons, ...sliders.map((slider) => this.slider(slider)), made("button", { className: "go", textContent: `${words.done} (Enter)`, onclick: () => this.done() })];
   }
 
   slider({ name, text, low, high, points }) {

@@ -12,7 +12,8 @@ from helpers.experiments import protocol, study
 from helpers.virtual_stage import VirtualStage
 from virtual_system import VirtualSystem
 
-from highfive.hil.commands.clips import SIMULATED, TAP, load_clips, recorded_turn, shoulders
+from highfive.hil.commands.clips import SIMULATED, TAP, load_clips, recorded_turn, shoulders, tapping
+from highfive.hil.commands.experiment_stage import TAPPING
 from highfive.hil.commands.shown_again import RecordedMotion, recorded_motion
 from highfive.hil.experiments.stage import TrialBrokenOffError
 from highfive.hil.experiments.trial_row import TrialRow
@@ -20,7 +21,7 @@ from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.sim.people.capture import AVATAR_SET, Defects, markers_of, record
 from highfive.hil.sim.people.turning import turning
 from highfive.hil.trials.live_partner import LivePerson, live_source
-from highfive.hil.trials.partners import simulated_partners
+from highfive.hil.trials.partners import simulated_partner, simulated_partners
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.errors import HighFiveError
@@ -86,8 +87,12 @@ def test_the_back_is_shown_until_the_tap_then_the_clip_and_a_replay_shows_both_a
         first = run.play("I1", "interactive", 1, style="fearful", clip=2, cell="")
         run.play("I2", "interactive", 2, style="angry", clip=1, cell="")
         again = run.play("R1", "own_replay", 3, first, style="fearful", clip=2, cell="")
+        assert run.stage.shown_ns() is None  # pages tell some pictures later, while she answers
+        run.page.tells = True
+        ends_ns = run.stage.shown_ns()
         run.stage.close()
         acted, watched = shown(run, first), shown(run, again)
+    assert again.ended_ns is not None and ends_ns is not None and again.ended_ns <= ends_ns < again.ended_ns + 10**8
     clip = clips["fearful", 2]
     at = shoulders(clip.poses[0])
     distance = np.array([np.linalg.norm(at - person.palm.position, axis=1).min() for person in acted.people])
@@ -103,6 +108,18 @@ def test_the_back_is_shown_until_the_tap_then_the_clip_and_a_replay_shows_both_a
     for row in range(0, len(watched.poses), 9):
         wanted, _ = acted.at(int(watched.times_ns[row]))
         assert np.abs(watched.poses[row].hinges - wanted.hinges).max() < 1e-3
+
+
+def test_every_simulated_person_reaches_the_shoulder_that_she_taps() -> None:
+    clips = load_clips(SIMULATED, TIPPING)
+    for seed, clip in enumerate(3 * list(clips.values())):
+        shoulder = shoulders(clip.poses[0])[0]
+        partner = simulated_partner("neutral", TAPPING, 0, np.random.default_rng([0, seed]))
+        taps = tapping(partner, shoulder)
+        assert taps.palm is not None
+        assert np.nanmin(np.linalg.norm(taps.palm - shoulder, axis=1)) < 0.5 * TAP
+        moved = taps.recording.points - partner.recording.points  # she stands elsewhere: nothing else changes
+        assert np.ptp(moved[taps.recording.valid], axis=0).max() < 1e-9
 
 
 @pytest.mark.slow

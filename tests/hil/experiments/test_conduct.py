@@ -12,12 +12,13 @@ from helpers.experiments import head, study
 
 from highfive.hil.commands.simulated_participant import PageInProcess
 from highfive.hil.experiments.conduct import Conducted, conduct
-from highfive.hil.experiments.desk import ENDS, THANKS, Desk
+from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.observer import Observer, Perception, SimulatedParticipant
 from highfive.hil.experiments.stage import Asked, EmptyStage, Played, RunFailedError, TrialBrokenOffError
 from highfive.hil.experiments.study import study_protocol
 from highfive.hil.experiments.trial_log import TrialLog, open_log, read_session
 from highfive.hil.experiments.trial_row import TrialRow
+from highfive.hil.experiments.words import PAGE
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.view.commands import Command
 from highfive.model.errors import HighFiveError
@@ -124,7 +125,7 @@ def test_a_plan_is_asked_in_its_order_and_every_answer_is_in_its_row(small: Path
 def test_pages_and_headsets_are_told_the_end_last(small: Path, stops: bool) -> None:
     run = Run(small, typed=once({3: Command("stop", None)}) if stops else None)
     assert bool(run().left) is stops and run.page is not None
-    assert run.page.told[-2:] == [("participant", "over"), ("over", ENDS if stops else THANKS)]
+    assert run.page.told[-2:] == [("participant", "over"), ("over", PAGE["ends" if stops else "finished"])]
     assert [kind for kind, _ in run.page.told].count("over") == 1
 
 

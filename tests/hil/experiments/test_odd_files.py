@@ -14,7 +14,7 @@ from experiments import answer, head, protocol, study
 from mutations import mutated
 
 from highfive.hil.experiments.balance import check_balance
-from highfive.hil.experiments.log_content import read_log, whole_lines
+from highfive.hil.experiments.log_content import read_line, read_log, whole_lines
 from highfive.hil.experiments.plan import draw_plan
 from highfive.hil.experiments.plan_file import plan_of
 from highfive.hil.experiments.protocol_file import TEMPLATES, _protocol, templates
@@ -86,7 +86,7 @@ def test_a_log_with_an_odd_value_or_damaged_bytes(tmp_path: Path) -> None:
         for path in places(line):
             for odd in ODD:
                 try:
-                    read_log((json.dumps(changed(line, path, odd)) + "\n").encode(), f"line {number}")
+                    read_line((json.dumps(changed(line, path, odd)) + "\n").encode(), f"line {number}")
                 except HighFiveError as error:
                     assert str(error)
     rng = np.random.default_rng(0)

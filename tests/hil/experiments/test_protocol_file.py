@@ -45,9 +45,11 @@ WRONG = {
     "clips of a model": ("high_five", 'motion = "model"', 'motion = "model"\nclips = 4', "with 4 clips"),
     "too long": ("tipping", "repetitions = 4", "repetitions = 40", "has 120 trials, expected 100 at most"),
     "codes": ("tipping", "seed = 0", 'codes = ["Anna M"]', "expected 2 to 12 letters and digits"),
+    "a name for a code": ("tipping", "seed = 0", 'codes = ["Anna"]', "one digit at least, and no name"),
     "too few codes": ("tipping", "seed = 0", 'codes = ["AB1"]', "codes are 1, expected a different one"),
     "no TOML": ("tipping", "seed = 0", "seed = ", "it is no TOML file"),
     "a rating": ("high_five", "points = 7", "points = 1", "points is 1, expected 2 to 101"),
+    "a rating twice": ("high_five", 'name = "arousal"', 'name = "certainty"', "ratings: 'certainty' is there twice"),
     "a label": ("morph", 'labels = ["neutral", "angry"]', 'labels = ["neutral", "sad"]', "expected neutral and angry"),
     "a viewpoint": ("tipping", 'viewpoint = "live"', 'viewpoint = "x"', "viewpoint is live or recorded"),
 }

@@ -137,7 +137,9 @@ def test_nobody_is_forgotten_while_a_run_goes_on_or_by_a_path(tmp_path: Path) ->
 
 def test_templates_are_files_that_come_along() -> None:
     for name in templates():
-        assert sorted(path.name for path in (TEMPLATES / f"{name}_instructions").iterdir()) == ["de.md", "en.md"]
+        assert sorted(path.name for path in (TEMPLATES / f"{name}_instructions").iterdir()) == [
+            "de.md", "de.toml", "en.md",
+        ]  # fmt: skip
         assert read_protocol(TEMPLATES / f"{name}.toml").name == name
 
 

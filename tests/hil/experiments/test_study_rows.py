@@ -187,6 +187,13 @@ def test_a_labs_rules_leave_out_what_they_say_and_each_trial_has_its_first_reaso
     assert sum(one["why"] == "slower than seen" for one in gone["excluded"]) == 4 * 35
 
 
+def test_a_rule_for_somebody_whom_nobody_planned_is_refused(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "rules.toml"
+    path.write_text(RULES.replace("P02", "P20"), encoding="utf-8")
+    with pytest.raises(HighFiveError, match=r"codes has 'P20', whom nobody planned; the study has P01, P02"):
+        study_rows(folder, read_rules(path))
+
+
 def test_people_are_left_out_by_what_of_theirs_counts(folder: Path, tmp_path: Path) -> None:
     """P01 lost 3 of 71 compared trials in each study, and was right in 57 of 69."""
     path = tmp_path / "rules.toml"

@@ -8,12 +8,14 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from disk import files_no_larger_than
 from experiments import answer, head, study
 
+from highfive.hil.experiments.forget import forget
 from highfive.hil.experiments.log_content import read_log
 from highfive.hil.experiments.study import stored_plan
 from highfive.hil.experiments.trial_log import open_log, read_session
@@ -130,6 +132,9 @@ def test_another_ones_trials_are_needed_and_the_broken_off_ones_left_out(tmp_pat
         assert 5 + answer(log) == 40
     with open_log(folder, head(), resume=False) as log:
         assert answer(log) == 87
+    forget(folder, "P00")
+    with open_log(folder, head(), resume=True) as log:  # she is through: nobody's trials are needed any more
+        assert answer(log) == 0
     shown = {row.source_trial for row in read_session(folder, "P01", 1).rows if row.source_trial}
     assert "P00:I1-01" not in shown and {f"P00:I1-{number:02d}" for number in range(2, 13)} <= shown
 
@@ -142,6 +147,7 @@ def test_another_ones_trials_are_needed_and_the_broken_off_ones_left_out(tmp_pat
         (False, head("P99"), "P99 has no plan .*; planned are P01, P02;"),
         (False, head("Anna Maier"), "expected a code of 2 to 12 letters and digits"),
         (False, head("../x"), "expected a code"),
+        (True, replace(head(), simulated=False), "of P01 is that of a simulated participant, and a person does not"),
         (False, head("P02", consent="0"), "P02 signed consent form 0, expected version 1"),
         (False, head("P02", consent=""), "P02 signed consent form none"),
     ],
@@ -258,6 +264,27 @@ def test_damage_before_the_last_line_is_told_and_nothing_is_cut(tipping: Path) -
         with pytest.raises(HighFiveError, match=message), open_log(tipping, head(), resume=True):
             pass
         assert path.read_bytes() == content
+
+
+def test_whatever_line_is_missing_is_noticed(tipping: Path) -> None:
+    """But for the last one, which looks as if it had never been written, and a start between two blocks."""
+    with open_log(tipping, head(), resume=False) as log:
+        answer(log, 4)
+        log.begin()
+    with open_log(tipping, head(), resume=True) as log:
+        answer(log, 3)
+    path = log_path(tipping)
+    lines = path.read_bytes().splitlines(keepends=True)
+    assert [json.loads(line)["kind"] for line in lines].count("mark") == 1
+    for number in range(len(lines) - 1):
+        path.write_bytes(b"".join(lines[:number] + lines[number + 1 :]))
+        with pytest.raises(HighFiveError, match=r"trials\.jsonl, line \d+: .* is missing; take the log from a backup"):
+            read_session(tipping, "P01", 1)
+    path.write_bytes(re.sub(rb'"answer": ?"\w+"(, "key")', rb'"answer": "glad"\1', b"".join(lines), count=1))
+    with pytest.raises(
+        HighFiveError, match=r"trials\.jsonl, line \d+: answer is 'glad', expected neutral, fearful, angry"
+    ):
+        read_session(tipping, "P01", 1)
 
 
 def test_a_full_disk_is_told_and_what_was_written_stays_whole(tipping: Path) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from highfive.hil.experiments.words import PAGE
 from highfive.hil.view.browser import Browser
 from highfive.hil.view.live_page import LivePage
 
@@ -15,6 +16,7 @@ ABOUT = {
     "name": "small", "participant": "P01", "keys": {"neutral": "2", "angry": "1"}, "limit_s": 10.0, "language": "en",
     "sliders": [{"name": "natural", "text": "How natural?", "low": "artificial", "high": "natural", "points": 7}],
     "instructions": "# Two *moods*\n\nRaise your **right** hand.\n\n- once\n- <b>twice</b>",
+    "words": dict(PAGE), "shown": {"neutral": "neutral", "angry": "angry"},
 }  # fmt: skip
 LED = {
     "blocks": [{"name": "I1", "mode": "interactive", "trials": 4, "done": 2}], "trial": "I1-03", "ask": 3,

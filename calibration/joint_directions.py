@@ -55,17 +55,30 @@ def reversed_joints(shape: ArmShape, middle: Array, lower: Array, upper: Array, 
     return tuple(name for name, sign in zip(shape.names, signs, strict=True) if sign < 0.0)
 
 
+def turned_by(shape: ArmShape, middle: Array, lower: Array, upper: Array, seen: Array) -> Array:
+    """The rotation (3, 3) from the arm as drawn to the motion capture's frame, by the same small turns."""
+    shown: NDArray[np.bool_] = np.all(np.isfinite(seen), axis=(1, 3))
+    moves = np.where(shown[..., None], seen[:, 1] - seen[:, 0], 0.0)
+    expected = np.where(shown[..., None], _expected(shape, middle, lower, upper, np.ones(len(middle))), 0.0)
+    return rotations.nearest_rotation(np.einsum("jmr,jmc->rc", moves, expected))
+
+
+def _expected(shape: ArmShape, middle: Array, lower: Array, upper: Array, signs: Array) -> Array:
+    """(J, M, 3) m, by which markers move as each joint is turned, in the frame of the arm as drawn."""
+    joints = len(middle)
+    postures = np.repeat(middle[None], 2 * joints, axis=0)
+    postures[np.arange(joints), np.arange(joints)] = lower
+    postures[joints + np.arange(joints), np.arange(joints)] = upper
+    errors = as_drawn(shape)
+    places = marker_places(shape, errors, frames_of(shape, errors, postures * signs))
+    return places[joints:] - places[:joints]
+
+
 def _unexplained(
     shape: ArmShape, middle: Array, lower: Array, upper: Array, signs: tuple[float, ...], moves: Array,
     shown: NDArray[np.bool_], sizes: Array,
 ) -> float:  # fmt: skip
     """Share of the joints' moves (J, M, 3), each of length 1, that no rotation of the arm with these signs explains."""
-    turned = np.asarray(signs)
-    postures = np.repeat(middle[None], 2 * len(middle), axis=0)
-    postures[np.arange(len(middle)), np.arange(len(middle))] = lower
-    postures[len(middle) + np.arange(len(middle)), np.arange(len(middle))] = upper
-    errors = as_drawn(shape)
-    places = marker_places(shape, errors, frames_of(shape, errors, postures * turned))
-    expected = np.where(shown[..., None], places[len(middle) :] - places[: len(middle)], 0.0) / sizes
+    expected = np.where(shown[..., None], _expected(shape, middle, lower, upper, np.array(signs)), 0.0) / sizes
     rotation = rotations.nearest_rotation(np.einsum("jmr,jmc->rc", moves, expected))
     return float(np.sum((moves - expected @ rotation.T) ** 2) / len(middle))

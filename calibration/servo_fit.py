@@ -107,7 +107,7 @@ def _with(found: ArmCalibration, fit: ArmFit) -> ArmCalibration:
             found.joints[name],
             zero=float(errors.zero[j]),
             compliance=max(0.0, float(errors.compliance[j])),
-            play=float(errors.play[j]),
+            play=max(0.0, float(errors.play[j])),
         )
         for j, name in enumerate(fit.shape.names)
     }

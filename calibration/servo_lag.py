@@ -34,6 +34,10 @@ class ServoLagSettings(Settings):
     """Most that the residual may be, of the motion: beyond it the servo did not follow."""
 
 
+BOUNDS = np.array([[0.0, np.log(3.0), np.log(0.1), 0.2, -np.inf], [0.2, np.log(1000.0), np.log(20.0), 2.0, np.inf]])
+"""Of delay, s, logarithms of frequency, rad/s, and damping, gain and offset, rad."""
+
+
 @dataclass(frozen=True)
 class ServoLag:
     """A joint from command to encoder.
@@ -44,6 +48,8 @@ class ServoLag:
         lag_error: s, of :attr:`lag`, 95 %.
         gain: of the answer; 1 for a servo that comes where it is sent.
         residual: rad, root mean square.
+        apart: delay, frequency and damping are told apart; else they lie at a bound, and their sum, the lag, is told
+            alone.
     """
 
     delay: float
@@ -52,6 +58,7 @@ class ServoLag:
     lag_error: float
     gain: float
     residual: float
+    apart: bool = True
 
     @property
     def lag(self) -> float:
@@ -130,7 +137,7 @@ def servo_lag(
         least_squares(
             lambda x: (modelled(x) - angle) / s.noise,
             np.array([begin, np.log(omega), np.log(0.7), 1.0, angle.mean()]),
-            bounds=([0.0, np.log(3.0), np.log(0.1), 0.2, -np.inf], [0.2, np.log(1000.0), np.log(20.0), 2.0, np.inf]),
+            bounds=(BOUNDS[0], BOUNDS[1]),
             x_scale=np.array([0.01, 0.3, 0.3, 0.1, 0.01]),
             loss="soft_l1",
         )
@@ -153,4 +160,6 @@ def servo_lag(
     told = size > s.told * np.sqrt(len(by))
     of = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]])[:, told] / size[told]
     error = 1.96 * standard_errors(by[:, told] / size[told], residual, of)[0]
-    return ServoLag(delay, omega, zeta, error, float(best.x[3]), rms)
+    x, (low, high) = best.x[:3], BOUNDS[:, :3]
+    apart = bool(np.all((x > low + 1e-3 * (high - low)) & (x < high - 1e-3 * (high - low))))
+    return ServoLag(delay, omega, zeta, error, float(best.x[3]), rms, apart)

@@ -22,6 +22,8 @@ def limits_of(folder: ArmFolder, file: Path | None = None) -> Limits:
         HighFiveError: as :func:`highfive.hil.safety.limits_file.load_limits`, or they are of another arm.
     """
     own = FILE if folder == find_arm(DEFAULT_ARM) else folder.folder / "limits.toml"
+    if file is None and not own.is_file():
+        raise HighFiveError(f"{folder.folder} has no {own.name}; draft one: highfive rig draft {folder.folder}")
     return load_limits(file or own, ceilings_of(folder))
 
 
@@ -49,6 +51,8 @@ def rig_of(folder: ArmFolder, file: Path | None = None, *, simulated: bool = Fal
         HighFiveError: as :func:`highfive.hil.drivers.bus.rig.load_rig`, or its servos do not fit the arm's joints.
     """
     path = file or rig_file(folder)
+    if file is None and not path.is_file():
+        raise HighFiveError(f"{folder.folder} has no {path.name}; draft one: highfive rig draft {folder.folder}")
     rig = load_rig(path, simulated=simulated)
     if (names := tuple(joint.name for joint in rig.joints)) != folder.names:
         raise HighFiveError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -16,7 +17,9 @@ from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.bus.servo_port import ALLOWANCE_MS
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.drivers.latch import Latch
+from highfive.hil.drivers.priority import going_first
 from highfive.hil.runtime.clock import MACHINE, Clock
+from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.safety.limits import Limits
 from highfive.hil.session.session import RATE_HZ
 
@@ -38,7 +41,10 @@ def driven_arm(
             Nothing has moved then.
     """
     limits, rig = check_arm(options)
-    with started_arm(options, limits, rig, keys=keys) as arm:
+    with started_arm(options, limits, rig, keys=keys) as arm, quick_switching(), going_first():
+        # What was built until now is not garbage: a collection between two ticks need not look at it.
+        gc.collect()
+        gc.freeze()
         yield from _driven(arm, body, rig, limits, options, arm.estop, MACHINE, in_the_way)
 
 

@@ -109,6 +109,10 @@ class Driver(Protocol):
         """The cycles since the last call."""
         ...
 
+    def pass_over(self) -> None:
+        """Leaves out the cycles since the last call."""
+        ...
+
 
 @dataclass(frozen=True)
 class _Seen:
@@ -181,7 +185,7 @@ class ArmLoop:
             raise HighFiveError(first_of(self._check.mismatches))
         self._standing = standing(self._check.time_ns, len(self.limits.joints), self._standing.feed_forward)
         self._state = self._reference = None
-        self._arm.unread()
+        self._arm.pass_over()
 
     @property
     def state(self) -> State:

@@ -5,7 +5,7 @@ Markers on the plate tell the angle of the joint that is moved: what of their mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -72,6 +72,10 @@ class SeenFrames:
     def begin(self) -> None:
         """Forgets those before."""
         self._frames, self._captured = [], []
+
+    def taken(self) -> SeenFrames:
+        """What has come since it began, kept by itself."""
+        return replace(self, _frames=list(self._frames), _captured=list(self._captured))
 
     def look(self) -> MarkerFrame | None:
         """The newest, if it is new."""

@@ -29,7 +29,11 @@ class WatchSettings(Settings):
     """Older frames say nothing of who is near."""
     near: float = setting(1.0, "m", above=0.0)
     """From the plate's middle to a marker that is not the plate's: somebody whom the arm could reach."""
-
+    hidden: float = setting(1.0, "s", above=0.0)
+    """So long the plate may be hidden from all cameras while it moves: what hides it may be a person."""
+    speed: float = setting(0.25, "m/s", above=0.0)
+    """Most that a hidden plate moves at (:class:`highfive.hil.arm.posture_drive.DriveSettings`): so much nearer it may
+    be to somebody."""
     own: float = setting(0.12, "m", least=0.0)
     """Points without a label that are nearer than this are taken for the plate's own, whose labels were lost."""
 
@@ -62,6 +66,7 @@ class PlateWatch:
     settings: WatchSettings = WATCH
     _number: int = -1
     _middle: Array | None = None
+    _seen_ns: int = 0
     _labels: set[str] = field(default_factory=set)
     _places: list[Array] = field(default_factory=list)
     _seen: list[NDArray[np.bool_]] = field(default_factory=list)
@@ -74,16 +79,19 @@ class PlateWatch:
             return "no frames come from the motion capture"
         places, seen = self._plate(frame)
         if seen.any():
-            self._middle = np.mean(places[seen], axis=0)
+            self._middle, self._seen_ns = np.mean(places[seen], axis=0), now
         if self._middle is None:
             return "no marker of the plate is seen"
-        plate = set(self.template.names)
-        strange = np.array([name not in plate for name in frame.names], bool) & frame.valid
+        hidden = 1e-9 * (now - self._seen_ns)
+        if hidden > self.settings.hidden:
+            return f"no marker of the plate has been seen for {hidden:.0f} s; clear the cameras' view of it"
+        within = self.settings.near + self.settings.speed * hidden
+        strange = np.array([name not in self.template.names for name in frame.names], bool) & frame.valid
+        near = strange & (np.linalg.norm(frame.positions - self._middle, axis=1) < within)
         away = np.linalg.norm(frame.unlabelled - self._middle, axis=1)
-        others = np.vstack([frame.positions[strange], frame.unlabelled[away > self.settings.own]])
-        if len(others) and float(np.linalg.norm(others - self._middle, axis=1).min()) < self.settings.near:
-            who = [name for name, one in zip(frame.names, strange, strict=True) if one]
-            return f"somebody is in the arm's way ({', '.join(who) or 'markers without a label'})"
+        if near.any() or ((away > self.settings.own) & (away < within)).any():
+            who = ", ".join(name for name, one in zip(frame.names, near, strict=True) if one)
+            return f"somebody is in the arm's way ({who or 'markers without a label'})"
         return ""
 
     def begin(self) -> None:

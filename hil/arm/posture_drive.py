@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.cycle_ring import Cycle, Mode
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.drivers.values import JointState
-from highfive.hil.runtime.clock import Clock
+from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.safety import envelope, motion, retract
 from highfive.hil.safety.limits import Limits
@@ -46,12 +48,27 @@ DRIVE = DriveSettings()
 
 NO_WAY_BACK = "the straight way to where it rests leads through the floor, its mount or itself"
 
+Value = TypeVar("Value")
+
 _FAR = np.array([30.0, 0.0, 1.6])
 """m, where the head of nobody is: the envelope lets nothing move without a person it knows of."""
 
 
+def way_seconds(body: ServoArm, start: Array, target: Array, settings: DriveSettings = DRIVE) -> float:
+    """That the way between two postures (J,), rad, takes: at constant speed, with ramps, joints and points slow."""
+    change = target - start
+    quickest = [float(np.abs(change).max()) / settings.joint_speed]
+    for share in np.linspace(0.0, 1.0, 9):
+        moves = body.points(start + share * change)[1] @ change
+        quickest.append(float(np.linalg.norm(moves, axis=1).max()) / settings.point_speed)
+    return max(quickest) + settings.ramp
+
+
 class PostureDrive:
-    """One arm, checked, that goes where it is told. One owner, one thread."""
+    """One arm, checked, that goes where it is told. One owner, one thread.
+
+    Whoever drives computes before or afterwards: an arm that is not told of its place for 80 ms stops.
+    """
 
     def __init__(
         self,
@@ -95,7 +112,7 @@ class PostureDrive:
         self._stays = False
         self.moving_s = 0.0
         """For so long it moved, s."""
-        arm.unread()
+        arm.pass_over()
 
     @property
     def positions(self) -> Array:
@@ -122,7 +139,7 @@ class PostureDrive:
             HighFiveError: the arm was stopped, did not come to stand, or somebody stayed in the way.
         """
         start = self.reference
-        seconds = self.seconds(start, target)
+        seconds = way_seconds(self._body, start, target, self.settings)
         period, done, waited = self._limits.timing.period_s, 0.0, 0.0
         while done < seconds:
             if why := self._in_the_way():
@@ -139,7 +156,7 @@ class PostureDrive:
     def hold(self, seconds: float, encoders: list[Array], look: Callable[[], object]) -> None:
         """Stands where it is, and adds what the servos say (J,), rad, in each cycle; ``look`` is called every tick."""
         end = self.clock.now() + round(1e9 * seconds)
-        self._arm.unread()
+        self._arm.pass_over()
         assert self._reference is not None
         while self.clock.now() < end:
             self.tick(self._reference)
@@ -156,7 +173,7 @@ class PostureDrive:
             HighFiveError: the arm was stopped, or somebody is in the way.
         """
         period, done, cycles = self._limits.timing.period_s, 0.0, []
-        self._arm.unread()
+        self._arm.pass_over()
         while done < seconds:
             if why := self._in_the_way():
                 raise HighFiveError(why)
@@ -166,6 +183,22 @@ class PostureDrive:
             cycles += self._arm.unread()
             look()
         return cycles
+
+    def while_standing(self, work: Callable[[], Value]) -> Value:
+        """Has something done that takes some time, or waits for the disk, while the arm is told of its place.
+
+        Not in one piece of compiled code: threads take turns between such calls alone.
+
+        Raises:
+            HighFiveError: the arm was stopped; or what ``work`` raises.
+        """
+        if self.clock is not MACHINE:  # there nothing takes time
+            return work()
+        with ThreadPoolExecutor(1) as beside:
+            done = beside.submit(work)
+            while not done.done():
+                self.tick(self.reference)
+            return done.result()
 
     def stay(self) -> None:
         """Stands where it is, and is not brought back to where it rests.
@@ -178,12 +211,18 @@ class PostureDrive:
 
     def rest(self, longest_s: float = 30.0) -> None:
         """Goes back along the known path, slowly, and waits until the arm stands; where no free way leads there, it
-        stays where it is."""
+        stays where it is.
+
+        Raises:
+            HighFiveError: it was stopped before it was on its way.
+        """
         if self._stays or self._rests:
             return
         at = self.reference
         on_the_path = self._limits.way_points[retract.nearest(self._limits, at)]
-        if not way_is_free(self._body, at, on_the_path, min(0.0, self._body.clearance(at)) - RESTS):
+        if not self.while_standing(
+            lambda: way_is_free(self._body, at, on_the_path, min(0.0, self._body.clearance(at)) - RESTS)
+        ):
             say_aside(f"the arm stays where it is: {NO_WAY_BACK}")
             return
         end = self.clock.now() + round(1e9 * longest_s)
@@ -220,15 +259,6 @@ class PostureDrive:
             self._arm.drive(command)
         self._reference = report.reference if report.reference is not None else self._reference
         self.clock.wait_until(now + round(1e9 * self._limits.timing.period_s))
-
-    def seconds(self, start: Array, target: Array) -> float:
-        """That the way between two postures (J,), rad, takes: at constant speed, with ramps, joints and points slow."""
-        change = target - start
-        quickest = [float(np.abs(change).max()) / self.settings.joint_speed]
-        for share in np.linspace(0.0, 1.0, 9):
-            moves = self._body.points(start + share * change)[1] @ change
-            quickest.append(float(np.linalg.norm(moves, axis=1).max()) / self.settings.point_speed)
-        return max(quickest) + self.settings.ramp
 
     def _share(self, now: float, seconds: float) -> float:
         """Of the way that is done after so long: speed rises and falls along a straight line."""

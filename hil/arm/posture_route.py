@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from highfive.hil.arm.free_postures import way_is_free
+from highfive.calibration.pose_file import TakenPose
+from highfive.hil.arm.free_postures import POSTURES, way_is_free
+from highfive.hil.arm.posture_drive import way_seconds
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.model.geometry.rotations import Array
 
 BLOCKED = 1e6
 """s: no way."""
+
+
+def route(arm: ServoArm, postures: Array, before: Sequence[TakenPose] = ()) -> list[Array]:
+    """Through postures (N, J), rad, but for those that were taken ``before``: from where the arm waits, and back there.
+
+    Takes seconds: it is worked out before the arm is switched on.
+    """
+    new = [q for q in postures if not any(np.allclose(q, pose.asked, atol=1e-6) for pose in before)]
+    return tour(arm, arm.ready, np.array(new).reshape(-1, arm.joints), POSTURES.clearance, partial(way_seconds, arm))
 
 
 def tour(
@@ -38,12 +50,12 @@ def tour(
         order.append(min(left, key=lambda n: via[order[-1], n]))
         left.remove(order[-1])
     order = _untangled([*order, 0], via)
-    route: list[Array] = []
+    stages: list[Array] = []
     for before, after in pairwise(order):
         if direct[before, after] > via[before, after]:
-            route.append(home)
-        route.append(stops[after])
-    return route
+            stages.append(home)
+        stages.append(stops[after])
+    return stages
 
 
 def _untangled(order: list[int], times: Array) -> list[int]:

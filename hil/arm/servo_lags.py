@@ -61,9 +61,10 @@ class PlateSeen:
         zeros = np.array([self.found.joints[name].zero for name in self.shape.names])
         return ways(self.shape, self.found, angles - zeros)
 
-    def tell(self, joint: int, cycles: Sequence[Cycle], ready: Array) -> None:
+    def tell(self, joint: int, led: Led, ready: Array) -> None:
         """Takes in what was seen of a joint that was led along, about ``ready`` (J,), rad."""
-        states = [cycle.state for cycle in cycles if cycle.state.answered.all()]
+        assert led.frames is not None
+        states = [cycle.state for cycle in led.cycles if cycle.state.answered.all()]
         read = np.array([state.time_ns for state in states], np.int64) - round(1e9 * self.reply)
         angles, speeds, currents = (
             np.array([getattr(state, name) for state in states]) for name in ("positions", "velocities", "currents")
@@ -75,7 +76,7 @@ class PlateSeen:
         all_ways = self.ways(ready)
         way = all_ways[..., joint]
         shares = np.einsum("maj,ma->j", all_ways, way) / np.sum(way**2)
-        if (found := mocap_delay(read, links @ shares, self.frames, way)) is not None:
+        if (found := mocap_delay(read, links @ shares, led.frames, way)) is not None:
             self.delays[self.shape.names[joint]] = found
 
 
@@ -85,28 +86,41 @@ def slow_enough(drive: PostureDrive, arm: ServoArm, limits: Limits, joint: int) 
     return min(limits.joints[joint].speed, drive.settings.point_speed / max(float(ways.max()), 1e-6))
 
 
-def servo_lags(
+@dataclass(frozen=True)
+class Led:
+    """A joint that was led along a chirp.
+
+    Attributes:
+        name: of the joint.
+        angle: (N,) rad beside where the arm waits, at (N,) s from the beginning.
+        cycles: of the bus, that sent goals.
+        frames: of the motion capture meanwhile; None where none looks.
+    """
+
+    name: str
+    angle: Callable[[Array], Array]
+    cycles: list[Cycle]
+    frames: SeenFrames | None = None
+
+
+def lead_along(
     drive: PostureDrive,
     arm: ServoArm,
     limits: Limits,
     joints: Sequence[str],
     advance: Callable[[], object] = lambda: None,
     settings: ChirpSettings | None = None,
-    plate: PlateSeen | None = None,
-    reply: float = 0.0,
-    sag: Array | None = None,
-) -> dict[str, ServoLag]:
-    """From command to encoder, by the driver's clock: of joints by their names, about where the arm waits.
+    frames: SeenFrames | None = None,
+) -> list[Led]:
+    """Leads joints along chirps, one after the other, about where the arm waits; what they tell, :func:`servo_lags`
+    finds once the arm has been let go, for that takes seconds.
 
-    No chirp is faster than the limits of its joint, nor than a point of the arm may be. Where the plate is seen, what
-    joints tell of the motion capture goes into ``plate.delays``. ``reply``: s, that an answer takes on the line.
-    ``sag``: (J,) rad/(N·m), by which joints give way to the torques of arm and gears that the model knows; None takes
-    nothing off.
+    No chirp is faster than the limits of its joint, nor than a point of the arm may be.
 
     Raises:
-        HighFiveError: the arm was stopped, or a joint does not follow; which.
+        HighFiveError: the arm was stopped.
     """
-    s, found = settings or ChirpSettings(), {}
+    s, led = settings or ChirpSettings(), list[Led]()
     check_way(arm, drive.positions, arm.ready, drive.command("release"))
     drive.go(arm.ready)
     for name in joints:
@@ -114,19 +128,45 @@ def servo_lags(
         own, along = limits.joints[joint], np.eye(len(limits.joints))[joint]
         angle = partial(chirp, speed=slow_enough(drive, arm, limits, joint), acceleration=own.braking, settings=s)
         course = lambda t, along=along, angle=angle: arm.ready + along * angle(np.array([t]))[0]  # noqa: E731
-        if plate is not None:
-            plate.frames.begin()
-        look = (lambda: None) if plate is None else plate.frames.look
+        if frames is not None:
+            frames.begin()
+        look = (lambda: None) if frames is None else frames.look
         cycles = [cycle for cycle in drive.follow(course, s.seconds + 0.1, look) if cycle.sent is not None]
+        led.append(Led(name, angle, cycles, None if frames is None else frames.taken()))
+        drive.go(arm.ready)
+        advance()
+    return led
+
+
+def servo_lags(
+    led: Sequence[Led],
+    arm: ServoArm,
+    limits: Limits,
+    plate: PlateSeen | None = None,
+    reply: float = 0.0,
+    sag: Array | None = None,
+) -> dict[str, ServoLag]:
+    """From command to encoder, by the driver's clock: of joints by their names, about where the arm waits.
+
+    Where the plate was seen, what joints tell of the motion capture goes into ``plate.delays``. ``reply``: s, that an
+    answer takes on the line. ``sag``: (J,) rad/(N·m), by which joints give way to the torques of arm and gears that the
+    model knows; None takes nothing off.
+
+    Raises:
+        HighFiveError: a joint did not follow; which.
+    """
+    found: dict[str, ServoLag] = {}
+    for one in led:
+        name, joint = one.name, limits.names.index(one.name)
         try:
-            lag = lag_of(cycles, joint, reply)
+            lag = lag_of(one.cycles, joint, reply)
             if sag is not None:
                 period = limits.timing.period_s
-                load = partial(_load, arm, joint, lambda t, angle=angle, late=lag.lag - period: angle(t - late))
-                lag = lag_of(cycles, joint, reply, lambda t, load=load, soft=sag[joint]: soft * load(t))
+                load = partial(_load, arm, joint, lambda t, one=one, late=lag.lag - period: one.angle(t - late))
+                lag = lag_of(one.cycles, joint, reply, lambda t, load=load, soft=sag[joint]: soft * load(t))
             found[name] = lag
-            if plate is not None:
-                plate.tell(joint, cycles, arm.ready)
+            if plate is not None and one.frames is not None:
+                plate.tell(joint, one, arm.ready)
         except HighFiveError as error:
             raise HighFiveError(f"{name}: {error}") from None
         if not (0.0 <= lag.lag <= LONGEST_S and lag.lag_error <= UNSURE_S):
@@ -134,8 +174,6 @@ def servo_lags(
                 f"{name}: a lag of {lag.lag / MS:.1f} ± {lag.lag_error / MS:.1f} ms is none that can be trusted; "
                 f"expected 0 to {LONGEST_S / MS:.0f}, to {UNSURE_S / MS:.0f} ms: is it blocked, or does it slip?"
             )
-        drive.go(arm.ready)
-        advance()
     return found
 
 

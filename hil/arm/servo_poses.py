@@ -16,7 +16,6 @@ from highfive.hil.arm.extrinsics import taken
 from highfive.hil.arm.free_postures import POSTURES, free_postures, way_is_free
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
-from highfive.hil.arm.posture_route import tour
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
@@ -47,7 +46,7 @@ def pair_postures(arm: ServoArm, shape: ArmShape, count: int, seed: int) -> tupl
 def take_pairs(
     drive: PostureDrive,
     watch: PlateWatch,
-    arm: ServoArm,
+    stages: Sequence[Array],
     postures: Array,
     sides: Array,
     before: Sequence[TakenPose],
@@ -57,20 +56,18 @@ def take_pairs(
 
     Args:
         drive, watch: arm and plate.
-        arm: as it is known.
-        postures, sides: where to go, and from where.
-        before: pairs that were taken already: they are not taken again.
+        stages: :func:`highfive.hil.arm.posture_route.route` through those that were not taken already.
+        postures, sides: all, and from where.
+        before: pairs that were taken already.
         kept: gets all pairs after each.
 
     Raises:
         HighFiveError: the arm was stopped, somebody stayed in the way, or the plate is not seen.
     """
     poses = list(before)
-    new = [n for n, q in enumerate(postures) if not any(np.allclose(q, pose.asked, atol=1e-6) for pose in poses)]
-    postures, sides = postures[new], sides[new]
-    for target in tour(arm, arm.ready, postures, POSTURES.clearance, drive.seconds):
+    for target in stages:
         drive.go(target)
-        if target is arm.ready or not (which := np.flatnonzero((postures == target).all(axis=1))).size:
+        if not (which := np.flatnonzero((postures == target).all(axis=1))).size:
             continue
         pair = []
         for side in (sides[which[0]], -sides[which[0]]):

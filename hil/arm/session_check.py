@@ -16,6 +16,7 @@ from highfive.hil.arm.extrinsics import take_poses
 from highfive.hil.arm.free_postures import free_postures
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.posture_route import route
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
 from highfive.model.errors import HighFiveError
 
@@ -43,7 +44,7 @@ def five_poses(drive: PostureDrive, watch: PlateWatch, body: ServoArm, found: Ar
     shape = drawn_shape(mounted(body.folder), found.markers)
     free = free_postures(body, SEED)
     postures = free[choose_poses(shape, free, POSE_CHECK.poses, BASE)]
-    poses = together(take_poses(drive, watch, body, postures, (), lambda _: None))
+    poses = together(take_poses(drive, watch, body.ready, route(body, postures)))
     zeros = np.array([found.joints[name].zero for name in shape.names])
     # The check knows of zeros itself, and begins with what the servos' counts say.
     poses = replace(poses, encoders=poses.encoders - zeros)

@@ -76,6 +76,10 @@ class SimulatedDriver:
         found, self._cycles = self._cycles, self._cycles[-1:]
         return found[1:]
 
+    def pass_over(self) -> None:
+        """Leaves out the cycles since the last call."""
+        self._cycles = self._cycles[-1:]
+
     def wait_until(self, time_ns: int) -> None:
         """Lets time pass; a millisecond at least, so that whoever waits for something gets there."""
         self._advance(max(time_ns - self._now, LEAST_NS))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highfive.calibration.servo_lag import ServoLag
-from highfive.hil.arm.mocap_lags import angles_seen, whole_lag
+from highfive.hil.arm.mocap_lags import SeenFrames, angles_seen, whole_lag
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.servo_lags import NS, PlateSeen, lag_of, slow_enough
 from highfive.hil.arm_model.servo_arm import ServoArm
@@ -94,18 +94,28 @@ class _Leader:
         return self.arm.ready + self._last * np.eye(len(self.arm.ready))[self.joint]
 
 
-def followed_wand(
+@dataclass(frozen=True)
+class WandSeen:
+    """What was seen and sent while the arm followed a wand; what it tells, :func:`followed_wand` finds afterwards."""
+
+    lead: _Leader
+    cycles: list[Cycle]
+    frames: SeenFrames
+    settings: WandSettings
+
+
+def follow_wand(
     drive: PostureDrive,
     arm: ServoArm,
     limits: Limits,
     plate: PlateSeen,
     say: Callable[[str], object],
     settings: WandSettings = WAND,
-) -> Followed:
+) -> WandSeen:
     """Has the arm follow the wand, which is the last of the markers that are looked at.
 
     Raises:
-        HighFiveError: the arm was stopped, the wand is not seen, or was not moved as it has to be.
+        HighFiveError: the arm was stopped.
     """
     drive.go(arm.ready)
     sizes = np.linalg.norm(plate.ways(arm.ready).mean(axis=0), axis=0)
@@ -118,7 +128,20 @@ def followed_wand(
     )
     plate.frames.begin()
     cycles = drive.follow(lead, settings.seconds)
+    frames = plate.frames.taken()
     drive.go(arm.ready)
+    return WandSeen(lead, cycles, frames, settings)
+
+
+def followed_wand(seen: WandSeen) -> Followed:
+    """How late the plate followed.
+
+    Raises:
+        HighFiveError: the wand was not seen, or was not moved as it has to be.
+    """
+    lead, settings = seen.lead, seen.settings
+    plate, joint, wand = lead.plate, lead.joint, seen.frames.names[-1]
+    way = plate.ways(lead.arm.ready)[..., joint]
     wanted, told = np.array(lead.wanted), np.array(lead.told)
     if len(told) < 60:
         raise HighFiveError(f"the wand {wand} was seen in {len(told)} frames; clear the cameras' view of it")
@@ -126,13 +149,13 @@ def followed_wand(
         raise HighFiveError(
             f"the wand was too fast, or too far, in {limited:.0%} of the frames; move it more slowly, and less far"
         )
-    if (moved := float(np.std(wanted)) * sizes[joint]) < settings.least:
+    if (moved := float(np.std(wanted) * np.linalg.norm(way.mean(axis=0)))) < settings.least:
         raise HighFiveError(f"the wand moved by {1e3 * moved:.0f} mm (standard deviation); it has to go to and fro")
-    shown = angles_seen(plate.frames.markers()[:, :-1], plate.ways(arm.ready)[..., joint])
+    shown = angles_seen(seen.frames.markers()[:, :-1], way)
     return Followed(
-        whole=whole_lag(np.array(lead.stamps, np.int64), told, plate.frames.stamps, shown),
-        servo=lag_of([cycle for cycle in cycles if cycle.sent is not None], joint, plate.reply),
-        host=_host(cycles, lead),
+        whole=whole_lag(np.array(lead.stamps, np.int64), told, seen.frames.stamps, shown),
+        servo=lag_of([cycle for cycle in seen.cycles if cycle.sent is not None], joint, plate.reply),
+        host=_host(seen.cycles, lead),
         joint=plate.shape.names[joint],
     )
 

@@ -156,7 +156,8 @@ def _carrier(model: mujoco.MjModel, body: int, jointed: list[int]) -> int:
 def _check_joints(folder: ArmFolder, spec: mujoco.MjSpec) -> None:
     path, names = folder.model, [joint.name for joint in spec.joints]
     if not LEAST <= len(names) <= MOST:
-        raise HighFiveError(f"{path} has {len(names)} joints, expected {LEAST} to {MOST}; lock those that are too many")
+        put_right = "; lock those that are too many" if len(names) > MOST else ""
+        raise HighFiveError(f"{path} has {len(names)} joints, expected {LEAST} to {MOST}{put_right}")
     for joint in spec.joints:
         if joint.type != mujoco.mjtJoint.mjJNT_HINGE:
             raise HighFiveError(f"{path}: {joint.name} is no hinge; an arm has hinges only: lock it")
@@ -178,7 +179,7 @@ def _check_chain(folder: ArmFolder, model: mujoco.MjModel, bodies: list[int]) ->
     for name in folder.names:
         joint = model.joint(name)
         if not model.jnt_limited[joint.id]:
-            raise HighFiveError(f"{folder.model}: {name} has no limits; give it a range")
+            raise HighFiveError(f"{folder.model}: {name} has no limits (lower < upper); give it a range")
 
 
 def _check_units(folder: ArmFolder, ranges: Array, links: Array, masses: Array) -> None:

@@ -47,6 +47,11 @@ class ClockedTwin:
         self._catch_up()
         return self._twin.unread()
 
+    def pass_over(self) -> None:
+        """Leaves out the cycles since the last call."""
+        self._catch_up()
+        self._twin.pass_over()
+
     def _catch_up(self) -> None:
         while (end := self._twin.now() + self._period_ns) <= self._clock.now():
             self._twin.wait_until(end)

@@ -6,7 +6,7 @@ system, with noise, gaps and labels that are swapped now and then.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +16,9 @@ from highfive.hil.bench.frame_link import FrameLink
 from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth
 from highfive.hil.bench.perturbed_arm import PerturbedServo
 from highfive.hil.drivers.bus.rig import Rig
-from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
+from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus, Plant
 from highfive.hil.drivers.emulator.servos_of_rig import build_servos
+from highfive.hil.runtime.clock import Clock
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.safety.limits_file import load_limits
@@ -47,11 +48,14 @@ class HiddenServo(PerturbedServo):
         return found
 
 
-def hidden_bus(truth: HiddenTruth, rig: Rig) -> tuple[EmulatedBus, ArmPlant]:
-    """The arm where it rests, on a bus that was just switched on, and its body."""
+def hidden_bus(
+    truth: HiddenTruth, rig: Rig, moves: Callable[[ArmPlant], Plant] = lambda plant: plant
+) -> tuple[EmulatedBus, ArmPlant]:
+    """The arm where it rests, on a bus that was just switched on, and its body, of which the bus ``moves`` what is made
+    there."""
     servos, joints = build_servos(rig, kind=HiddenServo)
     plant = ArmPlant(truth.mount, load_limits().way_points[-1], truth.change)
-    bus = EmulatedBus(servos, joints, plant, seed=truth.seed)
+    bus = EmulatedBus(servos, joints, moves(plant), seed=truth.seed)
     for servo, joint in zip(servos, joints, strict=True):
         servo.astray, servo.play, servo.ripple = float(truth.zero[joint]), float(truth.play[joint]), truth.ripple[joint]
         servo.delay_ns = round(1e9 * truth.lag[joint])
@@ -74,6 +78,8 @@ class CameraFaults:
         loose: label of a marker that moves by 5 mm after ``loose_after_s``; '' for none.
         visitor: (from, to) s, when a hand's marker is beside the plate; empty for never.
         mirrored: the system's axes are left-handed.
+        scale: by which it takes lengths for longer.
+        up: its axis that points up.
     """
 
     gaps: float = 0.03
@@ -84,12 +90,14 @@ class CameraFaults:
     loose_after_s: float = 60.0
     visitor: tuple[float, float] | None = None
     mirrored: bool = False
+    scale: float = 1.0
+    up: str = "z"
 
 
 class PlateCamera:
     """Sees a hidden arm's plate; a :class:`highfive.hil.bench.frame_link.Camera`."""
 
-    def __init__(self, clock: VirtualClock, truth: HiddenTruth, plant: ArmPlant, faults: CameraFaults) -> None:
+    def __init__(self, clock: Clock, truth: HiddenTruth, plant: ArmPlant, faults: CameraFaults) -> None:
         """From now on."""
         self._clock, self._truth, self._plant, self._faults = clock, truth, plant, faults
         self._rng = np.random.default_rng((truth.seed, 13))
@@ -128,7 +136,8 @@ class PlateCamera:
             valid = np.append(valid, True)
         # The plate is a subject of its own, and somebody looks on from afar: in a lab it is never alone.
         names, places, valid = [*names, "LFHD"], np.vstack([places, AFAR]), np.append(valid, True)
-        places = places * [1.0, -1.0, 1.0] if faults.mirrored else places
+        places = faults.scale * (places * [1.0, -1.0, 1.0] if faults.mirrored else places)
+        places = places[:, [0, 2, 1]] * [1.0, 1.0, -1.0] if faults.up == "y" else places
         return MarkerFrame(
             names=tuple(f"{'plate' if name in TEMPLATE.names else 'human'}:{name}" for name in names),
             positions=np.where(valid[:, None], places, 0.0),

@@ -15,7 +15,7 @@ from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.rig_planner import sags
-from highfive.hil.arm.servo_lags import servo_lags
+from highfive.hil.arm.servo_lags import lead_along, servo_lags
 from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.perturbed_arm import DELAY_S, drawn_perturbation, perturbed_bus
 from highfive.hil.drivers.bus.rig import load_rig
@@ -56,9 +56,8 @@ def lags_found(arm: LateArm) -> tuple[float, ...]:
             servo.delay_ns = round(1e9 * late[rig.servos[servo.id].name])  # pyright: ignore[reportAttributeAccessIssue]
         virtual, slow = VirtualRig(clock, bus), ArmOptions(VIRTUAL, slow=True)
         with virtual_driven_arm(virtual, slow, body, lambda: "") as drive:
-            found = servo_lags(
-                drive, body, limits_of(body.folder), body.folder.names, reply=rig.reply_s, sag=sags(rig, body.folder)
-            )
+            led = lead_along(drive, body, limits_of(body.folder), body.folder.names)
+    found = servo_lags(led, body, limits_of(body.folder), reply=rig.reply_s, sag=sags(rig, body.folder))
     return tuple(found[name].lag for name in body.folder.names)
 
 

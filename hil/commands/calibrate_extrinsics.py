@@ -31,6 +31,7 @@ from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import check_way, free_postures
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.posture_route import route
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
@@ -187,17 +188,18 @@ def measured(run: Calibrated, drive: PostureDrive, watch: PlateWatch, bar: Bar) 
         before = load_poses(run.half_done, run.arm, names, len(shape.names))
         say_aside(f"{len(before)} poses are there from {run.half_done}; the rest is taken now")
     postures = chosen_postures(run)
+    stages = route(run.body, postures, before)  # all that takes time before the arm moves
     advance = bar("poses", len(postures))
     advance("", len(before))
     check_way(run.body, drive.positions, run.body.ready, drive.command("release"))
     drive.go(run.body.ready)
-    check_directions(drive, watch, shape, run.body.ready)
+    check_directions(drive, watch, shape, run.body)
 
     def keep(poses: list[TakenPose]) -> None:
-        save_poses(run.half_done, run.arm, names, poses)
+        drive.while_standing(lambda: save_poses(run.half_done, run.arm, names, poses))
         advance()
 
-    return take_poses(drive, watch, run.body, postures, before, keep)
+    return take_poses(drive, watch, run.body.ready, stages, before, keep)
 
 
 def chosen_postures(run: Calibrated) -> Array:

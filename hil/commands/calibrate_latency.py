@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -22,23 +22,20 @@ from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.lifecycle import emulator_options
 from highfive.hil.arm.mocap_lags import MocapDelay, SeenFrames, Source, together
 from highfive.hil.arm.plate_watch import PlateWatch
-from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm.rig_planner import planned_ahead, retarget_settings, sags
-from highfive.hil.arm.servo_lags import PlateSeen, servo_lags
+from highfive.hil.arm.servo_lags import PlateSeen, lead_along, servo_lags
 from highfive.hil.arm.session_check import plate_of
-from highfive.hil.arm.wand_lag import Followed, followed_wand
+from highfive.hil.arm.wand_lag import Followed, WandSeen, follow_wand, followed_wand
 from highfive.hil.arm_model.arm_folder import find_arm
-from highfive.hil.arm_model.servo_arm import ServoArm, mounted
-from highfive.hil.commands.calibration_checks import check_in_a_room, check_system
+from highfive.hil.arm_model.servo_arm import mounted
+from highfive.hil.commands.calibration_checks import check_calibration_file, check_in_a_room, check_system
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
-from highfive.hil.runtime.folders import check_file
 from highfive.hil.runtime.virtual_clock import VirtualClock
-from highfive.hil.safety.limits import Limits
 from highfive.hil.trials.live_partner import live_source
 from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.sources.address import parse_address
@@ -83,7 +80,7 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
     if arm.port == EMULATED:
         raise HighFiveError(f"a machine's clock is no measure of an emulated arm; take {VIRTUAL}, or a serial port")
     if not arm.emulated:
-        check_file(options.out, options.overwrite)
+        check_calibration_file(options.out, options.overwrite)
     limits, rig = check_options(arm)
     file, folder = calibration_file(arm, rig), find_arm(arm.arm)
     if file is None and not arm.emulated:
@@ -105,11 +102,12 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
                 clear = PlateWatch(source, plate_of(found), MACHINE).in_the_way
             drive = stack.enter_context(driven_arm(arm, body, clear))
         advance = bar("joints", len(folder.names) + (options.wand is not None))
-        lags = servo_lags(
-            drive, body, limits, folder.names, advance, plate=plate, reply=rig.reply_s, sag=sags(rig, folder)
-        )
-        seen = None if plate is None else seen_lags(options, drive, body, limits, plate)
+        frames = None if plate is None else plate.frames
+        led = lead_along(drive, body, limits, folder.names, advance, frames=frames)
+        wand = None if plate is None or options.wand is None else follow_wand(drive, body, limits, plate, say_aside)
         moving_s = drive.moving_s
+    lags = servo_lags(led, body, limits, plate, rig.reply_s, sags(rig, folder))
+    seen = None if plate is None else seen_lags(plate, wand)
     if found is not None and not arm.emulated:
         latency = {**found.latency, **{name + SERVO_LAG: lag.lag for name, lag in lags.items()}}
         latency |= {} if seen is None else seen.kept
@@ -201,23 +199,16 @@ def plate_seen(options: LatencyOptions, source: Source, found: ArmCalibration, r
     return PlateSeen(SeenFrames(source, names, clock), shape, found, strengths, rig.reply_s)
 
 
-def seen_lags(
-    options: LatencyOptions,
-    drive: PostureDrive,
-    body: ServoArm,
-    limits: Limits,
-    plate: PlateSeen,
-    say: Callable[[str], object] = say_aside,
-) -> SeenLags:
+def seen_lags(plate: PlateSeen, wand: WandSeen | None = None) -> SeenLags:
     """What chirps told of the motion capture, and what following a wand tells of all together.
 
     Raises:
         HighFiveError: joints disagree, the wand was not moved as it has to be, or parts and whole do not add up.
     """
     mocap = together(list(plate.delays.values()))
-    if options.wand is None:
+    if wand is None:
         return SeenLags(mocap, plate.delays)
-    followed = followed_wand(drive, body, limits, plate, say)
+    followed = followed_wand(wand)
     whole = ArmLatency(mocap.age, followed.host, followed.servo.lag, followed.whole.lag, followed.joint)
     whole.check()
     return SeenLags(mocap, plate.delays, followed, whole)
@@ -228,14 +219,14 @@ def no_one() -> str:
     return ""
 
 
-def _described(lag: ServoLag) -> dict[str, float]:
+def _described(lag: ServoLag) -> dict[str, float | None]:
     return {
         "lag_ms": round(MS * lag.lag, 2),
         "error_ms": round(MS * lag.lag_error, 2),
         "at_contact_ms": round(MS * lag.lag_at(CONTACT_HZ), 2),
-        "delay_ms": round(MS * lag.delay, 2),
-        "omega_rad_s": round(lag.omega, 2),
-        "zeta": round(lag.zeta, 3),
+        "delay_ms": round(MS * lag.delay, 2) if lag.apart else None,
+        "omega_rad_s": round(lag.omega, 2) if lag.apart else None,
+        "zeta": round(lag.zeta, 3) if lag.apart else None,
         "gain": round(lag.gain, 4),
         "residual_mrad": round(MS * lag.residual, 3),
     }
@@ -245,10 +236,11 @@ def print_latency(summary: dict[str, Any]) -> None:
     """The summary for people."""
     print(f"The arm moved for {summary['moving_s']:.0f} s. From command to encoder, ms:")
     for name, of in summary["joints"].items():
-        print(
-            f"  {name:<14}{of['lag_ms']:6.1f} ± {of['error_ms']:.1f} slowly, {of['at_contact_ms']:6.1f} at "
-            f"{CONTACT_HZ:g} Hz (delay {of['delay_ms']:.1f}, {of['omega_rad_s']:.0f} rad/s, damping {of['zeta']:.2f})"
-        )
+        apart = "delay, frequency and damping are not told apart"
+        if of["delay_ms"] is not None:
+            apart = f"delay {of['delay_ms']:.1f}, {of['omega_rad_s']:.0f} rad/s, damping {of['zeta']:.2f}"
+        lag = f"{of['lag_ms']:6.1f} ± {of['error_ms']:.1f} slowly, {of['at_contact_ms']:6.1f} at {CONTACT_HZ:g} Hz"
+        print(f"  {name:<14}{lag} ({apart})")
     print(
         f"  planned ahead by in a session, their median and half a period of the bus: {summary['planned_ms']:.1f}; "
         f"without a measurement {summary['formula_ms']:.1f}"

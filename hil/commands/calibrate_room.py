@@ -118,7 +118,7 @@ def _middles(places: Array, names: tuple[str, ...], sent: list[str]) -> Array:
 
 def print_room(summary: dict[str, Any]) -> None:
     """The summary for people."""
-    x, y, z = summary["origin_m"]
+    x, y, z = (round(value, 3) + 0.0 for value in summary["origin_m"])  # + 0: never -0.000
     print(f"{summary['note']}.")
     print(
         f"Its origin is at {x:.3f}, {y:.3f}, {z:.3f} m of the motion capture's frame, x turned by "

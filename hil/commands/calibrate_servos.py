@@ -29,6 +29,7 @@ from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import check_way
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.posture_route import route
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm.servo_poses import SWEEP_SPEED, frictions, pair_postures, take_pairs
 from highfive.hil.arm.session_check import plate_of
@@ -51,6 +52,7 @@ from highfive.hil.trials.live_wiring import MACHINE_WIRING as LIVE_WIRING
 from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 FEWEST, MOST = 6, 60
 
@@ -195,17 +197,18 @@ def seen_servos(run: KnownServos, drive: PostureDrive, watch: PlateWatch, shadow
     if run.half_done.exists():
         before = load_poses(run.half_done, run.arm, names, len(ready))
         say_aside(f"{len(before) // 2} pairs are there from {run.half_done}; the rest is taken now")
+    stages = route(run.body, postures, before)  # all that takes time before the arm moves
     advance = bar("pairs and joints", len(postures) + len(ready))
     advance("", len(before) // 2)
     check_way(run.body, drive.positions, ready, drive.command("release"))
     drive.go(ready)
-    check_directions(drive, watch, run.shape, ready)
+    check_directions(drive, watch, run.shape, run.body)
 
     def keep(poses: list[TakenPose]) -> None:
-        save_poses(run.half_done, run.arm, names, poses)
+        drive.while_standing(lambda: save_poses(run.half_done, run.arm, names, poses))
         advance()
 
-    poses = take_pairs(drive, watch, run.body, postures, sides, before, keep)
+    poses = take_pairs(drive, watch, stages, postures, sides, before, keep)
     return Seen(poses, frictions(drive, run.body, advance), shadows, drive.moving_s)
 
 
@@ -223,13 +226,17 @@ def written_servos(run: KnownServos, seen: Seen, agreed: Agreed) -> dict[str, An
     gaps = {name: counts * math.tau / COUNTS for name, counts in seen.shadows.items()}
     joints = {
         name: replace(joint, friction=seen.friction.get(name), shadow=gaps.get(name))
-        for name, joint in fit.found.joints.items()
+        for name, joint in (fit.found if fit.after < fit.before else found).joints.items()
     }
     new = replace(fit.found, joints=joints, servos_date=datetime.now(UTC))
     folder = run.body.folder
     known_arm(folder, new)
     known_limits(limits_of(folder), known_rig(rig_of(folder, options.arm.rig), new), folder)
-    lines = [line for name in joints for line in _changes(name, found.joints[name], joints[name])]
+    lines = [
+        line
+        for name, errors in zip(joints, 1.96 * fit.sigmas.T, strict=True)
+        for line in _changes(name, found.joints[name], joints[name], errors)
+    ]
     if written := agreed(lines):
         save_arm(options.out, new, replace=options.overwrite)
         kept = load_arm(options.out)
@@ -239,16 +246,29 @@ def written_servos(run: KnownServos, seen: Seen, agreed: Agreed) -> dict[str, An
     return _summary(run, seen, fit, new, lines, written)
 
 
-def _changes(name: str, old: CalibratedJoint, new: CalibratedJoint) -> list[str]:
-    """What is new of a joint, a line each; to the places that people read."""
+def _changes(name: str, old: CalibratedJoint, new: CalibratedJoint, errors: Array | None = None) -> list[str]:
+    """What is new of a joint, a line each; to the places that people read. ``errors``: (3,) of zero, compliance and
+    play, 95 %: what is within them is said to be so."""
     rows = {
-        "zero": (f"{np.degrees(old.zero):.2f}°", f"{np.degrees(new.zero):.2f}°"),
+        "zero": (_degrees(old.zero), _degrees(new.zero)),
         "compliance": (f"{1e3 * old.compliance:.2f} mrad/N·m", f"{1e3 * new.compliance:.2f} mrad/N·m"),
-        "play": (f"{np.degrees(old.play):.2f}°", f"{np.degrees(new.play):.2f}°"),
+        "play": (_degrees(old.play), _degrees(new.play)),
         "friction": (_maybe(old.friction, "N·m"), _maybe(new.friction, "N·m")),
         "shadow": (_counts(old.shadow), _counts(new.shadow)),
     }
-    return [f"{name}: {what} {before} -> {after}" for what, (before, after) in rows.items() if before != after]
+    within = {
+        what: errors is not None and abs(getattr(new, what) - getattr(old, what)) <= errors[row]
+        for row, what in enumerate(("zero", "compliance", "play"))
+    }
+    return [
+        f"{name}: {what} {before} -> {after}{', which is within its error' if within.get(what) else ''}"
+        for what, (before, after) in rows.items()
+        if before != after
+    ]
+
+
+def _degrees(angle: float) -> str:
+    return f"{round(float(np.degrees(angle)), 2) + 0.0:.2f}°"  # + 0: never -0.00
 
 
 def _maybe(value: float | None, unit: str) -> str:
@@ -274,11 +294,11 @@ def _summary(
         "changes": lines,
         "joints": {
             name: {
-                "zero_deg": round(float(np.degrees(joint.zero)), 3),
+                "zero_deg": round(float(np.degrees(joint.zero)), 4),
                 "zero_moved_deg": round(float(np.degrees(joint.zero - run.found.joints[name].zero)), 3),
                 "zero_error_deg": round(float(np.degrees(1.96 * fit.sigmas[0, j])), 3),
                 "compliance_mrad_Nm": round(1e3 * joint.compliance, 3),
-                "play_deg": round(float(np.degrees(joint.play)), 3),
+                "play_deg": round(float(np.degrees(joint.play)), 4),
                 "play_error_deg": round(float(np.degrees(1.96 * fit.sigmas[2, j])), 3),
                 "friction_Nm": None if joint.friction is None else round(joint.friction, 4),
                 "shadow_counts": seen.shadows.get(name),
@@ -298,9 +318,11 @@ def print_servos(summary: dict[str, Any]) -> None:
             f"{of['play_error_deg']:.2f}, gives {of['compliance_mrad_Nm']:.2f} mrad/N·m, friction "
             f"{of['friction_Nm']:.2f} N·m{shadow}"
         )
+    before, after = summary["off_before_mm"], summary["off_mm"]
+    better = "and is" if after < before else "and would be"
     print(
-        f"The plate was {summary['off_before_mm']:.1f} mm off (root mean square), and is {summary['off_mm']:.1f} in "
-        "postures held out of the fit."
+        f"The plate was {before:.2f} mm off (root mean square), {better} {after:.2f} in postures held out of the fit"
+        f"{'.' if after < before else ': zeros, compliance and play stay as they were.'}"
     )
     say = f"Written, and read back: {summary['out']}" if summary["written"] else "Nothing was written."
     print(say)

@@ -42,10 +42,11 @@ def live_person(
         HighFiveError: nothing comes, nobody can be placed, or a file says otherwise.
     """
     wiring = wiring or MACHINE_WIRING
-    source = stack.enter_context(closing(live_source(str(options.source), options.human, wiring)))
     file = None if options.arm is None else session_calibration(options.arm)
     system = parse_address(str(options.source)).scheme
     found = None if file is None else load_arm(file)
+    plate = () if found is None else found.marker_names
+    source = stack.enter_context(closing(live_source(str(options.source), options.human, wiring, plate)))
     registered = None if found is None else found.registration.placement
     if file is not None and options.place is not None:
         raise HighFiveError(f"--place, and {file}, both say where the person stands; leave out --place")

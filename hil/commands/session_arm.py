@@ -36,7 +36,7 @@ def with_arm(options: SimulateOptions, live: bool, stack: ExitStack, wiring: Liv
     if live and not arm.emulated:
         from highfive.hil.commands.session_check import check_before_session  # noqa: PLC0415
 
-        check_before_session(arm, worn_set(options), wiring)
+        check_before_session(arm, worn_set(options), wiring, options.human)
     return replace(options, arm=arm)
 
 

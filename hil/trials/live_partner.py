@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -33,9 +33,11 @@ from highfive.model.geometry.rotations import Array
 TICK_NS = round(1e9 / RATE_HZ)
 
 
-def live_source(address: str, person: str | None, wiring: LiveWiring = MACHINE_WIRING) -> LiveSource:
-    """The source at an address of a live system."""
-    source = open_source(address, person, scheduler=wiring.scheduler, connects=wiring.connects)
+def live_source(
+    address: str, person: str | None, wiring: LiveWiring = MACHINE_WIRING, beside: Collection[str] = ()
+) -> LiveSource:
+    """The source at an address of a live system; labels in ``beside`` make no person."""
+    source = open_source(address, person, scheduler=wiring.scheduler, connects=wiring.connects, beside=beside)
     if not isinstance(source, LiveSource):
         raise HighFiveError(f"{address} is no live system")
     return source

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,8 +79,10 @@ class SeveralPersons(HighFiveError):
     """There are several persons, and nobody said which one is meant: waiting does not help."""
 
 
-def columns_of_person(names: Sequence[str], prefix: str | None, source: str) -> list[int]:
+def columns_of_person(names: Sequence[str], prefix: str | None, source: str, beside: Collection[str] = ()) -> list[int]:
     """Columns of the labels ``names`` that are one person's; see :meth:`Recording.person`.
+
+    A subject with no other labels than those in ``beside``, such as the plate of an arm, is no person.
 
     Raises:
         SeveralPersons: there is more than one to choose from.
@@ -89,6 +91,8 @@ def columns_of_person(names: Sequence[str], prefix: str | None, source: str) -> 
     prefixes = tuple(dict.fromkeys(name.rpartition(":")[0] for name in names))
     known = ", ".join(p or "(labels without a prefix)" for p in prefixes) or "(no labels)"
     if prefix is None:
+        own = {name.rpartition(":")[0] for name in names if name.rpartition(":")[2] not in beside}
+        prefixes = tuple(one for one in prefixes if one in own)
         if not prefixes:
             raise HighFiveError(f"{source} has no labels; label the markers of a person there")
         if len(prefixes) != 1:

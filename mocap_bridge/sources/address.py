@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from urllib.parse import parse_qsl, unquote, urlsplit
 
@@ -134,6 +134,7 @@ def open_source(
     tap: Tap | None = None,
     scheduler: Scheduler = THREADS,
     connects: Callable[[Address], Callable[[], Link]] | None = None,
+    beside: Collection[str] = (),
 ) -> Source:
     """Starts to listen to a live system, or to replay a file in real time from now.
 
@@ -144,6 +145,7 @@ def open_source(
         tap: gets every frame of a live system as it came, of all persons.
         scheduler: time, and what a live system is followed by.
         connects: gives what connects to a live system; None connects as its protocol does.
+        beside: labels of what is no person in a live system, such as an arm's plate.
 
     Raises:
         HighFiveError: a bad address; no such file; no such person in it; a tap on a file.
@@ -160,11 +162,11 @@ def open_source(
         addresses = [parse_address(part.address) for part in parts]
         connecting = [connects(one) for one in addresses]  # all of them are known before the first thread runs
         systems = [
-            (LiveSource(str(one), connect, part.person or person, rate_hz or 120.0, scheduler), part.placed)
+            (LiveSource(str(one), connect, part.person or person, rate_hz or 120.0, scheduler, beside), part.placed)
             for one, connect, part in zip(addresses, connecting, parts, strict=True)
         ]
         return MergedSource(str(address), systems, tap, scheduler)
     connect = connects(address)
     if tap is not None:
         connect = tapped(connect, tap, scheduler.now)
-    return LiveSource(str(address), connect, person, rate_hz or 120.0, scheduler)
+    return LiveSource(str(address), connect, person, rate_hz or 120.0, scheduler, beside)

@@ -6,7 +6,7 @@ What is the same for every protocol is here; what differs, one connection and wh
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -83,6 +83,7 @@ class LiveSource:
         person: str | None = None,
         rate_hz: float = 120.0,
         scheduler: Scheduler = THREADS,
+        beside: Collection[str] = (),
     ):
         """Starts to connect, in a thread of its own.
 
@@ -93,8 +94,10 @@ class LiveSource:
                 :data:`~highfive.mocap_bridge.files.recording.EVERYBODY` all of them.
             rate_hz: frames per second where the system does not say.
             scheduler: this process's monotonic clock, and what starts the thread.
+            beside: labels of what is no person, such as an arm's plate.
         """
         self._title, self._connect, self._person, self._now = title, connect, person, scheduler.now
+        self._beside = frozenset(beside)
         self._rate_hz = rate_hz
         self._changed = scheduler.condition()
         self._newest: MarkerFrame | None = None
@@ -169,13 +172,14 @@ class LiveSource:
         """The newest frame, waiting for the first one if there is none yet.
 
         Raises:
-            HighFiveError: none came in time, or there is nothing to wait for; the message says what stood in the way.
+            SeveralPersons: there is nothing to wait for.
+            HighFiveError: none came in time; the message says what stood in the way.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._hopeless or self._closing, timeout_s)
             frame = self._newest
         if frame is None and self._hopeless:
-            raise HighFiveError(self._trouble)
+            raise SeveralPersons(self._trouble)
         if frame is None:
             raise HighFiveError(
                 f"{self._title}: no frame came within {timeout_s:g} s ({self._trouble or 'nothing was sent'})"
@@ -296,7 +300,7 @@ class LiveSource:
     def _of_person(self, frame: MarkerFrame) -> MarkerFrame:
         """The person's part of a frame, if it is of the right unit."""
         if frame.names is not self._names and frame.names != self._names:
-            columns = columns_of_person(frame.names, self._person, self._title)
+            columns = columns_of_person(frame.names, self._person, self._title, self._beside)
             self._own_names = labels_without_prefix([frame.names[m] for m in columns])
             self._columns = np.array(columns, dtype=np.intp)
         self._names = frame.names

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hidden_poses import postures
 
-from highfive.calibration.joint_directions import reversed_joints
+from highfive.calibration.joint_directions import reversed_joints, turned_by
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenArm, drawn_truth
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 
 SHAPE = drawn_shape(default_arm(), TEMPLATE.markers)
@@ -55,3 +56,13 @@ def test_moves_of_something_else_are_refused() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.05, (6, 2, 5, 3))
     with pytest.raises(HighFiveError, match="fit no set of directions"):
         reversed_joints(SHAPE, MIDDLE, MIDDLE - TURN, MIDDLE + TURN, noise)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_which_way_is_up_is_told(seed: int) -> None:
+    seen = turned(np.ones(6), seed)
+    drawn_up = rotations.to_matrix(default_arm().mount.quaternion)[2]
+    up = turned_by(SHAPE, MIDDLE, MIDDLE - TURN, MIDDLE + TURN, seen) @ drawn_up
+    assert up[2] > np.cos(np.radians(8.0))  # a base is turned by 2 degrees, and zeros are off
+    y_up = seen[..., [0, 2, 1]] * [1.0, 1.0, -1.0]
+    assert abs(turned_by(SHAPE, MIDDLE, MIDDLE - TURN, MIDDLE + TURN, y_up)[2] @ drawn_up) < np.sin(np.radians(8.0))

@@ -51,13 +51,18 @@ def draft_rig(name: str, overwrite: bool) -> dict[str, Any]:
     files = {folder.folder / LIMITS: drafted_limits(folder), folder.folder / RIG: drafted_rig(folder)}
     for file in files:
         check_file(file, overwrite, "folder")
-    for file, text in files.items():
-        try:
+    new = [file for file in files if not file.exists()]
+    try:
+        for file, text in files.items():
             write_whole(file, text.encode(), replace=overwrite)
-        except OSError as error:
-            raise HighFiveError(f"cannot write {file}: {error.strerror or error}") from None
-    limits_of(folder)
-    rig = rig_of(folder)
+        limits_of(folder)
+        rig = rig_of(folder)
+    except (OSError, HighFiveError) as error:
+        for one in new:  # so that it can be tried again
+            one.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise HighFiveError(f"cannot write {error.filename or folder.folder}: {error.strerror or error}") from None
+        raise
     return {
         "arm": folder.name,
         "files": [str(file) for file in files],

@@ -91,7 +91,7 @@ def test_whoever_is_near_is_in_the_way_and_silence_is_no_answer() -> None:
     stream.put(STILL[0])
     assert watch.in_the_way() == ""
     stream.put(np.vstack([STILL[0], PLACE + np.array([0.0, 0.9, 0.0])]), names=(*TEMPLATE.names, "RFIN"))
-    assert "somebody is in the arm's way (RFIN)" in watch.in_the_way()
+    assert watch.in_the_way() == "somebody is in the arm's way (RFIN)"  # and not who stands afar
     stream.put(np.vstack([STILL[0], PLACE + np.array([0.0, 1.5, 0.0])]), names=(*TEMPLATE.names, "RFIN"))
     assert watch.in_the_way() == ""
     stream.put(STILL[0])
@@ -103,3 +103,24 @@ def test_whoever_is_near_is_in_the_way_and_silence_is_no_answer() -> None:
     assert watch.in_the_way() == ""
     clock.wait_until(clock.now() + 200_000_000)
     assert "no frames come" in watch.in_the_way()
+
+
+def test_a_plate_that_nobody_sees_is_nowhere() -> None:
+    """What hides it may be a person; and while it is hidden it moves."""
+    clock = VirtualClock()
+    stream, hand = Stream(clock), PLACE + np.array([0.0, 1.15, 0.0])
+    watch = PlateWatch(stream, TEMPLATE, clock)
+    places, names = np.vstack([STILL[0], hand]), (*TEMPLATE.names, "RFIN")
+    stream.put(places, names=names)
+    assert watch.in_the_way() == ""
+    for _ in range(50):
+        stream.put(places, names=names, lost=TEMPLATE.names)
+    assert watch.in_the_way() == ""
+    for _ in range(50):  # 0.8 s: it may have come 0.2 m nearer
+        stream.put(places, names=names, lost=TEMPLATE.names)
+    assert watch.in_the_way() == "somebody is in the arm's way (RFIN)"
+    for _ in range(30):
+        stream.put(STILL[0], lost=TEMPLATE.names)
+    assert "no marker of the plate has been seen for 1 s" in watch.in_the_way()
+    stream.put(STILL[0])
+    assert watch.in_the_way() == ""

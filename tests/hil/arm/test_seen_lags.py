@@ -18,8 +18,9 @@ from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.mocap_lags import MocapDelay, angles_seen, together
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
-from highfive.hil.arm.servo_lags import PlateSeen, servo_lags
+from highfive.hil.arm.servo_lags import PlateSeen, lead_along, servo_lags
 from highfive.hil.arm.session_check import plate_of
+from highfive.hil.arm.wand_lag import follow_wand
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.hidden_arm import drawn_truth
@@ -90,12 +91,11 @@ def test_parts_and_whole_are_found_and_a_stream_that_changed_is_refused(kept: Ar
     with room(kept) as at:
         limits = limits_of(find_arm())
         joints = find_arm().names[:3]
-        lags = servo_lags(
-            at.drive, at.body, limits, joints, settings=ChirpSettings(seconds=6.0), plate=at.plate,
-            reply=load_rig().reply_s,
-        )  # fmt: skip
+        settings = ChirpSettings(seconds=6.0)
+        led = lead_along(at.drive, at.body, limits, joints, settings=settings, frames=at.plate.frames)
+        lags = servo_lags(led, at.body, limits, at.plate, load_rig().reply_s)
         assert set(at.plate.delays) == set(joints) == set(lags)
-        found = seen_lags(at.options, at.drive, at.body, limits, at.plate, lambda line: told(at, line))
+        found = seen_lags(at.plate, follow_wand(at.drive, at.body, limits, at.plate, lambda line: told(at, line)))
         assert found.mocap.age == pytest.approx(AGE_S + JITTER_S, abs=0.002)
         assert 0.0 < found.mocap.age - found.mocap.late < 0.001  # the least that a frame takes is not seen by a session
         assert found.whole is not None and found.whole.followed == "waist"
@@ -103,7 +103,7 @@ def test_parts_and_whole_are_found_and_a_stream_that_changed_is_refused(kept: Ar
         assert set(found.kept) == {"mocap_age_s", "mocap_late_s", "host_s", "end_to_end_s"}
         at.hand[0], at.camera.age_s = np.inf, AGE_S + 0.006
         with pytest.raises(HighFiveError, match="motion capture's delay changed between the two"):
-            seen_lags(at.options, at.drive, at.body, limits, at.plate, lambda line: told(at, line))
+            seen_lags(at.plate, follow_wand(at.drive, at.body, limits, at.plate, lambda line: told(at, line)))
 
 
 @pytest.mark.slow
@@ -111,7 +111,7 @@ def test_a_wand_that_nobody_moves_is_said(kept: ArmCalibration) -> None:
     with room(kept) as at:
         at.plate.delays |= {name: MocapDelay(0.01, 0.01, 1e-3) for name in "abc"}
         with pytest.raises(HighFiveError, match="it has to go to and fro"):
-            seen_lags(at.options, at.drive, at.body, limits_of(find_arm()), at.plate, lambda _: None)
+            seen_lags(at.plate, follow_wand(at.drive, at.body, limits_of(find_arm()), at.plate, lambda _: None))
 
 
 def test_an_angle_is_seen_whatever_markers_are_hidden() -> None:

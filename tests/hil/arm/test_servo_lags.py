@@ -20,7 +20,7 @@ from highfive.hil.arm.lifecycle import session_planner
 from highfive.hil.arm.planner import LAG_BY_DATA, LAG_MEASURED
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm.rig_planner import retarget_settings, sags
-from highfive.hil.arm.servo_lags import servo_lags
+from highfive.hil.arm.servo_lags import lead_along, servo_lags
 from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.hidden_arm import drawn_truth
 from highfive.hil.bench.perturbed_arm import drawn_perturbation, perturbed_bus
@@ -45,14 +45,8 @@ def measured(late_s: tuple[float, float]) -> dict[str, ServoLag]:
         for servo in bus.servos:
             servo.delay_ns = round(1e9 * late.get(rig.servos[servo.id].name, 0.0))  # type: ignore[attr-defined]
         with virtual_driven_arm(VirtualRig(clock, bus), SLOW, ARM, lambda: "") as drive:
-            return servo_lags(
-                drive,
-                ARM,
-                limits_of(ARM.folder),
-                JOINTS,
-                sag=sags(rig, ARM.folder),
-                settings=ChirpSettings(seconds=6.0),
-            )
+            led = lead_along(drive, ARM, limits_of(ARM.folder), JOINTS, settings=ChirpSettings(seconds=6.0))
+        return servo_lags(led, ARM, limits_of(ARM.folder), sag=sags(rig, ARM.folder))
 
 
 @pytest.mark.slow

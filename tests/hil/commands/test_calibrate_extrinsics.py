@@ -102,8 +102,24 @@ def test_a_mirrored_stream_is_no_reversed_joint() -> None:
     with room(drawn_truth(40), CameraFaults(mirrored=True)) as (drive, watch, _):
         drive.go(body.ready)
         with pytest.raises(HighFiveError, match="seen as in a mirror") as refused:
-            check_directions(drive, watch, drawn_shape(body, TEMPLATE.markers), body.ready)
+            check_directions(drive, watch, drawn_shape(body, TEMPLATE.markers), body)
     assert "reversed" not in str(refused.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("faults", "says"),
+    [
+        (CameraFaults(scale=1.03), r"the plate is seen 10[23]\.\d % as large as its template says"),
+        (CameraFaults(up="y"), r"the arm seems to lean by (8|9)\d°.*z up"),
+    ],
+)
+def test_a_stream_of_another_size_or_with_another_axis_up_is_refused(faults: CameraFaults, says: str) -> None:
+    body = default_arm()
+    with room(drawn_truth(40), faults) as (drive, watch, _):
+        drive.go(body.ready)
+        with pytest.raises(HighFiveError, match=says):
+            check_directions(drive, watch, drawn_shape(body, TEMPLATE.markers), body)
 
 
 def test_what_no_session_would_take_replaces_nothing(tmp_path: Path) -> None:

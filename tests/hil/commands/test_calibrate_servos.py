@@ -12,7 +12,7 @@ import pytest
 from hidden_calibration import hidden_calibration
 from kept_arm import kept_arm
 
-from highfive.calibration.arm_file import arm_text, load_arm, save_arm
+from highfive.calibration.arm_file import CalibratedJoint, arm_text, load_arm, save_arm
 from highfive.calibration.pose_file import load_poses
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.driven_arm import virtual_driven_arm
@@ -29,6 +29,7 @@ from highfive.hil.commands.calibrate_servos import (
     KnownServos,
     Seen,
     ServoOptions,
+    _changes,  # pyright: ignore[reportPrivateUsage]
     checked_servos,
     seen_servos,
     shadows_of,
@@ -231,3 +232,11 @@ def test_rig_check_looks_at_the_calibration_too(tmp_path: Path) -> None:
         assert result["calibration"]["joints"]["elbow"]["friction_Nm"] == 0.25
         assert says in " ".join(result["troubles"])
         assert result["ready"] is (says == ""), result["troubles"]
+
+
+def test_what_is_within_its_error_is_said_to_be_so_and_nothing_is_minus_nothing() -> None:
+    old = CalibratedJoint(np.radians(0.5), 0.0, 0.0, np.zeros(3), np.zeros(3))
+    near = replace(old, zero=np.radians(0.52), play=-1e-9)
+    errors = np.array([np.radians(0.05), 1e-4, np.radians(0.05)])
+    assert _changes("waist", old, near, errors) == ["waist: zero 0.50° -> 0.52°, which is within its error"]
+    assert _changes("waist", old, replace(old, zero=np.radians(0.7)), errors) == ["waist: zero 0.50° -> 0.70°"]

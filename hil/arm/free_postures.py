@@ -68,5 +68,16 @@ def check_way(arm: ServoArm, start: Array, end: Array, release: str) -> None:
 
 def way_is_free(arm: ServoArm, start: Array, end: Array, clearance: float, step: float = 0.05) -> bool:
     """Whether the arm is clear of everything on the straight way between two postures (J,), rad."""
-    steps = max(2, int(np.ceil(np.abs(end - start).max() / step)) + 1)
-    return all(arm.clearance(start + share * (end - start)) >= clearance for share in np.linspace(0.0, 1.0, steps))
+    return arm.clearance(start) >= clearance and last_free(arm, start, end, clearance, step) is end
+
+
+def last_free(arm: ServoArm, start: Array, end: Array, clearance: float, step: float = 0.05) -> Array:
+    """The last posture (J,), rad, on the straight way to ``end`` up to which the arm is clear of everything; ``end``
+    itself, where all of it is. ``start`` is not looked at."""
+    before, steps = start, max(1, int(np.ceil(np.abs(end - start).max() / step)))
+    for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
+        posture = start + share * (end - start)
+        if arm.clearance(posture) < clearance:
+            return before
+        before = posture
+    return end

@@ -13,6 +13,7 @@ from threading import Lock
 
 import numpy as np
 
+from highfive.hil.arm.free_postures import last_free
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.safety.limits import Limits
 from highfive.hil.safety.motion import target_position
@@ -107,11 +108,4 @@ class GoalCourse:
     def _free(self, start: Array, end: Array) -> Array:
         """The last posture on the straight way that can be reached clear of everything."""
         least = min(self.settings.clearance, self._arm.clearance(start))
-        steps = max(1, math.ceil(float(np.abs(end - start).max()) / self.settings.step))
-        before = start
-        for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
-            posture = start + share * (end - start)
-            if self._arm.clearance(posture) < least:
-                return before
-            before = posture
-        return end
+        return last_free(self._arm, start, end, least, self.settings.step)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from highfive.hil.report.drawing import FAINT, INK, Drawing, draw, new_figure, to_png
 from highfive.hil.report.page import write_file
@@ -70,8 +71,20 @@ def _room(axes: Axes, shown: CalibrationShown, pick: list[int], title: str) -> N
             ends = np.array([at, at + 0.2 * turn[:, n]])[:, pick]
             axes.plot(*ends.T, color=colour, lw=2.0)
         axes.annotate(
-            name, (at[pick[0]], at[pick[1]]), xytext=(4, -11), textcoords="offset points", color=INK, fontsize=8
-        )
+            name, (at[pick[0]], at[pick[1]]), xytext=(4, -11), textcoords="offset points", color=INK, fontsize=8,
+            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8}, zorder=5,
+        )  # fmt: skip
+    if pick[1] == 2:
+        axes.axhline(0.0, color=FAINT, lw=1.5, zorder=0)
+        axes.annotate(
+            "floor", (1.0, 0.0), xycoords=axes.get_yaxis_transform(), xytext=(-3, 3), textcoords="offset points",
+            ha="right", color=FAINT, fontsize=8,
+        )  # fmt: skip
+    else:
+        axes.legend(
+            [Line2D([], [], color=colour, lw=2.0) for colour in _COLOURS], ["x", "y", "z, of each frame"], fontsize=8,
+            loc="best", ncols=3, handlelength=1.2,
+        )  # fmt: skip
     axes.set_aspect("equal", "datalim")
     axes.set_xlabel(f"{'xyz'[pick[0]]}, m")
     axes.set_ylabel(f"{'xyz'[pick[1]]}, m")

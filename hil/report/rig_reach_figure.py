@@ -10,6 +10,7 @@ from textwrap import wrap
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from highfive.hil.arm.reachability import DEPTH, REACHABILITY, BaseReach, cell_point
 from highfive.hil.arm_model import kinematics
@@ -18,6 +19,7 @@ from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 from highfive.model.geometry.rotations import Array
 
 INK, QUIET = "#2b2d33", "#8a8d94"
+REACHED, LACKING, CELL = "#3d7ea6", "#c44e52", "#e58a5b"
 
 
 def draw_reach(path: Path, arm: str, chosen: BaseReach, found: Sequence[BaseReach], *, replace: bool = True) -> None:
@@ -94,8 +96,8 @@ def _search(axes: Axes, found: Sequence[BaseReach]) -> None:
 def _postures(axes: Axes, reach: BaseReach, shown: tuple[int, int], title: str) -> None:
     arm = reach.base.arm()
     for cell in reach.cells:
-        _line(axes, _chain(reach, cell.joints), shown, "#3d7ea6" if cell.reached else "#c44e52", 1.2)
-        axes.plot(*cell_point(cell.cell)[list(shown)], "o", color="#e58a5b", ms=5, zorder=3)
+        _line(axes, _chain(reach, cell.joints), shown, REACHED if cell.reached else LACKING, 1.2)
+        axes.plot(*cell_point(cell.cell)[list(shown)], "o", color=CELL, ms=5, zorder=3)
     _line(axes, _chain(reach, reach.ready), shown, INK, 2.6)
     base = arm.packed.base
     axes.plot(*base[list(shown)], "s", color=QUIET, ms=9)
@@ -110,7 +112,12 @@ def _postures(axes: Axes, reach: BaseReach, shown: tuple[int, int], title: str) 
     axes.set_aspect("equal")
     axes.set_xlabel(f"{'xyz'[shown[0]]}, m")
     axes.set_ylabel(f"{'xyz'[shown[1]]}, m")
-    axes.set_title(f"{title} (dark: ready)")
+    axes.set_title(title)
+    if shown[1] != 2:
+        key = (("waits", INK), ("reaches a cell", REACHED), ("does not", LACKING))
+        lines = [Line2D([], [], color=colour) for _, colour in key]
+        dots = [Line2D([], [], color=colour, marker=mark, ls="") for colour, mark in ((CELL, "o"), (QUIET, "s"))]
+        axes.legend([*lines, *dots], [*(name for name, _ in key), "cell", "base"], fontsize=8, loc="best")
 
 
 def _chain(reach: BaseReach, joints: Array) -> Array:

@@ -83,9 +83,7 @@ Watch = Callable[[ArmTick, Sequence[Cycle]], None]
 
 
 class Driver(Protocol):
-    """What takes commands and says what the arm does: :class:`highfive.hil.drivers.bus.arm_process.ArmProcess`, or
-    the twin.
-    """
+    """Is commanded, and says what the arm does: :class:`highfive.hil.drivers.bus.arm_process.ArmProcess`, or a twin."""
 
     @property
     def mode(self) -> Mode:

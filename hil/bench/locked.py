@@ -1,4 +1,4 @@
-"""How far the played palm is from a person's true palm, on the locked set (:mod:`highfive.hil.bench.locked_set`)."""
+"""How far the played palm is from a person's true palm, on the locked set (:mod:`highfive.hil.trials.locked_set`)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from highfive.hil.bench.locked_set import NUMBER, SEED, SUBJECTS, LockedTrial, locked_partner, locked_trials
 from highfive.hil.runtime.threads import parallel_map
 from highfive.hil.session.session import Session
 from highfive.hil.sim.people.actors import MOST_DRAWS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.locked_set import NUMBER, SEED, SUBJECTS, LockedTrial, locked_partner, locked_trials
 from highfive.hil.trials.trial import run_trial
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.hgpdm.store import load_model

@@ -92,6 +92,9 @@ def evaluate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for a report with figures; trainings are kept there and used again.")
     ] = None,
+    locked: Annotated[
+        bool, typer.Option("--locked", help="Judge on simulated people on whom nothing was ever chosen.")
+    ] = False,
     also: Annotated[
         list[str] | None,
         typer.Option(metavar="FILE.py:FUNCTION", help="A model of your own beside them (docs/extending.md)."),
@@ -128,6 +131,7 @@ def evaluate(
         out=out,
         overwrite=overwrite,
         also=tuple(also or ()),
+        locked=locked,
     )
     with progress_bars() as bar:
         try:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from highfive.hil.report.terminal_tables import print_scores  # noqa: F401 (for 
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.trials.locked_recordings import write_locked
+from highfive.hil.trials.locked_set import NUMBER
 from highfive.mocap_bridge.files.trial_table import read_table
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation import baselines
@@ -54,6 +57,7 @@ class EvaluateOptions:
     out: Path | None = None
     overwrite: bool = False
     also: tuple[str, ...] = ()
+    locked: bool = False
 
 
 def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
@@ -73,6 +77,9 @@ def _evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     if (options.data is None) == (options.windows is None):
         alone = f"{options.model} alone cannot be scored; " if options.model and not options.data else ""
         raise HighFiveError(f"{alone}give either a data folder or --windows FILE.npz")
+    if options.locked and (options.windows is not None or options.leave_out is not None):
+        word = "a windows file" if options.windows is not None else "--leave-out"
+        raise HighFiveError(f"--locked brings its own people to judge on, and so does {word}; leave one of them out")
     preset = preset_named(options.preset)
     kept = None if options.out is None else options.out / MODELS
     if options.windows is not None:
@@ -129,7 +136,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     rows = read_table(folder)
     if options.leave_out is not None:  # what is wrong with the table is reported before any marker is solved
         left_out_in_turn(rows, options.leave_out)
-    if model is not None and not any(row.test for row in rows):
+    if model is not None and not options.locked and not any(row.test for row in rows):
         advice = "mark some with split test in trials.csv and train again, or leave the model out"
         raise HighFiveError(f"{folder} has no held-out trial; {advice}")
     pairs = load_trials(
@@ -139,9 +146,10 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
         options.human_set,
         options.avatar_set,
         lambda total: bar("solving markers", total),
-        hold_out=model is None and options.leave_out is None,
+        learn_only=options.locked,
+        hold_out=model is None and options.leave_out is None and not options.locked,
     )
-    trials = [pair.trial for pair in pairs]
+    trials = [pair.trial for pair in pairs] + (_locked_trials(bar) if options.locked else [])
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
     runs: list[Run] = []
     others = {name: learner(name) for name in options.also}
@@ -159,10 +167,20 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
         "held_out_trials": len(runs[0].trials),
         "recorded": evaluation.recorded_smoothness(runs[0].trials),
     }
+    if options.locked:
+        about |= {"locked": True, "locked_set": NUMBER}
     if options.leave_out is not None:
         about |= {"leave_out": options.leave_out, "folds": len(folds), "by_fold": runs[0].by_fold()}
     result = {**_summary([run.scores for run in runs]), **about, "looking_ahead": _looking_ahead(runs[0])}
     return _reported(result, options.out, runs[0], folds[0].trials)
+
+
+def _locked_trials(bar: Bar) -> list[Trial]:
+    """The people on whom nothing is ever chosen, captured, tracked and solved as those of a data folder."""
+    with TemporaryDirectory() as folder:
+        write_locked(Path(folder), lambda total: bar("the locked set", total))
+        pairs = load_trials(Path(folder), progress=lambda total: bar("solving the locked set", total))
+    return [pair.trial for pair in pairs]
 
 
 def _looking_ahead(run: Run) -> dict[str, Any]:

@@ -21,6 +21,8 @@ def print_scores(result: dict[str, Any]) -> None:
     title = str(result.get("windows") or result.get("data"))
     if result.get("leave_out"):
         title += f", each {result['leave_out']} left out in turn"
+    if result.get("locked"):
+        title += f", judged on locked set {result['locked_set']}"
     console = STDOUT if STDOUT.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
     table = _score_table(result, title)
     if Console(width=1000).measure(table).maximum > console.width:

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from highfive.hil.bench.locked import bench_locked
-from highfive.hil.bench.locked_set import SUBJECTS, locked_partner, locked_trials
 from highfive.hil.session.session import RATE_HZ, Session
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.sim.people.capture import Defects
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import build_scene
+from highfive.hil.trials.locked_set import SUBJECTS, locked_partner, locked_trials
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.hgpdm.store import load_model

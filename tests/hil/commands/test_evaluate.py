@@ -61,6 +61,8 @@ def test_a_windows_file_gives_scores_of_all_methods(file: Path):
         (["{folder}"], "cannot read"),
         (["{file}", "--leave-out", "cell"], "leave --leave-out out"),
         (["{model}", "{folder}", "--leave-out", "cell"], "trains models of its own"),
+        (["{folder}", "--locked", "--leave-out", "cell"], "so does --leave-out; leave one of them out"),
+        (["{file}", "--locked"], "so does a windows file; leave one of them out"),
         (["missing.safetensors", "{folder}"], "no model file"),
         (["missing"], "cannot read missing/trials.csv"),
         (["{model}"], "alone cannot be scored"),

@@ -3,8 +3,9 @@
 Every setting, threshold and design of this project was chosen on others: seeds such as 0, 3, 5, 7, 101 and 202, bodies
 of 0.92 to 1.08 of the avatar's size with its proportions, 0.5 mm of marker noise, and markers that sit exactly where
 their set has them. The people here have other sizes, other proportions, worse markers and a seed of their own. They are
-for reporting alone: no setting may be changed because of what comes out here, and this file is not changed to make
-figures better. Whoever has to change it says so in the changelog, and gives the new set another number.
+for reporting alone (``highfive bench locked``, ``highfive evaluate --locked``): no setting may be changed because of
+what comes out here, and this file is not changed to make figures better. Whoever has to change it says so in the
+changelog, and gives the new set another number.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from highfive.hil.sim.avatar import avatar_skeleton
-from highfive.hil.sim.people.actors import CannotMeetError
+from highfive.hil.sim.people.actors import CannotMeetError, PairTrial, simulate_pair
 from highfive.hil.sim.people.capture import PERSON_SET, Defects
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
-from highfive.hil.trials.partners import Partner, simulated_partner
+from highfive.hil.trials.partners import Partner, partner_of
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.geometry.skeleton import Skeleton
 from highfive.scenes.anthropometry import HEIGHT
@@ -88,12 +89,19 @@ def locked_trials() -> list[LockedTrial]:
 
 def locked_partner(trial: LockedTrial) -> Partner | None:
     """The person of one trial, the same every time; None where nobody of that size and an avatar can meet there."""
+    found = locked_pair(trial)
+    return None if found is None else found[0]
+
+
+def locked_pair(trial: LockedTrial) -> tuple[Partner, PairTrial] | None:
+    """The same, and both people's true motion."""
     subject = SUBJECTS[trial.subject]
     markers = len(load_marker_set(PERSON_SET))
     slips = np.random.default_rng([SEED, trial.subject]).normal(0.0, subject.slip, (markers, 3))
     where = [SEED, trial.subject, list(EMOTIONS).index(trial.emotion), CELLS.index(trial.cell)]
     rng = np.random.default_rng(where)
     try:
-        return simulated_partner(trial.emotion, trial.cell, 0, rng, subject.defects, subject.body, slips)
+        pair = simulate_pair(trial.emotion, trial.cell, 0, rng, subject.body)
     except CannotMeetError:
         return None
+    return partner_of(pair, trial.emotion, trial.cell, rng, subject.defects, slips), pair

@@ -55,14 +55,15 @@ def check_directions(drive: PostureDrive, watch: PlateWatch, shape: ArmShape, ar
             seen[joint, side] = np.where(pose.seen[:, None], pose.markers, np.nan)
             middle += pose.encoders / (2 * joints)
         drive.go(ready)
-    if wrong := reversed_joints(shape, middle, lower, upper, seen):
-        if _as_in_a_mirror(shape, middle, lower, upper, seen):  # of a flat plate, which looks the same there
+    turns = shape, middle, lower, upper, seen
+    if wrong := drive.while_standing(lambda: reversed_joints(*turns)):
+        if drive.while_standing(lambda: _as_in_a_mirror(*turns)):  # of a flat plate, which looks the same there
             raise HighFiveError(f"{MIRRORED}; or else these are reversed: {', '.join(wrong)}")
         raise HighFiveError(
             f"{', '.join(wrong)}: turned the other way than the servos say; correct `reversed` in the rig's file, then "
             f"{drive.command('configure')}"
         )
-    up = turned_by(shape, middle, lower, upper, seen) @ rotations.to_matrix(arm.mount.quaternion)[2]
+    up = turned_by(*turns) @ rotations.to_matrix(arm.mount.quaternion)[2]
     if (leans := float(np.arccos(np.clip(up[2], -1.0, 1.0)))) > LEANS:
         raise HighFiveError(
             f"the arm seems to lean by {np.degrees(leans):.0f}° against its drawing: set the motion capture's axes "

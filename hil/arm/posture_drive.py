@@ -40,6 +40,8 @@ class DriveSettings(Settings):
     still: float = setting(0.01, "rad/s", above=0.0)
     """A slower joint stands; servos count in steps of 0.024."""
     stands_within: float = setting(4.0, "s", above=0.0)
+    says: float = setting(0.5, "s", least=0.0)
+    """So long somebody is in the way before it is said; once on a way."""
     patience: float = setting(30.0, "s", above=0.0)
     """So long somebody may be in the way before it is given up."""
 
@@ -140,10 +142,13 @@ class PostureDrive:
         """
         start = self.reference
         seconds = way_seconds(self._body, start, target, self.settings)
-        period, done, waited = self._limits.timing.period_s, 0.0, 0.0
+        period, done, waited, told = self._limits.timing.period_s, 0.0, 0.0, False
         while done < seconds:
             if why := self._in_the_way():
                 waited += period
+                if waited > self.settings.says and not told:
+                    say_aside(f"the arm waits: {why}")
+                    told = True
                 if waited > self.settings.patience:
                     raise HighFiveError(f"{why}; the arm waited for {waited:.0f} s and goes back")
             else:

@@ -151,12 +151,12 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
     check_in_a_room(options.arm)
     for line in not_kept(run):
         say_aside(line)
-    with closing(live_source(options.source, EVERYBODY)) as source:
-        source.first()
-        watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
-        with driven_arm(run.options.arm, run.body, watch.in_the_way) as drive:
-            poses = measured(run, drive, watch, bar)
     with kept_where_refused(run.half_done):
+        with closing(live_source(options.source, EVERYBODY)) as source:
+            source.first()
+            watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
+            with driven_arm(run.options.arm, run.body, watch.in_the_way) as drive:
+                poses = measured(run, drive, watch, bar)
         return fitted(run, poses, drive.moving_s)
 
 

@@ -157,13 +157,13 @@ def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[st
     """
     run = checked_servos(options)
     check_in_a_room(options.arm)
-    with closing(live_source(options.source, EVERYBODY)) as source:
-        source.first()
-        watch = PlateWatch(source, plate_of(run.found), LIVE_WIRING.clock)
-        shadows = shadows_of(run, options.arm.port)
-        with driven_arm(options.arm, run.body, watch.in_the_way) as drive:
-            seen = seen_servos(run, drive, watch, shadows, bar)
     with kept_where_refused(run.half_done):
+        with closing(live_source(options.source, EVERYBODY)) as source:
+            source.first()
+            watch = PlateWatch(source, plate_of(run.found), LIVE_WIRING.clock)
+            shadows = shadows_of(run, options.arm.port)
+            with driven_arm(options.arm, run.body, watch.in_the_way) as drive:
+                seen = seen_servos(run, drive, watch, shadows, bar)
         return written_servos(run, seen, agreed)
 
 

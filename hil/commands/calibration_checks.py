@@ -45,15 +45,18 @@ def check_in_a_room(arm: ArmOptions) -> None:
 
 @contextmanager
 def kept_where_refused(poses: Path) -> Iterator[None]:
-    """Says of what is refused in here that the poses which it rests on are still there, and would be taken again.
+    """Says of what stops or is refused in here that the poses which it rests on are still there, and are gone on from.
 
     Raises:
-        HighFiveError: what was refused.
+        HighFiveError: what stopped, or was refused.
     """
     try:
         yield
     except HighFiveError as error:
         if not poses.exists():
             raise
-        kept = f"the poses are kept in {poses}: delete it to take them anew, where the arm or its plate is changed"
+        kept = (
+            f"the poses are kept in {poses}, and the same command goes on from them: delete it to take them anew, "
+            "where the arm or its plate is changed"
+        )
         raise HighFiveError(f"{error} ({kept})") from None

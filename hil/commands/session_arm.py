@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from highfive.hil.commands.session_partners import worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.hil.runtime.console import Bar
+from highfive.hil.runtime.console import Bar, say_aside
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmWatch
@@ -36,6 +36,7 @@ def with_arm(options: SimulateOptions, live: bool, stack: ExitStack, wiring: Liv
     if live and not arm.emulated:
         from highfive.hil.commands.session_check import check_before_session  # noqa: PLC0415
 
+        _compile_before(options)
         check_before_session(arm, worn_set(options), wiring, options.human)
     return replace(options, arm=arm)
 
@@ -52,3 +53,18 @@ def arm_watch(options: SimulateOptions, bar: Bar, worn: MarkerSet, stack: ExitSt
     from highfive.hil.arm.lifecycle import ready_arm  # noqa: PLC0415
 
     return ArmWatch(stack.enter_context(ready_arm(options.arm, bar, worn)))
+
+
+def _compile_before(options: SimulateOptions) -> None:
+    """What a session compiles, once after installing, is compiled before the arm is looked at: it takes minutes, in
+    which somebody may bump it."""
+    from highfive.hil.evaluation.reaction_models import open_model  # noqa: PLC0415
+    from highfive.hil.session.session import Session  # noqa: PLC0415
+    from highfive.hil.sim.people.capture import PERSON_SET  # noqa: PLC0415
+    from highfive.hil.sim.scene import build_scene  # noqa: PLC0415
+    from highfive.mocap_bridge.markers.marker_set_file import load_marker_set  # noqa: PLC0415
+    from highfive.model.compiled import when_compiling  # noqa: PLC0415
+
+    with when_compiling(lambda: say_aside("compiling, once after installing: this takes a minute or two")):
+        model = open_model(options.model)
+        Session(model, {model.emotions[0]: 1.0}, load_marker_set(PERSON_SET), build_scene())

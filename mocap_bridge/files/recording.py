@@ -88,11 +88,10 @@ def columns_of_person(names: Sequence[str], prefix: str | None, source: str, bes
         SeveralPersons: there is more than one to choose from.
         HighFiveError: there is no such person, or none at all.
     """
-    prefixes = tuple(dict.fromkeys(name.rpartition(":")[0] for name in names))
+    own = {name.rpartition(":")[0] for name in names if name.rpartition(":")[2] not in beside}
+    prefixes = tuple(one for one in dict.fromkeys(name.rpartition(":")[0] for name in names) if one in own)
     known = ", ".join(p or "(labels without a prefix)" for p in prefixes) or "(no labels)"
     if prefix is None:
-        own = {name.rpartition(":")[0] for name in names if name.rpartition(":")[2] not in beside}
-        prefixes = tuple(one for one in prefixes if one in own)
         if not prefixes:
             raise HighFiveError(f"{source} has no labels; label the markers of a person there")
         if len(prefixes) != 1:

@@ -18,7 +18,7 @@ from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.extrinsics import check_directions
 from highfive.hil.arm.plate_watch import PlateWatch
-from highfive.hil.arm.posture_drive import PostureDrive
+from highfive.hil.arm.posture_drive import PostureDrive, way_seconds
 from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
 from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
@@ -140,7 +140,10 @@ def test_what_no_session_would_take_replaces_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_somebody_who_steps_in_stops_the_arm_and_it_goes_on_once_she_is_gone() -> None:
+def test_somebody_who_steps_in_stops_the_arm_and_it_goes_on_once_she_is_gone(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level("INFO")
     with room(drawn_truth(41), CameraFaults(visitor=(6.0, 12.0))) as (drive, _, clock):
         drive.go(READY.copy())
         target = READY + np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -148,11 +151,14 @@ def test_somebody_who_steps_in_stops_the_arm_and_it_goes_on_once_she_is_gone() -
         places = []
         clock.start("look", lambda: places.extend(_looks(clock, drive)))
         drive.go(target)
-        assert drive.moving_s - begun < 0.2 + drive.seconds(READY, target)
+        assert drive.moving_s - begun < 0.2 + way_seconds(default_arm(), READY, target)
         stood = [q for seconds, q in places if 7.0 < seconds < 12.0]
         assert len(stood) > 10
         assert max(float(np.abs(q - stood[0]).max()) for q in stood) < 0.005
         np.testing.assert_allclose(drive.positions, target, atol=0.02)
+    assert [one.message for one in caplog.records if "waits" in one.message] == [
+        "the arm waits: somebody is in the arm's way (RFIN)"
+    ]
 
 
 def _looks(clock: VirtualClock, drive: PostureDrive) -> list[tuple[float, np.ndarray]]:

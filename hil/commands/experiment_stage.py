@@ -81,8 +81,8 @@ class StagePage:
 
     def commands(self) -> list[Command]:
         """Whether the trial is to be broken off."""
-        self._page.commands()  # what a session's page may ask for has no place here
         self._desk.look()
+        self._page.commands()  # what else a session's page may ask for has no place here; after the look: it takes all
         return [Command("next")] if self._desk.breaks_off else []
 
 

@@ -37,8 +37,7 @@ class PageInProcess:
 
     def tell(self, kind: str, **fields: Any) -> None:
         """See :meth:`highfive.hil.view.live_page.LivePage.tell`."""
-        for due, text in _messages(self._participant, encode_text(kind, **fields), self._clock.now()):
-            heapq.heappush(self._due, (due, next(self._numbers), text))
+        _hear(self._participant, encode_text(kind, **fields), self._clock.now(), self._due, self._numbers)
 
     def take(self, *names: str) -> list[Command]:
         """See :meth:`highfive.hil.view.live_page.LivePage.take`."""
@@ -68,8 +67,7 @@ def participant_on_page(participant: SimulatedParticipant, address: str) -> Iter
                     with suppress(TimeoutError):
                         message = connection.recv(timeout=left)
                     if isinstance(message, str):
-                        for at, text in _messages(participant, message, MACHINE.now()):
-                            heapq.heappush(due, (at, next(numbers), text))
+                        _hear(participant, message, MACHINE.now(), due, numbers)
                     elif message:
                         connection.send(message[4:8])  # a picture, acknowledged
                     while due and due[0][0] <= MACHINE.now():
@@ -84,14 +82,20 @@ def participant_on_page(participant: SimulatedParticipant, address: str) -> Iter
             thread.join()
 
 
-def _messages(participant: SimulatedParticipant, text: str, now_ns: int) -> list[tuple[int, str]]:
-    """When, and as what, the replies to a text go out: each follows on the one before."""
+def _hear(
+    participant: SimulatedParticipant, text: str, now_ns: int, due: list[tuple[int, int, str]], numbers: Iterator[int]
+) -> None:
+    """Adds to ``due``, a heap of times, ns, numbers and texts, what is replied to a text: each after the one before.
+
+    What was not said by then is not said any more once she is told something else: a late answer is none to what is
+    asked next.
+    """
     fields = json.loads(text)
-    found: list[tuple[int, str]] = []
+    if fields["kind"] == "participant":
+        due.clear()
     for reply in participant.hear(fields["kind"], fields):
         now_ns += round(S * reply.after_s)
-        found.append((now_ns, _command(reply, now_ns)))
-    return found
+        heapq.heappush(due, (now_ns, next(numbers), _command(reply, now_ns)))
 
 
 def _command(reply: Reply, at_ns: int) -> str:

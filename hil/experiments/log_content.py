@@ -90,6 +90,9 @@ def read_log(content: bytes, where: str) -> LogContent:
                 f"{at}: answer is {strange[0].answer!r}, expected {', '.join(read.plan.keys)}; take the log from a "
                 "backup"
             )
+        for row in one.finished:
+            if read.plan is not None and (other := _other_than_planned(row, read.plan)):
+                raise HighFiveError(f"{at}: {other}; take the log from a backup")
         open_ask = next(iter(one.asks), None if one.finished or one.plan is not None else open_ask)
         read = joined(read, one)
     return read
@@ -138,17 +141,40 @@ def _missing_before(one: LogContent, read: LogContent, open_ask: int | None) -> 
     if read.plan is None:
         return "" if one.plan is not None else "no run has begun"
     for ask, trial in one.asks.items():
-        if open_ask is not None:
-            return f"trial {trial} begins, and {read.asks[open_ask]} is not over"
-        if ask != len(read.asks) + 1:
-            return f"trial {trial} is number {ask} after {len(read.asks)}"
-        if any(row.trial == trial for row in read.standing):
-            return f"trial {trial} begins again, and is not marked"
+        left = [open_ask, *read.unfinished]  # of this run, and of those before
+        reasons = (
+            (
+                any(left),
+                f"trial {trial} begins, and {read.asks.get(left[0] or left[-1] or 0)} is neither over nor marked",
+            ),
+            (ask != len(read.asks) + 1, f"trial {trial} is number {ask} after {len(read.asks)}"),
+            (any(row.trial == trial for row in read.standing), f"trial {trial} begins again, and is not marked"),
+        )
+        return next((why for holds, why in reasons if holds), "")
     for row in one.finished:
         if row.ask != open_ask or read.asks[row.ask] != row.trial:
             return f"trial {row.trial} is over, and has not begun"
     return next(
         (f"trial number {ask} is marked, and has not begun" for ask in one.marked or {} if ask not in read.asks), ""
+    )
+
+
+def _other_than_planned(row: TrialRow, plan: Plan) -> str:
+    """What of a row is not as the plan of its log has it; empty where all is."""
+    planned = next((trial for trial in plan.trials if trial.name == row.trial), None)
+    if planned is None:
+        return f"trial {row.trial} is in no plan"
+    wanted = {
+        "participant": plan.participant, "block": planned.block, "condition": planned.mode, "style": planned.style,
+        "expected": planned.answer, "cell": planned.cell, "clip": planned.clip, "source_trial": planned.source,
+    }  # fmt: skip
+    return next(
+        (
+            f"{name} is {getattr(row, name)!r}, the plan has {own!r}"
+            for name, own in wanted.items()
+            if getattr(row, name) != own
+        ),
+        "",
     )
 
 

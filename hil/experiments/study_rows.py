@@ -80,7 +80,8 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
     pilot = protocol.code(0) if protocol.needs_donor else ""
     why = {row.row_key: _why(row, people, fillers, pilot) for row in rows}
     if rules is not None:
-        _check_codes(rules, participants(study))
+        planned = {protocol.code(number) for number in range(1 - protocol.needs_donor, protocol.participants + 1)}
+        _check_codes(rules, sorted(planned | set(participants(study))))  # also who was forgotten since
         _by_rules(rows, why, rules)
     incomplete = _incomplete([row for row in rows if not why[row.row_key]])
     for row in rows:

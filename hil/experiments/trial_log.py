@@ -257,7 +257,12 @@ def read_session(study: Path, code: str, session: int) -> LogContent:
     path = session_folder(study, code, session) / LOG
     if not path.is_file():
         raise HighFiveError(f"{code} has no session {session} in {study}")
-    return read_log(_whole(path), str(path))
+    content = read_log(_whole(path), str(path))
+    if content.plan is not None and content.plan.participant != code:
+        raise HighFiveError(f"{path} is of {content.plan.participant}, in the folder of {code}; move it where it was")
+    if strange := [row for row in content.finished if row.session != session]:
+        raise HighFiveError(f"{path} is of session {strange[0].session}; a copy counts its trials twice: move it away")
+    return content
 
 
 def source_row(study: Path, log: TrialLog, name: str) -> TrialRow:
@@ -279,8 +284,15 @@ def source_row(study: Path, log: TrialLog, name: str) -> TrialRow:
 
 
 def session_number(log: Path) -> int:
-    """Of the session that a log is of."""
-    return int(log.parent.name.rpartition("-")[2])
+    """Of the session that a log is of.
+
+    Raises:
+        HighFiveError: its folder is called otherwise.
+    """
+    number = log.parent.name.removeprefix("session-")
+    if not (number.isascii() and number.isdecimal()):
+        raise HighFiveError(f"{log.parent} is no session's folder, expected session-1 and so on; move it away")
+    return int(number)
 
 
 def missing_sources(study: Path, plan: Plan, content: LogContent) -> frozenset[str]:

@@ -56,7 +56,9 @@ class QuietPage:
     def tell(self, kind: str, **fields: Any) -> None: ...
 
     def commands(self) -> list[Command]:
-        return []
+        """All that was pressed, as a page gives it: whoever asks for some of it has to do so before."""
+        pressed, self.pressed = self.pressed, []
+        return pressed
 
     def shown(self) -> list[PageShown]:
         if not self.tells:
@@ -68,8 +70,9 @@ class QuietPage:
         return []
 
     def take(self, *names: str) -> Sequence[Command]:
-        pressed, self.pressed = self.pressed, []
-        return pressed
+        taken = [one for one in self.pressed if one.name in names]
+        self.pressed = [one for one in self.pressed if one.name not in names]
+        return taken
 
 
 class VirtualStage:

@@ -112,7 +112,7 @@ def test_a_session_tells_its_arm_what_the_live_person_wears(monkeypatch: pytest.
         "hil.commands.live_session.LivePerson": lambda *_, **__: Person(),
         "hil.commands.live_session.closing": lambda source: source,
         "hil.commands.live_session.load_arm": lambda _: SimpleNamespace(
-            registration=SimpleNamespace(placement=None), latency={}
+            registration=SimpleNamespace(placement=None), latency={}, marker_names=()
         ),
     }
     for name, replacement in replaced.items():

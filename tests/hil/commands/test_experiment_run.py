@@ -287,3 +287,12 @@ def test_an_arm_that_does_not_answer_is_not_near_who_acts(tmp_path: Path, observ
     chain = SimulateOptions(view=PageOptions(open_browser=False), arm=ArmOptions())
     with pytest.raises(HighFiveError, match=r"no_contingency.*leave out --rig"):
         run(RunOptions(small(tmp_path), "P01", simulated=observer, chain=chain), no_bar)
+
+
+def test_an_answer_that_comes_too_late_is_none_to_the_next_trial(tmp_path: Path) -> None:
+    """A simulated participant who takes longer than she may; it counted as the answer to what was asked meanwhile."""
+    folder, slow = study(tmp_path), tmp_path / "slow.toml"
+    slow.write_text("[interactive]\nright = 1.0\n[replay]\nright = 1.0\n[reaction]\nmedian_s = 20.0\nspread = 0.02\n")
+    run(options(folder, slow), no_bar)
+    rows = read_session(folder, "P01", 1).rows
+    assert rows and all(not row.answer and "no answer within 15 s" in row.excluded_why for row in rows)

@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -18,6 +19,7 @@ from experiments import answer, head, study
 from highfive.hil.experiments.forget import forget
 from highfive.hil.experiments.log_content import read_log
 from highfive.hil.experiments.study import stored_plan
+from highfive.hil.experiments.study_rows import study_rows
 from highfive.hil.experiments.trial_log import open_log, read_session
 from highfive.hil.experiments.trial_row import COLUMNS, Outcome
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -285,6 +287,47 @@ def test_whatever_line_is_missing_is_noticed(tipping: Path) -> None:
         HighFiveError, match=r"trials\.jsonl, line \d+: answer is 'glad', expected neutral, fearful, angry"
     ):
         read_session(tipping, "P01", 1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            rb'"participant": ?"P01", "session"',
+            b'"participant": "P02", "session"',
+            "participant is 'P02', the plan has",
+        ),
+        (rb'"condition": ?"interactive"', b'"condition": "own_replay"', "condition is 'own_replay', the plan has"),
+        (rb'"expected": ?"\w+"', b'"expected": "none"', "expected is 'none', the plan has"),
+        (rb'"session": ?1', b'"session": 2', "is of session 2; a copy counts its trials twice"),
+    ],
+)
+def test_a_row_that_its_own_plan_does_not_have_is_damage(tipping: Path, old: bytes, new: bytes, says: str) -> None:
+    with open_log(tipping, head(), resume=False) as log:
+        answer(log, 2)
+    path = log_path(tipping)
+    lines = path.read_bytes().splitlines(keepends=True)
+    changed = re.sub(old, new, lines[4], count=1)
+    assert changed != lines[4]
+    path.write_bytes(b"".join((*lines[:4], changed)))
+    with pytest.raises(HighFiveError, match=says):
+        read_session(tipping, "P01", 1)
+
+
+def test_copies_of_a_session_are_refused_and_not_counted_twice(tipping: Path) -> None:
+    with open_log(tipping, head(), resume=False) as log:
+        answer(log, 2)
+    folder = log_path(tipping).parent
+    for copy, says in (
+        (folder.with_name("session-1 copy"), "is no session's folder"),
+        (folder.with_name("session-2"), "is of session 1; a copy counts"),
+        (folder.parents[1] / "P02" / "session-1", "is of P01, in the folder of P02"),
+    ):
+        shutil.copytree(folder, copy)
+        with pytest.raises(HighFiveError, match=says):
+            study_rows(tipping)
+        shutil.rmtree(copy)
+    assert len(study_rows(tipping).rows) == 2
 
 
 def test_a_full_disk_is_told_and_what_was_written_stays_whole(tipping: Path) -> None:

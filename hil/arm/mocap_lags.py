@@ -35,8 +35,8 @@ class MocapLagSettings(Settings):
     fewest: int = setting(3, least=1)
     """Joints that have to agree."""
     apart: float = setting(0.005, "s", above=0.0)
-    """Most by which joints may differ in how late they are seen: beyond it a joint has play, or the stream changed. Each
-    was up to 2 ms off where it is known (docs/calibration.md)."""
+    """Most by which joints may differ in how late they are seen: beyond it a joint has play, or the stream changed.
+    Each was up to 2 ms off where it is known (docs/calibration.md)."""
 
 
 MOCAP_LAG = MocapLagSettings()

@@ -47,17 +47,10 @@ def test_an_arm_at_a_port_is_calibrated_as_the_documentation_has_it(room: tuple[
     plate.write_text("\n".join(lines))
     told = [arm, "--source", cameras, "--arm", "--json"]
     first = subprocess.run(
-        [*HIGHFIVE, "calibrate", "extrinsics", *told, "--plate", str(plate), "--poses", "12", "--out", "arm.toml"],
+        [*HIGHFIVE, "calibrate", "extrinsics", *told, "--plate", str(plate), "--poses", "10", "--out", "arm.toml"],
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert first.returncode == 0, first.stderr
     summary = json.loads(first.stdout)
-    assert summary["poses"] == 12 and summary["held_out_mm"]["median"] < 5.0
-    # The lags, with what the cameras see of them.
-    last = subprocess.run(
-        [*HIGHFIVE, "calibrate", "latency", *told, "--calibration", "arm.toml", "--out", "arm.toml", "--overwrite"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert last.returncode == 0, last.stderr
-    assert 0.0 < json.loads(last.stdout)["seen"]["motion_capture_ms"]["age"] < 100.0
-    assert load_arm(tmp_path / "arm.toml").latency_date is not None
+    assert summary["poses"] == 10 and summary["held_out_mm"]["median"] < 5.0
+    assert load_arm(tmp_path / "arm.toml").registration.poses == 10

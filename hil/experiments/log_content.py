@@ -85,11 +85,6 @@ def read_log(content: bytes, where: str) -> LogContent:
             raise HighFiveError(f"{at}: trial {read.asks[twice.pop()]} is there twice; take the log from a backup")
         if missing := _missing_before(one, read, open_ask):
             raise HighFiveError(f"{at}: {missing}: a line before it is missing; take the log from a backup")
-        if read.plan is not None and (strange := [row for row in one.finished if row.answer not in _keys(read.plan)]):
-            raise HighFiveError(
-                f"{at}: answer is {strange[0].answer!r}, expected {', '.join(read.plan.keys)}; take the log from a "
-                "backup"
-            )
         for row in one.finished:
             if read.plan is not None and (other := _other_than_planned(row, read.plan)):
                 raise HighFiveError(f"{at}: {other}; take the log from a backup")
@@ -161,6 +156,8 @@ def _missing_before(one: LogContent, read: LogContent, open_ask: int | None) -> 
 
 def _other_than_planned(row: TrialRow, plan: Plan) -> str:
     """What of a row is not as the plan of its log has it; empty where all is."""
+    if row.answer not in ("", *plan.keys):
+        return f"answer is {row.answer!r}, expected {', '.join(plan.keys)}"
     planned = next((trial for trial in plan.trials if trial.name == row.trial), None)
     if planned is None:
         return f"trial {row.trial} is in no plan"
@@ -176,10 +173,6 @@ def _other_than_planned(row: TrialRow, plan: Plan) -> str:
         ),
         "",
     )
-
-
-def _keys(plan: Plan) -> tuple[str, ...]:
-    return ("", *plan.keys)
 
 
 def next_trial(plan: Plan, content: LogContent, missing: Collection[str] = ()) -> PlannedTrial | None:

@@ -45,9 +45,9 @@ def test_an_arm_at_a_port_is_calibrated_as_the_documentation_has_it(room: tuple[
     lines = ["[plate]", f"centre_m = {TEMPLATE.centre.tolist()}", f"normal = {TEMPLATE.normal.tolist()}", "[markers]"]
     lines += [f"{name} = {at.tolist()}" for name, at in zip(TEMPLATE.names, TEMPLATE.places, strict=True)]
     plate.write_text("\n".join(lines))
-    told = [arm, "--source", cameras, "--arm", "--json"]
+    told = ["--source", cameras, "--arm", "--json", "--plate", str(plate), "--poses", "10", "--out", "arm.toml"]
     first = subprocess.run(
-        [*HIGHFIVE, "calibrate", "extrinsics", *told, "--plate", str(plate), "--poses", "10", "--out", "arm.toml"],
+        [*HIGHFIVE, "calibrate", "extrinsics", arm, *told],
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert first.returncode == 0, first.stderr

@@ -181,7 +181,7 @@ def test_what_is_refused_says_that_its_poses_are_still_there(tmp_path: Path) -> 
     for there in (False, True):
         with pytest.raises(HighFiveError) as refused, kept_where_refused(poses):
             raise HighFiveError("no arm fits")
-        assert (f"the poses are kept in {poses}: delete it" in str(refused.value)) is there
+        assert (f"the poses are kept in {poses}, and the same command goes on" in str(refused.value)) is there
         poses.write_text("{}")
 
 

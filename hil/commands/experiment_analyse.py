@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 from highfive.hil.commands.experiment_trials import of_questionnaires, of_trials
 from highfive.hil.experiments.analysis.answers import Answer, confusions_of, counts_of, fits_of, read_answers
 from highfive.hil.experiments.analysis.confusion import Confusion, chance_bits, emotion_rates, mutual_information
+from highfive.hil.experiments.analysis.contrasts import contrasts
 from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts, read_counts
 from highfive.hil.experiments.analysis.hierarchical import Effects, logit_differences, over_people
 from highfive.hil.experiments.analysis.psychometric import Psychometric, pooled_log_jnd, pooled_pse, pse_shift
@@ -20,7 +21,7 @@ from highfive.hil.experiments.exclusion import read_rules
 from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, interaction
 from highfive.hil.experiments.recorded.methods import methods
 from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
-from highfive.hil.experiments.study_rows import answers_of, study_rows, tidy_rows
+from highfive.hil.experiments.study_rows import answers_of, codes, study_rows, tidy_rows
 from highfive.hil.report.page import write_file
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder
@@ -105,7 +106,8 @@ def _of_study(
     found = study_rows(study, rules)
     answers = answers_of(found)
     people, lacking = _compared(answers, str(study))
-    result = _study(replace(options, emotions=options.emotions or len(found.protocol.labels)), people, answers)
+    options = replace(options, emotions=options.emotions or len(found.protocol.labels))
+    result = _study(options, people, answers, codes(study, found.protocol))
     result["source"] = str(study)
     if found.simulated and "table" in result:
         result["table_refused"] = SIMULATED
@@ -139,8 +141,15 @@ def _compared(answers: Sequence[Answer], study: str) -> tuple[Sequence[PersonCou
     """The people of a study who can be compared, and in a line what is lacking to compare more."""
     if not answers:
         return [], ""
+    there = {one.condition for one in answers}
+    lacks = [name for name in CONDITIONS if name not in there]
+    if lacks and there - set(CONDITIONS):
+        return (
+            [],
+            f"{study} has no {lacks[0]} trials: the source study's table compares interactive ones and own replays",
+        )
     try:
-        people = counts_of(answers, study, least=1)
+        people = counts_of([one for one in answers if one.condition in CONDITIONS], study, least=1)
         one = people[0].participant if len(people) == 1 else ""
     except HighFiveError as error:
         return [], str(error)
@@ -155,7 +164,11 @@ def _read(options: AnalyseOptions) -> tuple[Sequence[PersonCounts], Sequence[Ans
     return read_counts(options.counts), ()
 
 
-def _study(options: AnalyseOptions, people: Sequence[PersonCounts], answers: Sequence[Answer]) -> dict[str, Any]:
+def _study(
+    options: AnalyseOptions, people: Sequence[PersonCounts], answers: Sequence[Answer],
+    planned: Collection[str] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Of ``planned`` participants; None where nobody says who they are."""
     source = options.counts or options.trials
     result: dict[str, Any] = {"source": str(source), "level": options.level}
     matrices, fits = confusions_of(answers), fits_of(answers, options.level)
@@ -167,10 +180,12 @@ def _study(options: AnalyseOptions, people: Sequence[PersonCounts], answers: Seq
         result |= recognition(people, options.emotions or len(labels) or EMOTIONS, options.level)
     if matrices:
         result["confusion"] = {condition: _confusion(matrix, options.level) for condition, matrix in matrices.items()}
+    if found := contrasts(answers, options.level):
+        result["contrasts"] = {condition: _plain(asdict(one)) for condition, one in found.items()}
     if fits:
         result["psychometric"] = _psychometric(fits, options.level)
     if options.questionnaires:
-        result["questionnaires"] = of_questionnaires(options.questionnaires)
+        result["questionnaires"] = of_questionnaires(options.questionnaires, planned)
     return result
 
 
@@ -202,6 +217,8 @@ def print_analysis(result: dict[str, Any]) -> None:
     for condition, found in result.get("confusion", {}).items():
         rates = ", ".join(f"{name} {rate['mean']:.2f}" for name, rate in found["emotions"].items())
         print(f"{condition}: {rates}; {found['mutual_information']:.2f} bits (blind: {found['chance_bits']:.2f})")
+    for condition, found in result.get("contrasts", {}).items():
+        _print_contrast(condition, found)
     for condition, found in (result.get("psychometric") or {}).get("conditions", {}).items():
         for person, one in found["people"].items():
             low, high = one["pse"]["interval"]
@@ -243,6 +260,20 @@ def _print_questionnaire(name: str, asked: dict[str, Any]) -> None:
         for condition, one in conditions.items():
             mean = "no score" if one["mean"] is None else f"{one['mean']:.2f}"
             print(f"{name}, {subscale}{condition and ', '}{condition}: {mean} ({one['n']} people)")
+
+
+def _print_contrast(condition: str, found: dict[str, Any]) -> None:
+    rates = ", ".join(f"{name} {rate:.3f}" for name, rate in found["rates"].items())
+    effects = found["effects"]
+    if effects is None:
+        print(f"{rates} right, of one person")
+        return
+    low, high = effects["interval"]
+    print(
+        f"{rates} right, of {found['people']} people: interactive − {condition} is {effects['mean']:+.2f} logit "
+        f"({100.0 * effects['level']:g}% interval {low:+.2f} to {high:+.2f}), P that it is above 0: "
+        f"{effects['p_positive']:.3f}"
+    )
 
 
 def _print_recognition(result: dict[str, Any]) -> None:

@@ -53,6 +53,7 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
     head = RunHead(
         options.participant, options.session, consent, str(versions()["high-five"]), _calibration(options),
         simulated=observer is not None or (options.chain is not None and options.chain.source is None),
+        language=language,
     )  # fmt: skip
     participant = None if observer is None else SimulatedParticipant(observer, options.participant)
     with ExitStack() as stack:
@@ -70,7 +71,7 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
         for line in log.told:
             say_aside(line, logging.WARNING)
         advance = bar(f"trials of {options.participant}", len(plan.trials))
-        advance(done=len(plan.trials) - _left(log.content.standing, plan.trials))
+        advance(done=len(plan.trials) - len(log.left))
         try:
             done = conduct(options.study, log, protocol, desk, stage, clock, language=language, advance=advance)
         except RunFailedError as error:
@@ -89,11 +90,6 @@ def _opened(
     from highfive.hil.commands.experiment_session import open_stage  # noqa: PLC0415 (session and MuJoCo)
 
     return open_stage(options, protocol, stack, participant, bar, wiring)
-
-
-def _left(standing: Any, trials: Any) -> int:
-    done = {row.trial for row in standing}
-    return sum(trial.name not in done for trial in trials)
 
 
 def _check(options: RunOptions, protocol: Protocol) -> None:
@@ -153,6 +149,7 @@ def _result(options: RunOptions, done: Conducted, log: Path) -> dict[str, Any]:
         "broken_off": done.broken_off,
         "excluded": done.excluded,
         "left": done.left,
+        "sourceless": done.sourceless,
         "why": done.why,
         "simulated": options.simulated is not None,
         "log": str(log),
@@ -167,6 +164,8 @@ def print_run(result: dict[str, Any]) -> None:
         f"{who}: {counted(result['asked'], 'trial')} asked, {result['broken_off']} broken off, "
         f"{result['excluded']} without an answer that counts, {result['left']} left of the plan"
     )
+    if count := result["sourceless"]:
+        say(f"{counted(count, 'replay')} not asked: what they would show again was broken off, or has been deleted")
     if result["why"]:
-        say(f"{result['why']}; go on with --resume")
+        say(f"{result['why']}{'; go on with --resume' if result['left'] else '; nothing of the plan is left'}")
     say(f"log: {result['log']}")

@@ -92,6 +92,8 @@ class _Witness:
 
     live: LiveTrial | None
     acts: bool
+    again: ShownAgain | None = None  # what shows a contact again
+    longest_gap_ns: int = 0
     peak_speed: float = 0.0
     met: TickInput | None = None
     last: TickInput | None = None
@@ -104,6 +106,8 @@ class _Witness:
 
     def __call__(self, begins: TickInput, tick: Tick, state: PlayState) -> None:
         """A tick that was played."""
+        if self.ended_ns:
+            self.longest_gap_ns = max(self.longest_gap_ns, begins.at_ns - self.ended_ns)
         self.ended_ns = begins.at_ns
         person = tick.sighting.person if tick.sighting is not None else tick.person
         if person.valid:
@@ -116,7 +120,8 @@ class _Witness:
             self.own_stamp_ns = begins.frame.source_time_ns if newest is None and begins.frame is not None else (
                 None if newest is None else newest.source_time_ns
             )  # fmt: skip
-        if "contact" in self._events(tick, state) and self.acts:
+        came = "contact" in self._events(tick, state)
+        if (came and self.acts) or (self.again is not None and self.again.met):
             self.met = replace(begins, frame=begins.frame or (self.last.frame if self.last else None))
 
 
@@ -175,8 +180,9 @@ class AvatarStage:
             self._play(asked, partner, live, motion, witness, cue)
         except Interruption:
             self._record_event("trial_broken_off", trial=asked.ask - 1, detail="by the experimenter")
-            kind = RunStoppedError if self._desk.stopping else TrialBrokenOffError
-            raise kind("broken off by the experimenter") from None
+            if self._desk.stopping:
+                raise RunStoppedError("stopped by the experimenter") from None
+            raise TrialBrokenOffError("broken off by the experimenter") from None
         except TrialBrokenOffError as late:
             self._record_event("trial_broken_off", trial=asked.ask - 1, detail=str(late))
             raise
@@ -212,11 +218,7 @@ class AvatarStage:
             clip = TappedClip(self._session, self._clips[trial.style, trial.clip], self._switched())
         chain: Session | ShownAgain | TappedClip = clip or self._session
         if motion is not None:
-            watches = trial.mode != Mode.NO_CONTINGENCY.value
-            chain = ShownAgain(
-                self._session, motion, recorded_head=watches and self._protocol.replay.viewpoint == "recorded",
-                recorded_arm=watches and self._protocol.replay.own_arm == "ghost",
-            )  # fmt: skip
+            chain = witness.again = self._shown_again(asked, motion)
         head = TrialHead(
             asked.ask - 1, partner, style_name(asked.weights), asked.weights, self._session.corrects, paced=True
         )
@@ -265,6 +267,15 @@ class AvatarStage:
             raise TrialBrokenOffError("the shoulder was not tapped" if not clip.tapped else "the clip was not over")
         kept.end(replace(result, style=head.style))
         self._look_at_arm(asked)
+
+    def _shown_again(self, asked: Asked, motion: RecordedMotion) -> ShownAgain:
+        """What shows a recorded trial in place of the model's answer: to her who watches, with its contact."""
+        watches, replay = asked.trial.mode != Mode.NO_CONTINGENCY.value, self._protocol.replay
+        return ShownAgain(
+            self._session, motion, recorded_head=watches and replay.viewpoint == "recorded",
+            recorded_arm=watches and replay.own_arm == "ghost",
+            contact_ns=asked.source.contact_ns if watches and asked.source is not None else None,
+        )  # fmt: skip
 
     def _switched(self) -> Callable[[], int | None] | None:
         """When the switch said that the shoulder was tapped, from now on."""
@@ -326,7 +337,8 @@ class AvatarStage:
         contact_ns = None if witness.met is None else witness.met.at_ns
         return Played(
             ended_ns=witness.ended_ns, contact_ns=contact_ns if witness.switched_ns is None else witness.switched_ns,
-            peak_speed=round(witness.peak_speed, 5), frame=None if frame is None else frame.number,
+            peak_speed=round(witness.peak_speed, 5), longest_gap_s=round(1e-9 * witness.longest_gap_ns, 5),
+            frame=None if frame is None else frame.number,
             source_ns=witness.own_stamp_ns, arrival_ns=None if frame is None else frame.arrival_time_ns,
             tick_ns=None if at is None else at.at_ns, recording=self._file,
         )  # fmt: skip

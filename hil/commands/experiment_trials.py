@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +29,18 @@ def of_trials(found: StudyRows, moved: Interaction) -> dict[str, Any]:
     }
 
 
-def of_questionnaires(paths: Sequence[Path]) -> dict[str, Any]:
-    """Name -> scores, of the files.
+def of_questionnaires(paths: Sequence[Path], people: Collection[str] | None = None) -> dict[str, Any]:
+    """Name -> scores, of the files; of a study's ``people``, where there is one.
 
     Raises:
-        HighFiveError: one cannot be read, or two have the same name.
+        HighFiveError: one cannot be read, is answered by somebody else, or two have the same name.
     """
     found: dict[str, Any] = {}
     for path in paths:
         asked = read_questionnaire(path)
         if asked.name in found:
             raise HighFiveError(f"{path}: {asked.name} was given already; each questionnaire has a name of its own")
-        found[asked.name] = summary(asked, read_questionnaire_answers(asked))
+        found[asked.name] = summary(asked, read_questionnaire_answers(asked, people))
     return found
 
 

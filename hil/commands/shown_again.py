@@ -30,11 +30,13 @@ class RecordedMotion:
         times_ns: (T,) from its first tick on, by the clock of the frames' stamps.
         poses: that the avatar showed.
         people: the person in each.
+        played_ns: (T,) when each was played, by the clock of that session; None of older recordings.
     """
 
     times_ns: Array
     poses: tuple[Pose, ...]
     people: tuple[HumanArm, ...]
+    played_ns: Array | None = None
 
     def at(self, time_ns: int) -> tuple[Pose, HumanArm]:
         """The tick nearest to a time."""
@@ -45,6 +47,13 @@ class RecordedMotion:
         """Which tick that is."""
         after = int(np.clip(np.searchsorted(self.times_ns, time_ns), 1, len(self.times_ns) - 1))
         return after - int(time_ns - self.times_ns[after - 1] <= self.times_ns[after] - time_ns)
+
+    def row_played(self, at_ns: int | None) -> int | None:
+        """Which tick was played at a time of that session's clock; None where that is not known."""
+        if at_ns is None or self.played_ns is None:
+            return None
+        row = int(np.searchsorted(self.played_ns, at_ns))
+        return row if row < len(self.played_ns) else None
 
 
 def recorded_motion(path: Path, title: str) -> RecordedMotion:
@@ -59,6 +68,7 @@ def recorded_motion(path: Path, title: str) -> RecordedMotion:
     ticks = [message for message in messages.of("/avatar") if message.time_ns in people and message.time_ns in times]
     if len(ticks) < 2:
         raise HighFiveError(f"trial {title} in {path} is damaged: {len(ticks)} of its ticks can be read")
+    host_ns = span.about.get("host_ns")
     try:
         stamps = np.array([times[tick.time_ns]["time_ns"] for tick in ticks], dtype=np.int64)
         return RecordedMotion(
@@ -67,6 +77,7 @@ def recorded_motion(path: Path, title: str) -> RecordedMotion:
                 Pose.from_quaternions(np.array(tick.data["root"]), np.array(tick.data["quaternions"])) for tick in ticks
             ),
             tuple(person_of(people[tick.time_ns], tick.time_ns) for tick in ticks),
+            None if type(host_ns) is not int else np.array([tick.time_ns - span.start_ns + host_ns for tick in ticks]),
         )
     except (KeyError, ValueError, TypeError):
         raise HighFiveError(f"trial {title} in {path} is of another version, or damaged") from None
@@ -88,10 +99,21 @@ def recorded_trial(path: Path, title: str) -> tuple[SessionReader, TrialSpan]:
 
 
 class ShownAgain:
-    """The session's chain, but that the avatar moves as it did: who is tracked is tracked as ever."""
+    """The session's chain, but that the avatar moves as it did: who is tracked is tracked as ever.
 
-    def __init__(self, session: Session, motion: RecordedMotion, *, recorded_head: bool, recorded_arm: bool) -> None:
-        """``recorded_head`` and ``recorded_arm`` show the person's head, or arm, as it was; else as it is."""
+    Attributes:
+        met: the contact has been shown.
+    """
+
+    def __init__(
+        self, session: Session, motion: RecordedMotion, *, recorded_head: bool, recorded_arm: bool,
+        contact_ns: int | None = None,
+    ) -> None:  # fmt: skip
+        """``recorded_head`` and ``recorded_arm`` show the person's head, or arm, as it was; else as it is.
+
+        ``contact_ns`` is when palms met, by the clock of the recorded session; None where that is not to be told.
+        """
+        self._contact_row, self.met = motion.row_played(contact_ns), False
         self._session, self._motion = session, motion
         self._head, self._arm = recorded_head, recorded_arm
         self._first_ns: int | None = None
@@ -99,14 +121,16 @@ class ShownAgain:
     def reset(self) -> None:
         """A new trial."""
         self._session.reset()
-        self._first_ns = None
+        self._first_ns, self.met = None, False
 
     def step(self, frame: MarkerFrame | None, time_ns: int | None = None) -> Tick:
         """One tick, in which the recorded pose is played."""
         tick = self._session.step(frame, time_ns)
         if self._first_ns is None:
             self._first_ns = tick.time_ns
-        pose, then = self._motion.at(tick.time_ns - self._first_ns)
+        shown_ns = tick.time_ns - self._first_ns
+        pose, then = self._motion.at(shown_ns)
+        self.met = self._contact_row is not None and self._motion.row(shown_ns) >= self._contact_row
         now, then = tick.person, replace(then, time_ns=tick.person.time_ns)
         person = then if self._arm else now
         head = then if self._head else now

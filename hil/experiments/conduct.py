@@ -47,6 +47,7 @@ class Conducted:
         asked: trials of this run.
         broken_off, excluded: of them.
         left: trials of the plan that are still to be asked.
+        sourceless: trials of the plan that are not asked: what they would show again was broken off, or is no more.
         why: it ended before the plan did; empty where it did not.
     """
 
@@ -54,6 +55,7 @@ class Conducted:
     broken_off: int
     excluded: int
     left: int
+    sourceless: int = 0
     why: str = ""
 
 
@@ -115,16 +117,11 @@ def conduct(
             advance()
     except RunStoppedError as stopped:
         why = str(stopped)
-    left = len(remaining(log))
+    left, over = len(log.left), {row.trial for row in log.content.standing}
     desk.tell(message=why or "the session is over", left=left)
-    desk.close(finished=not why)
-    return Conducted(run.asked, run.broken_off, run.excluded, left, why)
-
-
-def remaining(log: TrialLog) -> list[PlannedTrial]:
-    """Trials of the plan that are not in the log, or are asked again."""
-    done = {row.trial for row in log.content.standing}
-    return [trial for trial in log.plan.trials if trial.name not in done]
+    desk.close(finished=not left)
+    sourceless = sum(trial.name not in over for trial in log.plan.trials) - left
+    return Conducted(run.asked, run.broken_off, run.excluded, left, sourceless, why)
 
 
 def _trial(run: _Run, trial: PlannedTrial) -> None:
@@ -169,7 +166,8 @@ def _answered(run: _Run, weights: Mapping[str, float], cue_ns: int | None, playe
         weights=weights, answer=sheet.answer, key=sheet.key, rt_s=_seconds(sheet.opened_ns, sheet.answer_ns),
         rt_contact_s=_seconds(played.contact_ns, sheet.answer_ns), certainty=sheet.values.get(CERTAINTY),
         ratings={name: value for name, value in sheet.values.items() if name != CERTAINTY},
-        peak_speed=played.peak_speed, cue_ns=cue_ns, contact_ns=played.contact_ns, ended_ns=played.ended_ns,
+        peak_speed=played.peak_speed, motion_s=_seconds(cue_ns, played.ended_ns), longest_gap_s=played.longest_gap_s,
+        cue_ns=cue_ns, contact_ns=played.contact_ns, ended_ns=played.ended_ns,
         asked_ns=sheet.opened_ns, answer_ns=sheet.answer_ns, source_ns=played.source_ns,
         arrival_ns=played.arrival_ns, tick_ns=played.tick_ns, shown_ns=run.stage.shown_ns(), frame=played.frame,
         recording=played.recording, excluded_why=why_excluded(sheet),
@@ -239,7 +237,7 @@ def _tell_progress(run: _Run, trial: PlannedTrial) -> None:
     done = {row.trial for row in run.log.content.standing}
     blocks = [_block(name, list(trials), done) for name, trials in groupby(run.log.plan.trials, lambda one: one.block)]
     following = {"trial": trial.name, "style": trial.style, "cell": trial.cell, "condition": trial.mode}
-    run.desk.tell(blocks=blocks, next=following, left=len(remaining(run.log)), asks="", trial="")
+    run.desk.tell(blocks=blocks, next=following, left=len(run.log.left), asks="", trial="")
 
 
 def _block(name: str, trials: Sequence[PlannedTrial], done: set[str]) -> dict[str, Any]:

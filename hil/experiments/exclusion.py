@@ -25,7 +25,8 @@ from highfive.hil.experiments.trial_row import TrialRow
 from highfive.model.errors import HighFiveError
 from highfive.model.toml_file import as_float, check_keys, is_list, read_toml, typed
 
-_RATING = "ratings."
+RATING = "ratings."
+"""Before the name of a rating that a rule is about."""
 _NUMBERS = {one.name for one in fields(TrialRow) if str(one.type).startswith(("int", "float"))}
 _OTHERS = {one.name for one in fields(TrialRow) if str(one.type) in ("str", "bool")}
 _PERSON = ("not_counted_above", "right_below", "codes")
@@ -55,8 +56,8 @@ class TrialRule:
         """Whether the trial is left out; what has no value in that column is not."""
         if self.conditions and row.condition not in self.conditions:
             return False
-        rating = self.column.startswith(_RATING)
-        value: Any = row.ratings.get(self.column.removeprefix(_RATING)) if rating else getattr(row, self.column)
+        rating = self.column.startswith(RATING)
+        value: Any = row.ratings.get(self.column.removeprefix(RATING)) if rating else getattr(row, self.column)
         if value is None:
             return False
         if self.equals is not None:
@@ -130,7 +131,7 @@ def read_rules(path: Path) -> ExclusionRules:
 def _trial_rule(entry: Any, where: str) -> TrialRule:
     check_keys(entry, where, {"why", "column"}, {*_TRIAL, "conditions"})
     column, given = typed(entry, f"{where}: ", "column", str), [name for name in _TRIAL if name in entry]
-    known = column in _NUMBERS | _OTHERS or column.startswith(_RATING)
+    known = column in _NUMBERS | _OTHERS or column.startswith(RATING)
     if not known:
         raise HighFiveError(f"{where}: column is {column!r}; there are {', '.join(sorted(_NUMBERS | _OTHERS))}")
     if not given or ("is" in given and len(given) > 1):

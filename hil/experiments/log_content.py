@@ -175,8 +175,8 @@ def _other_than_planned(row: TrialRow, plan: Plan) -> str:
     )
 
 
-def next_trial(plan: Plan, content: LogContent, missing: Collection[str] = ()) -> PlannedTrial | None:
-    """The first trial of the plan that is still to be asked; None once there is none.
+def trials_left(plan: Plan, content: LogContent, missing: Collection[str] = ()) -> list[PlannedTrial]:
+    """The trials of the plan that are still to be asked, in order.
 
     Not asked are replays of what was broken off, or never played: such a trial is in neither condition.
 
@@ -187,7 +187,7 @@ def next_trial(plan: Plan, content: LogContent, missing: Collection[str] = ()) -
     """
     done = {row.trial for row in content.standing}
     broken = {row.trial for row in content.standing if row.broken_off} | set(missing)
-    return next((trial for trial in plan.trials if trial.name not in done and trial.source not in broken), None)
+    return [trial for trial in plan.trials if trial.name not in done and trial.source not in broken]
 
 
 def block_asks(plan: Plan, content: LogContent, block: str) -> list[int]:
@@ -198,12 +198,13 @@ def block_asks(plan: Plan, content: LogContent, block: str) -> list[int]:
 
 def interrupted_block(plan: Plan, content: LogContent, missing: Collection[str] = ()) -> str:
     """The block that a run stopped inside of; empty where it stopped between two."""
-    following = next_trial(plan, content, missing)
-    return following.block if following is not None and block_asks(plan, content, following.block) else ""
+    left = trials_left(plan, content, missing)
+    return left[0].block if left and block_asks(plan, content, left[0].block) else ""
 
 
 def _table(entry: dict[str, Any], where: str, name: str) -> Any:
-    check_keys(entry, where, {"software", "plan", "digest", "consent", "calibration", "simulated", "utc_ns"})
+    needed = {"software", "plan", "digest", "consent", "calibration", "simulated", "utc_ns"}
+    check_keys(entry, where, needed, {"language"})
     return entry[name]
 
 

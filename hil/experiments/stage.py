@@ -8,6 +8,7 @@ from typing import Protocol as Interface
 from typing import runtime_checkable
 
 from highfive.hil.experiments.plan import PlannedTrial
+from highfive.hil.experiments.protocol import Mode
 from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.runtime.clock import Clock
 from highfive.model.errors import HighFiveError
@@ -50,8 +51,9 @@ class Played:
 
     Attributes:
         ended_ns: when the motion was over.
-        contact_ns: when palms met; None if they did not, or nobody reached.
+        contact_ns: when palms met, or were shown to meet again; None if they did not.
         peak_speed: of the person's palm, m/s.
+        longest_gap_s: the longest time between two ticks.
         frame, source_ns, arrival_ns, tick_ns: of the frame in which palms met, or the motion ended: its number, by the
             source's own clock, as it came, for when its pose was. None of what is not known.
         recording: file beside the log that holds the motion; empty where there is none.
@@ -60,6 +62,7 @@ class Played:
     ended_ns: int
     contact_ns: int | None = None
     peak_speed: float | None = None
+    longest_gap_s: float | None = None
     frame: int | None = None
     source_ns: int | None = None
     arrival_ns: int | None = None
@@ -89,7 +92,7 @@ class Stage(Interface):
 
 
 class EmptyStage:
-    """No avatar and no person: a trial takes its time, and palms meet in interactive ones."""
+    """No avatar and no person: a trial takes its time, and palms meet but where she acts and is not answered."""
 
     LASTS_S, MEETS_S = 3.0, 1.6
 
@@ -103,7 +106,7 @@ class EmptyStage:
         begun = self._clock.now()
         ended = begun + round(S * self.LASTS_S)
         self._clock.wait_until(ended)
-        met = begun + round(S * self.MEETS_S) if asked.source is None else None
+        met = begun + round(S * self.MEETS_S) if asked.trial.mode != Mode.NO_CONTINGENCY.value else None
         return Played(ended_ns=ended, contact_ns=met)
 
     def shown_ns(self) -> int | None:

@@ -12,8 +12,8 @@ from typing import Any
 
 from highfive.hil.experiments.analysis.answers import Answer
 from highfive.hil.experiments.balance import PRACTICE
-from highfive.hil.experiments.exclusion import ExclusionRules
-from highfive.hil.experiments.protocol import Mode, Protocol
+from highfive.hil.experiments.exclusion import RATING, ExclusionRules
+from highfive.hil.experiments.protocol import ADAPTIVE, Mode, Protocol
 from highfive.hil.experiments.study import LOG, participant_folder, participants, study_protocol
 from highfive.hil.experiments.trial_log import read_session, session_number
 from highfive.hil.experiments.trial_row import COLUMNS, Key, TrialRow
@@ -80,8 +80,7 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
     pilot = protocol.code(0) if protocol.needs_donor else ""
     why = {row.row_key: _why(row, people, fillers, pilot) for row in rows}
     if rules is not None:
-        planned = {protocol.code(number) for number in range(1 - protocol.needs_donor, protocol.participants + 1)}
-        _check_codes(rules, sorted(planned | set(participants(study))))  # also who was forgotten since
+        _check_rules(rules, protocol, codes(study, protocol))
         _by_rules(rows, why, rules)
     incomplete = _incomplete([row for row in rows if not why[row.row_key]])
     for row in rows:
@@ -93,6 +92,12 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
     ]
     versions = tuple(dict.fromkeys(row.software for row in rows))
     return StudyRows(protocol, tuple(rows), tuple(counted), tuple(excluded), not people, versions)
+
+
+def codes(study: Path, protocol: Protocol) -> list[str]:
+    """Of all who were planned, also of who was forgotten since, and of who is there."""
+    planned = {protocol.code(number) for number in range(1 - protocol.needs_donor, protocol.participants + 1)}
+    return sorted(planned | set(participants(study)))
 
 
 def _why(row: TrialRow, people: bool, fillers: set[str], pilot: str) -> str:
@@ -112,13 +117,23 @@ def _why(row: TrialRow, people: bool, fillers: set[str], pilot: str) -> str:
 _NEVER_COMPARED = (PRACTICE_WHY, FILLER_WHY, PILOT_WHY, SIMULATED_WHY)
 
 
-def _check_codes(rules: ExclusionRules, planned: Sequence[str]) -> None:
-    """A code of a rule that nobody has is a slip that would let somebody's trials count."""
-    named = [code for rule in rules.people for code in rule.codes]
-    if unknown := [code for code in named if code not in planned]:
-        raise HighFiveError(
-            f"rules {rules.source}: codes has {unknown[0]!r}, whom nobody planned; the study has {', '.join(planned)}"
-        )
+def _check_rules(rules: ExclusionRules, protocol: Protocol, planned: Sequence[str]) -> None:
+    """What a rule names and nobody planned is a slip that would let trials count."""
+    known = {
+        "style": [style.name for style in protocol.styles] + [ADAPTIVE] * (protocol.morph is not None),
+        "expected": protocol.labels, "answer": ("", *protocol.labels), "cell": ("", *protocol.cells),
+        "block": [PRACTICE, *(block.name for block in protocol.blocks)], "condition": [mode.value for mode in Mode],
+    }  # fmt: skip
+    named = [("codes", code, planned) for rule in rules.people for code in rule.codes]
+    for rule in rules.trials:
+        if rule.column.startswith(RATING):
+            named.append(("column", rule.column, [f"{RATING}{one.name}" for one in protocol.ratings]))
+        elif rule.equals is not None and rule.column in known:
+            named.append((f"{rule.column} is", str(rule.equals), known[rule.column]))
+    for what, name, there in named:
+        if name not in there:
+            has = ", ".join(filter(None, there)) or "none"
+            raise HighFiveError(f"rules {rules.source}: {what} {name!r}, which nobody planned; the study has {has}")
 
 
 def _by_rules(rows: Sequence[TrialRow], why: dict[Key, str], rules: ExclusionRules) -> None:
@@ -145,14 +160,14 @@ def _incomplete(rows: Sequence[TrialRow]) -> set[str]:
 
 
 def answers_of(found: StudyRows) -> list[Answer]:
-    """The answers to interactive trials and own replays: to whole styles, or to morphs."""
+    """The answers to what was shown: to whole styles, or to morphs. Own replays are called as in the comparison."""
     morph = found.protocol.morph
-    kept = [row for row in found.counted if row.condition in CONDITIONS]
+    named = [(row, CONDITIONS.get(row.condition, row.condition)) for row in found.counted]
     if morph is None:
-        return [Answer(row.participant, CONDITIONS[row.condition], row.expected, row.answer) for row in kept]
+        return [Answer(row.participant, condition, row.expected, row.answer) for row, condition in named]
     return [
-        Answer(row.participant, CONDITIONS[row.condition], morph.end, row.answer, row.weights.get(morph.end, 0.0))
-        for row in kept
+        Answer(row.participant, condition, morph.end, row.answer, row.weights.get(morph.end, 0.0))
+        for row, condition in named
     ]
 
 

@@ -16,8 +16,10 @@ MEANING: Mapping[str, str] = {
     "certainty": "How sure the answer was, 0 to 1.",
     "ratings": "Ratings by name, JSON.",
     "peak_speed": "Largest speed of the person's palm, m/s.",
+    "motion_s": "From the cue to the end of the motion, s.",
+    "longest_gap_s": "Longest time between two ticks of the motion, s; more than 1/120 where something stood still.",
     "cue_ns": f"The person was told to begin, {_CLOCK}.",
-    "contact_ns": f"The palms met, {_CLOCK}.",
+    "contact_ns": f"The palms met, or were shown to meet again; in clips, the shoulder was tapped, {_CLOCK}.",
     "ended_ns": f"The motion was over, {_CLOCK}.",
     "asked_ns": f"The question was opened, {_CLOCK}.",
     "answer_ns": f"It was answered, {_CLOCK}.",
@@ -43,6 +45,7 @@ MEANING: Mapping[str, str] = {
     "seed": "Of the plan.",
     "calibration": "Hash of the calibration in use.",
     "simulated": "1: no person answered.",
+    "language": "Of the instructions and the participant's page.",
     "not_counted_why": "Why the analysis leaves the trial out.",
 }
 """Column -> what it says."""

@@ -38,6 +38,7 @@ class RunHead:
         software: version.
         calibration: hash of what is in use.
         simulated: no person answers.
+        language: of the instructions and the page.
     """
 
     participant: str
@@ -46,6 +47,7 @@ class RunHead:
     software: str
     calibration: str = ""
     simulated: bool = False
+    language: str = ""
 
 
 class TrialLog:
@@ -102,9 +104,14 @@ class TrialLog:
         return self._content
 
     @property
+    def left(self) -> list[PlannedTrial]:
+        """The trials that are still to be asked, in order."""
+        return log_content.trials_left(self.plan, self._content, self._missing)
+
+    @property
     def following(self) -> PlannedTrial | None:
         """The trial that is to be asked next; None once there is none."""
-        return log_content.next_trial(self.plan, self._content, self._missing)
+        return next(iter(self.left), None)
 
     @property
     def ask(self) -> int:
@@ -152,7 +159,7 @@ class TrialLog:
             cell=trial.cell, clip=trial.clip, source_trial=trial.source,
             viewpoint=self.plan.viewpoint if replayed else "live", own_arm=self.plan.own_arm if replayed else "live",
             software=self._head.software, seed=self.plan.seed, calibration=self._head.calibration,
-            simulated=self._head.simulated, begun_utc_ns=self._begun_utc, utc_ns=utc_ns(),
+            simulated=self._head.simulated, language=self._head.language, begun_utc_ns=self._begun_utc, utc_ns=utc_ns(),
         )  # fmt: skip
         self._append({"kind": "trial", **asdict(row)})
         self._asked, self._last_ns = None, self._clock.now()

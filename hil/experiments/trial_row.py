@@ -25,7 +25,11 @@ class Outcome:
         certainty: 0 to 1.
         ratings: name -> value.
         peak_speed: of the person's palm, m/s: the avatar's follows it, whatever the style.
-        cue_ns, contact_ns, ended_ns, asked_ns, answer_ns: when they were: the motion ended, the question opened.
+        motion_s: from the cue to the motion's end.
+        longest_gap_s: the longest time between two of its ticks: more than 1/120 s where the computer, or what tracks
+            her, stood still.
+        cue_ns, contact_ns, ended_ns, asked_ns, answer_ns: when they were: the motion ended, the question opened. In a
+            replay the contact is that which is shown.
         source_ns, arrival_ns, tick_ns, shown_ns: of the frame in which palms met (or the motion ended): by the source's
             own clock, as it came, as it was answered, as that was shown.
         frame: its number.
@@ -43,6 +47,8 @@ class Outcome:
     certainty: float | None = None
     ratings: Mapping[str, float] = field(default_factory=dict)
     peak_speed: float | None = None
+    motion_s: float | None = None
+    longest_gap_s: float | None = None
     cue_ns: int | None = None
     contact_ns: int | None = None
     ended_ns: int | None = None
@@ -70,6 +76,7 @@ class TrialRow(Outcome):
         style, expected, cell, clip, source_trial: of the plan; ``expected`` is the right answer.
         viewpoint, own_arm: of a replay.
         software, seed, calibration: version, seed of the plan, hash of the calibration in use.
+        language: of the instructions and the page.
         simulated: no person answered.
         begun_utc_ns, utc_ns: time of day as it began and was over, ns since 1970.
     """
@@ -91,6 +98,7 @@ class TrialRow(Outcome):
     seed: int
     calibration: str
     simulated: bool
+    language: str = ""
     begun_utc_ns: int
     utc_ns: int
 
@@ -101,6 +109,8 @@ class TrialRow(Outcome):
 
 
 COLUMNS = [one.name for one in fields(TrialRow)]
+SINCE = {"motion_s": None, "longest_gap_s": None, "language": ""}
+"""Columns that earlier logs lack, and what they read as there."""
 _KINDS: dict[str, type] = {"str": str, "int": int, "float": float, "bool": bool}
 
 
@@ -110,7 +120,8 @@ def row_of(values: Mapping[str, Any], where: str) -> TrialRow:
     Raises:
         HighFiveError: one is missing, or of another kind; the message begins with ``where``.
     """
-    check_keys(values, where, set(COLUMNS))
+    check_keys(values, where, set(COLUMNS) - set(SINCE), set(SINCE))
+    values = {**SINCE, **values}
     return TrialRow(**{one.name: _value(values, f"{where}: ", one.name, str(one.type)) for one in fields(TrialRow)})
 
 

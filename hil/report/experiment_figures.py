@@ -14,7 +14,12 @@ from highfive.hil.experiments.analysis.hierarchical import logit_differences
 from highfive.hil.experiments.analysis.psychometric import JND_OF_WIDTH, p_second
 from highfive.hil.report.drawing import FAINT, INK, Drawing, new_figure
 
-_LOOKS = {"interactive": ("#0072B2", "o"), "replay": ("#D55E00", "s")}
+_LOOKS = {
+    "interactive": ("#0072B2", "o"),
+    "replay": ("#D55E00", "s"),
+    "other_replay": ("#009E73", "^"),
+    "no_contingency": ("#CC79A7", "D"),
+}
 """Colour and mark of a condition: of Okabe & Ito's palette."""
 
 
@@ -91,7 +96,7 @@ def confusions(answers: Sequence[Answer]) -> Drawing | None:
         axes.tick_params(length=0)
         axes.set_xlabel("answered")
         axes.set_ylabel("shown")
-        axes.set_title(condition, fontsize=10, fontweight="normal")
+        axes.set_title(condition.replace("_", " "), fontsize=10, fontweight="normal")
     caption = "Share, and number, of each answer to each emotion shown; all people together."
     return Drawing("confusions", caption, figure)
 
@@ -119,7 +124,7 @@ def psychometric(answers: Sequence[Answer], level: float) -> Drawing | None:
             axes.scatter(weights, shares, s=4.0 + 3.0 * sizes, color=colour, marker=mark, alpha=0.6, lw=0)
             one, at = found[person], np.linspace(0.0, 1.0, 101)
             curve = p_second(at, one.pse.value, one.jnd.value / JND_OF_WIDTH, one.lapse.value)
-            axes.plot(at, curve, color=colour, label=condition)
+            axes.plot(at, curve, color=colour, label=condition.replace("_", " "))
             axes.plot(one.pse.interval, [0.5, 0.5], color=colour, lw=4.0, alpha=0.5, solid_capstyle="butt")
         axes.set_ylim(-0.05, 1.05)
     second = _text(next(one.emotion for one in answers if one.weight is not None))

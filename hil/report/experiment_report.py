@@ -101,9 +101,12 @@ def _source_table(result: dict[str, Any]) -> str:
 
 
 def _hierarchical(result: dict[str, Any]) -> str:
-    if not result.get("hierarchical"):
-        return f'<p class="warning">{escape(result["lacking"])}</p>' if "lacking" in result else ""
-    return _effects_table({"interactive − replay, logit": result["hierarchical"]}, signed=True)
+    found = {"interactive − replay, logit": result["hierarchical"]} if result.get("hierarchical") else {}
+    for condition, one in result.get("contrasts", {}).items():
+        if one["effects"] is not None:
+            found[f"interactive − {condition.replace('_', ' ')}, logit"] = one["effects"]
+    lacking = f'<p class="warning">{escape(result["lacking"])}</p>' if "lacking" in result else ""
+    return (_effects_table(found, signed=True) if found else "") + lacking
 
 
 def _effects_table(found: dict[str, dict[str, Any]], *, signed: bool) -> str:

@@ -16,6 +16,8 @@ from highfive.hil.experiments.analysis.psychometric import Psychometric, fit
 from highfive.model.errors import HighFiveError
 
 COLUMNS = ("participant", "condition", "emotion", "answer")
+BESIDE = ("other_replay", "no_contingency")
+"""Conditions beside those of the source's comparison: another's trials are shown; she acts, and is not answered."""
 TIDY = ("participant", "condition", "trial", "emotion", "weight", "answer", "correct")
 
 
@@ -25,7 +27,7 @@ class Answer:
 
     Attributes:
         participant: code.
-        condition: one of :data:`~highfive.hil.experiments.analysis.counts.CONDITIONS`.
+        condition: one of :data:`~highfive.hil.experiments.analysis.counts.CONDITIONS`, or of :data:`BESIDE`.
         emotion: shown; of a morph, its second style.
         answer: the emotion that was said.
         weight: of a morph, the share of ``emotion`` in it, 0 to 1; else None.
@@ -96,7 +98,7 @@ def confusions_of(answers: Sequence[Answer]) -> dict[str, Confusion]:
         HighFiveError: one label alone occurs.
     """
     found: dict[str, Confusion] = {}
-    for condition in CONDITIONS:
+    for condition in (*CONDITIONS, *BESIDE):
         here = [one for one in answers if one.weight is None and one.condition == condition]
         if here:
             found[condition] = confusion([one.emotion for one in here], [one.answer for one in here])
@@ -106,7 +108,7 @@ def confusions_of(answers: Sequence[Answer]) -> dict[str, Confusion]:
 def fits_of(answers: Sequence[Answer], level: float = 0.95) -> dict[str, dict[str, Psychometric]]:
     """Condition → person → psychometric function of the answers to morphs, where there are such."""
     found: dict[str, dict[str, Psychometric]] = {}
-    for condition in CONDITIONS:
+    for condition in (*CONDITIONS, *BESIDE):
         here = [one for one in answers if one.weight is not None and one.condition == condition]
         for person in dict.fromkeys(one.participant for one in here):
             own = [(one.weight, one.agrees) for one in here if one.participant == person and one.weight is not None]

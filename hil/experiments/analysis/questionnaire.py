@@ -7,7 +7,7 @@ items of a subscale.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,12 +92,12 @@ def read_questionnaire(path: Path) -> Questionnaire:
     return Questionnaire(texts[0], texts[1], texts[2], low, high, items, path.parent / _text(data, where, "answers"))
 
 
-def read_questionnaire_answers(asked: Questionnaire) -> Answers:
-    """Everybody's answers; the condition is empty where the file has none.
+def read_questionnaire_answers(asked: Questionnaire, people: Collection[str] | None = None) -> Answers:
+    """Everybody's answers; the condition is empty where the file has none. ``people`` are those of the study.
 
     Raises:
         HighFiveError: no table, an item that the questionnaire lacks or that was answered twice, an answer off the
-            scale, or none at all.
+            scale, or of who is none of those people, or none at all.
     """
     known = {item.name for item in asked.items}
     found: dict[tuple[str, str], dict[str, float]] = {}
@@ -105,6 +105,8 @@ def read_questionnaire_answers(asked: Questionnaire) -> Answers:
         item, value = row.text("item"), row.number("value", asked.low, asked.high)
         if item not in known:
             raise row.error(f"item is {item!r}; {asked.name} has {', '.join(item.name for item in asked.items)}")
+        if people is not None and row.text("participant") not in people:
+            raise row.error(f"participant is {row.text('participant')!r}; the study has {', '.join(sorted(people))}")
         hers = found.setdefault((row.text("participant"), row.cells.get("condition", "")), {})
         if item in hers:
             raise row.error(f"{item} is answered twice")

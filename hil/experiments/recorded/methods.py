@@ -180,10 +180,13 @@ def _analysis(protocol: Protocol, level: float) -> str:
 
 def _software(found: StudyRows) -> str:
     mixed = " (mixed: each trial says its own)" if len(found.software) > 1 else ""
+    spoken = sorted({row.language for row in found.rows if row.language})
+    language = f" Instructions and page were in {_list(spoken)} (ISO 639-1)." if spoken else ""
     place = {row.calibration for row in found.rows if row.calibration}
     calibration = f" Calibration: {_list(sorted(place))}." if place else ""
     return (
-        f"**Software.** High Five {_list(list(found.software))}{mixed}; experiment {found.protocol.name}.{calibration}"
+        f"**Software.** High Five {_list(list(found.software))}{mixed}; experiment {found.protocol.name}."
+        f"{language}{calibration}"
     )
 
 

@@ -25,6 +25,7 @@ from highfive.hil.commands.simulate_options import PageOptions, SimulateOptions
 from highfive.hil.commands.typed_commands import command_of
 from highfive.hil.experiments.study import stored_plan
 from highfive.hil.experiments.trial_log import read_session
+from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.recording.recording import SessionRecording, read_recording
 from highfive.hil.view.commands import Command
 from highfive.mocap_bridge.sources.lsl import configure
@@ -279,7 +280,14 @@ def test_trials_are_played_recorded_and_shown_again_as_they_were(tmp_path: Path,
         assert own.ended_ns and then.ended_ns and own.cue_ns and then.cue_ns
         assert own.cue_ns < own.ended_ns and then.cue_ns < then.ended_ns
     assert rows["I1-01"].contact_ns and rows["I1-01"].frame and (rows["I1-01"].peak_speed or 0.0) > 0.5
-    assert rows["R1-01"].contact_ns is None and (rows["R1-01"].peak_speed or 0.0) < 0.2  # she only watched
+    assert (rows["R1-01"].peak_speed or 0.0) < 0.2 and rows["N1-01"].contact_ns is None  # she only watched; nobody met
+
+    def meets_s(row: TrialRow) -> float:
+        assert row.contact_ns is not None and row.cue_ns is not None
+        return 1e-9 * (row.contact_ns - row.cue_ns)
+
+    assert meets_s(rows["R1-01"]) == pytest.approx(meets_s(rows["I1-01"]), abs=0.15)  # as it is shown again
+    assert all(row.longest_gap_s and row.motion_s and row.language == "en" for row in rows.values())
     assert (rows["N1-01"].peak_speed or 0.0) > 0.5  # she acted
 
 

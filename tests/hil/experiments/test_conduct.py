@@ -117,7 +117,8 @@ def test_a_plan_is_asked_in_its_order_and_every_answer_is_in_its_row(small: Path
         assert row.cue_ns and row.ended_ns and row.asked_ns and row.answer_ns
         assert row.cue_ns < row.ended_ns <= row.asked_ns < row.answer_ns
         assert row.rt_s == pytest.approx(1e-9 * (row.answer_ns - row.asked_ns), abs=1e-6)
-        assert (row.contact_ns is None) is (row.condition != "interactive")
+        assert row.contact_ns and row.cue_ns < row.contact_ns < row.ended_ns  # of a replay, as it is shown
+        assert row.motion_s == pytest.approx(1e-9 * (row.ended_ns - row.cue_ns))
         assert row.certainty is not None and 0.0 <= row.certainty <= 1.0
 
 
@@ -170,6 +171,15 @@ def test_the_experimenter_breaks_off_a_trial_notes_it_and_its_replay_is_not_aske
     rows = run.rows()
     assert rows[4].notes == "coughed" and rows[5].broken_off and done.broken_off == 1
     assert rows[5].trial not in {row.source_trial for row in rows} and done.asked == len(read_plan(small)) - 1
+    assert (done.left, done.sourceless) == (0, 1)
+
+
+def test_a_stop_in_the_last_trial_leaves_nothing_to_resume(small: Path) -> None:
+    last = len(read_plan(small))
+    run = Run(small, typed=once({last: Command("stop")}))
+    done = run()
+    assert (done.why, done.left, done.sourceless) == ("stopped by the experimenter", 0, 0)
+    assert run.page is not None and run.page.told[-1] == ("over", PAGE["finished"])
 
 
 def test_breaking_off_while_the_answer_is_asked_breaks_that_trial_off(small: Path) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -190,8 +191,53 @@ def test_a_labs_rules_leave_out_what_they_say_and_each_trial_has_its_first_reaso
 def test_a_rule_for_somebody_whom_nobody_planned_is_refused(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "rules.toml"
     path.write_text(RULES.replace("P02", "P20"), encoding="utf-8")
-    with pytest.raises(HighFiveError, match=r"codes has 'P20', whom nobody planned; the study has P01, P02"):
+    with pytest.raises(HighFiveError, match=r"codes 'P20', which nobody planned; the study has P01, P02"):
         study_rows(folder, read_rules(path))
+
+
+@pytest.mark.parametrize(
+    ("rule", "says"),
+    [
+        ('column = "ratings.nope"\nbelow = 1', "column 'ratings.nope', which nobody planned; the study has none"),
+        ('column = "style"\nis = "happy"', "style is 'happy', which nobody planned; the study has neutral, fearful"),
+        ('column = "block"\nis = "I9"', "block is 'I9', which nobody planned; the study has practice, I1"),
+        ('column = "answer"\nis = "sad"', "answer is 'sad', which nobody planned; the study has neutral"),
+        (
+            'column = "condition"\nis = "replay"',
+            "condition is 'replay', which nobody planned; the study has interactive",
+        ),
+    ],
+)
+def test_a_rule_for_what_no_trial_has_is_refused(folder: Path, tmp_path: Path, rule: str, says: str) -> None:
+    path = tmp_path / "rules.toml"
+    path.write_text(f'[[trials]]\nwhy = "x"\n{rule}\n', encoding="utf-8")
+    with pytest.raises(HighFiveError, match=says):
+        study_rows(folder, read_rules(path))
+
+
+def test_anothers_replays_are_compared_with_interaction_where_there_are_none_of_ones_own(tmp_path: Path) -> None:
+    """By hand: logits of (k + ½)/(n − k + ½), the smaller share right in what is another's."""
+    made = study(tmp_path, "high_five", {"participants = 12": "participants = 2"})
+    for code in ("P00", "P01", "P02"):
+        with open_log(made, head(code), resume=False) as log:
+            wrong = 6
+            while (trial := log.begin()) is not None:
+                misses = trial.mode == "other_replay" and wrong > 0
+                wrong -= misses
+                other = next(label for label in log.plan.keys if label != trial.answer)
+                log.finish(Outcome(answer=other if misses else trial.answer))
+    result = analyse(AnalyseOptions(None, study=made, out=tmp_path / "out"))
+    found = result["contrasts"]["other_replay"]
+    assert found["people"] == 2 and found["rates"] == {"interactive": 1.0, "other_replay": 0.75}
+    by_hand = math.log(36.5 / 0.5) - math.log(18.5 / 6.5)
+    assert 0.2 * by_hand < found["effects"]["mean"] < by_hand and found["effects"]["p_positive"] > 0.95
+    assert sum(map(sum, result["confusion"]["other_replay"]["counts"])) == 48
+    assert "interactive − other replay, logit" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    rules = tmp_path / "rules.toml"
+    rules.write_text('[[trials]]\nwhy = "x"\ncolumn = "condition"\nis = "own_replay"\n', encoding="utf-8")
+    without = analyse(AnalyseOptions(None, study=made, exclude=rules))
+    assert without["contrasts"] == result["contrasts"] and without["table"] is None
+    assert "no replay trials: the source study's table compares" in without["lacking"]
 
 
 def test_people_are_left_out_by_what_of_theirs_counts(folder: Path, tmp_path: Path) -> None:

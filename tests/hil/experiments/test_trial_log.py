@@ -136,9 +136,23 @@ def test_another_ones_trials_are_needed_and_the_broken_off_ones_left_out(tmp_pat
         assert answer(log) == 87
     forget(folder, "P00")
     with open_log(folder, head(), resume=True) as log:  # she is through: nobody's trials are needed any more
-        assert answer(log) == 0
+        assert answer(log) == 0 and log.left == []
     shown = {row.source_trial for row in read_session(folder, "P01", 1).rows if row.source_trial}
     assert "P00:I1-01" not in shown and {f"P00:I1-{number:02d}" for number in range(2, 13)} <= shown
+
+
+def test_logs_of_before_there_was_a_language_are_read(tipping: Path) -> None:
+    with open_log(tipping, replace(head(), language="de"), resume=False) as log:
+        answer(log, 3, longest_gap_s=0.01)
+    path = log_path(tipping)
+    rows = read_session(tipping, "P01", 1).rows
+    assert {(row.language, row.longest_gap_s) for row in rows} == {("de", 0.01)}
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    for line in lines:
+        for name in ("language", "motion_s", "longest_gap_s"):
+            line.pop(name, None)
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    assert [replace(row, language="", longest_gap_s=None) for row in rows] == read_session(tipping, "P01", 1).rows
 
 
 @pytest.mark.parametrize(

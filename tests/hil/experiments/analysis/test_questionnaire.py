@@ -34,6 +34,8 @@ def test_scores_are_means_with_reversed_items_turned(tmp_path: Path) -> None:
     asked = read_questionnaire(written(tmp_path, "P1,warm,5\nP1,stern,2\nP1,kind,3\nP2,warm,4\nP2,able,1\n"))
     answers = read_questionnaire_answers(asked)
     found = scores(asked, answers)
+    with pytest.raises(HighFiveError, match="line 5: participant is 'P2'; the study has P1"):
+        read_questionnaire_answers(asked, ["P1"])
     assert found["P1", ""] == {"warmth": pytest.approx((5 + 4 + 3) / 3), "competence": None}
     assert found["P2", ""] == {"warmth": None, "competence": 1.0}  # one of three is less than half
     said = summary(asked, answers)

@@ -122,7 +122,8 @@ def _of_study(
         result["rules"] = {"file": rules.source, "digest": rules.digest}
     result |= {"hierarchical": result.get("hierarchical"), "psychometric": result.get("psychometric")}
     result["table"] = result.get("table")
-    moved = interaction(study, found.counted, None if bar is None else bar("recordings", len(found.counted)))
+    advance = bar("recordings", len(found.counted)) if bar is not None and found.counted else None
+    moved = interaction(study, found.counted, advance)
     result |= of_trials(found, moved)
     result["excluded"] = [asdict(one) for one in found.excluded]
     result["simulated"] = found.simulated

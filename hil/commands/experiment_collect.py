@@ -121,7 +121,6 @@ def collect(
         people = _people(options, wiring or MACHINE_WIRING, stack)
         about = {"mode": "experiment", "title": options.out.name, "emotions": [], "cells": []}
         page = stack.enter_context(open_page(options.view, about, opened=opened))
-        say_aside(f"that is the experimenter's; the actors': {page.address}&role=participant")
         return led(options, folder, people, page, bar, MACHINE)
 
 

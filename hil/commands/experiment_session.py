@@ -125,7 +125,6 @@ def open_stage(
         page = session_page(chain, about, watch, stack, None if beside is None else (beside, person), opened)
         if person is not None:
             person.say = saying_to(page)
-    say_aside(f"that is the experimenter's; the participant's: {page.participant_address}")
     publishers += open_outlets(chain, _markers(person).names, person, stack)
     session = Session(
         model, dict(protocol.styles[0].weights) if clips is None else {model.emotions[0]: 1.0}, _markers(person), scene,
@@ -154,6 +153,7 @@ def open_stage(
         None if beside is None or person is None else drift_watch(beside, person, page), clips, switch,
     )  # fmt: skip
     stack.callback(stage.close)
+    stage.stand(_markers(person).names)
     return desk, stage
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from highfive.hil.arm_model.arm_folder import DEFAULT_ARM
 from highfive.hil.commands.clips import Clip, TappedClip, going_on, shoulders, tapping
 from highfive.hil.commands.play_trials import Kept
 from highfive.hil.commands.shown_again import RecordedMotion, ShownAgain, at_rest, for_as_long, recorded_motion
+from highfive.hil.commands.trial_witness import TrialWitness
 from highfive.hil.experiments.desk import Desk
 from highfive.hil.experiments.protocol import Mode, Protocol
 from highfive.hil.experiments.stage import Asked, Played, RunFailedError, RunStoppedError, TrialBrokenOffError
@@ -24,10 +25,10 @@ from highfive.hil.recording.recorder import SessionRecorder, TrialHead
 from highfive.hil.runtime.clock import Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.session.session import RATE_HZ, Session, Tick, TickInput
+from highfive.hil.sim.people.capture import PERSON_SET
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.playout import KinematicPlayOut, PlayState
 from highfive.hil.sim.scene import Scene
-from highfive.hil.trials.events import TrialEvents
 from highfive.hil.trials.live_partner import LivePerson, LiveTrial
 from highfive.hil.trials.partners import Partner, simulated_partner
 from highfive.hil.trials.summary import SessionSettings
@@ -36,7 +37,11 @@ from highfive.hil.view.commands import Command
 from highfive.hil.view.interruption import Interruption
 from highfive.hil.view.page_shown import PageShown
 from highfive.hil.view.session_view import SessionView, ShowingPage
+from highfive.mocap_bridge.frames import MarkerFrame
+from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.source import C3DSource
+from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
+from highfive.mocap_bridge.tracking.tracker import Tracker
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
@@ -84,45 +89,6 @@ class StagePage:
         self._desk.look()
         self._page.commands()  # what else a session's page may ask for has no place here; after the look: it takes all
         return [Command("next")] if self._desk.breaks_off else []
-
-
-@dataclass
-class _Witness:
-    """What is to be known of a trial, tick by tick."""
-
-    live: LiveTrial | None
-    acts: bool
-    again: ShownAgain | None = None  # what shows a contact again
-    longest_gap_ns: int = 0
-    peak_speed: float = 0.0
-    met: TickInput | None = None
-    last: TickInput | None = None
-    ended_ns: int = 0
-    switched_ns: int | None = None  # when a switch said that they met
-    own_stamp_ns: int | None = None  # by the source's own clock, of the frame in ``met`` or ``last``
-
-    def __post_init__(self) -> None:
-        self._events = TrialEvents()
-
-    def __call__(self, begins: TickInput, tick: Tick, state: PlayState) -> None:
-        """A tick that was played."""
-        if self.ended_ns:
-            self.longest_gap_ns = max(self.longest_gap_ns, begins.at_ns - self.ended_ns)
-        self.ended_ns = begins.at_ns
-        person = tick.sighting.person if tick.sighting is not None else tick.person
-        if person.valid:
-            self.peak_speed = max(self.peak_speed, float(np.linalg.norm(person.palm.velocity)))
-        if self.met is not None:
-            return
-        if begins.frame is not None or self.last is None:
-            self.last = begins
-            newest = None if self.live is None else self.live.newest
-            self.own_stamp_ns = begins.frame.source_time_ns if newest is None and begins.frame is not None else (
-                None if newest is None else newest.source_time_ns
-            )  # fmt: skip
-        came = "contact" in self._events(tick, state)
-        if (came and self.acts) or (self.again is not None and self.again.met):
-            self.met = replace(begins, frame=begins.frame or (self.last.frame if self.last else None))
 
 
 class AvatarStage:
@@ -175,7 +141,7 @@ class AvatarStage:
                 raise
         if self._clips is None:
             self._session.set_style(asked.weights)
-        witness = _Witness(live, asked.trial.mode == Mode.INTERACTIVE.value)
+        witness = TrialWitness(live, asked.trial.mode == Mode.INTERACTIVE.value)
         try:
             self._play(asked, partner, live, motion, witness, cue)
         except Interruption:
@@ -191,6 +157,25 @@ class AvatarStage:
         if self._recorder is not None and self._recorder.trouble:
             raise RunFailedError(self._recorder.trouble)
         return self._played(witness)
+
+    def stand(self, names: tuple[str, ...]) -> None:
+        """Shows the avatar, and somebody before it, as they stand before the first trial.
+
+        No marker of ``names``, which are the person's, has been seen yet.
+        """
+        nobody = MarkerFrame(
+            names, np.zeros((len(names), 3)), np.zeros(len(names), dtype=bool), 0, 0, 0, np.zeros((0, 3))
+        )
+        clip = None if self._clips is None else next(iter(self._clips.values()))
+        chain = self._session if clip is None else TappedClip(self._session, clip)
+        chain.reset()
+        worn, partner = load_marker_set(PERSON_SET), self._simulated("", clip, 0)
+        person = HumanArmEstimator(worn)(
+            Tracker(worn, RATE_HZ).update(next(iter(C3DSource(partner.recording, RATE_HZ))))
+        )
+        tick = replace(chain.step(nobody, 0), person=person)
+        self._playout.reset(tick.pose, tick.person, tick.time_ns)
+        self._view.watch(tick)
 
     def shown_ns(self) -> int | None:
         """See :class:`highfive.hil.experiments.stage.Stage`."""
@@ -209,7 +194,7 @@ class AvatarStage:
 
     def _play(
         self, asked: Asked, partner: Partner, live: LiveTrial | None, motion: RecordedMotion | None,
-        witness: _Witness, cue: Callable[[], None],
+        witness: TrialWitness, cue: Callable[[], None],
     ) -> None:  # fmt: skip
         trial = asked.trial
         assert self._outputs is not None
@@ -322,16 +307,21 @@ class AvatarStage:
         if self._person is not None:
             partner = self._person.partner("")
         else:
-            emotion, cell = next(iter(EMOTIONS)), asked.trial.cell or ("B2" if self._clips is None else TAPPING)
-            partner = simulated_partner(emotion, cell, 0, np.random.default_rng([self._settings.seed, asked.ask]))
-            if self._clips is not None:
-                shoulder = shoulders(self._clips[asked.trial.style, asked.trial.clip].poses[0])[0]
-                partner = going_on(tapping(partner, shoulder), self._protocol.timing.trial_s)
+            clip = None if self._clips is None else self._clips[asked.trial.style, asked.trial.clip]
+            partner = self._simulated(asked.trial.cell, clip, asked.ask)
             if motion is not None and asked.trial.mode != Mode.NO_CONTINGENCY.value:
                 partner = at_rest(partner, motion)
         return replace(partner, title=_title(asked.trial.name, asked.ask), cell=asked.trial.cell)
 
-    def _played(self, witness: _Witness) -> Played:
+    def _simulated(self, cell: str, clip: Clip | None, ask: int) -> Partner:
+        """A simulated person who raises her hand, or taps the shoulder that the clip shows first."""
+        emotion, cell = next(iter(EMOTIONS)), cell or ("B2" if clip is None else TAPPING)
+        partner = simulated_partner(emotion, cell, 0, np.random.default_rng([self._settings.seed, ask]))
+        if clip is None:
+            return partner
+        return going_on(tapping(partner, shoulders(clip.poses[0])[0]), self._protocol.timing.trial_s)
+
+    def _played(self, witness: TrialWitness) -> Played:
         at = self._at = witness.met or witness.last
         frame = None if at is None else at.frame
         contact_ns = None if witness.met is None else witness.met.at_ns

@@ -25,7 +25,10 @@ def of_trials(found: StudyRows, moved: Interaction) -> dict[str, Any]:
             for condition, figures in timing.items()
         },
         "motion": {"trials": len(moved.figures), "missing": [_missing(key, why) for key, why in moved.missing.items()]},
-        "ratings": ratings_by_style((row.condition, row.style, _rated(row)) for row in found.counted),
+        "ratings": ratings_by_style(
+            ((row.condition, row.style, _rated(row)) for row in found.counted),
+            [style.name for style in found.protocol.styles],
+        ),
     }
 
 

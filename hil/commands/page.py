@@ -42,10 +42,14 @@ def open_page(
     check_port(options)
     with LivePage(about, port=options.port, estop=estop, tracks=tracks, **_network(options)) as page:
         say_aside(f"open {page.address} in a browser")
+        if about.get("mode") == "experiment":
+            say_aside(f"that is the experimenter's; for who takes part: {page.participant_address}")
         if opened is not None:
             opened(page)
-        elif options.open_browser:
-            webbrowser.open(page.address)
+        else:
+            say_aside(f"it goes on once a page is open, or without one in {PATIENCE_S / 60.0:g} minutes")
+            if options.open_browser:
+                webbrowser.open(page.address)
         if not page.wait_for_page(PATIENCE_S):
             say_aside("nobody looks on; it begins")
         yield page

@@ -137,11 +137,12 @@ def _trial(run: _Run, trial: PlannedTrial) -> None:
         run.desk.show("cue", task=CUES[trial.mode])
 
     outcome = Outcome(weights=weights, broken_off="interrupted")
+    after = [_told(one) for one in run.log.left if one.name != trial.name][:1]
     try:
         run.desk.begin_trial()
         run.desk.tell(
             trial=trial.name, ask=run.log.ask, style=trial.style, weights=weights, cell=trial.cell,
-            condition=trial.mode, expected=trial.answer, answer="", asks="", message="",
+            condition=trial.mode, expected=trial.answer, answer="", asks="", message="", next=next(iter(after), None),
         )  # fmt: skip
         played = run.stage.play(Asked(trial, run.log.ask, weights, source), cued)
         outcome = _answered(run, weights, cue_ns, played)
@@ -236,8 +237,12 @@ def _tell_progress(run: _Run, trial: PlannedTrial) -> None:
     """Blocks with how much of each is done, and what comes next."""
     done = {row.trial for row in run.log.content.standing}
     blocks = [_block(name, list(trials), done) for name, trials in groupby(run.log.plan.trials, lambda one: one.block)]
-    following = {"trial": trial.name, "style": trial.style, "cell": trial.cell, "condition": trial.mode}
-    run.desk.tell(blocks=blocks, next=following, left=len(run.log.left), asks="", trial="")
+    run.desk.tell(blocks=blocks, next=_told(trial), left=len(run.log.left), asks="", trial="")
+
+
+def _told(trial: PlannedTrial) -> dict[str, Any]:
+    """A trial as the experimenter is told that it comes."""
+    return {"trial": trial.name, "style": trial.style, "cell": trial.cell, "condition": trial.mode}
 
 
 def _block(name: str, trials: Sequence[PlannedTrial], done: set[str]) -> dict[str, Any]:

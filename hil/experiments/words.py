@@ -91,7 +91,7 @@ def _words(path: Path, labels: Collection[str], sliders: Collection[str]) -> Wor
     if len({text.casefold() for text in shown}) != len(shown):
         raise HighFiveError(f"{path}: [answers] has one word for two answers")
     for name, entry in _all_of(sliders, values, "sliders", str(path)).items():
-        found[f"sliders.{name}"] = _texts(entry, f"{path}: [sliders.{name}]", _SLIDER)
+        found[f"sliders.{name}"] = _texts(entry, f"{path}: [sliders.{name}]", needed=_SLIDER)
     return {table: entries for table, entries in found.items() if entries}
 
 
@@ -104,8 +104,10 @@ def _all_of(names: Collection[str], values: Mapping[str, Any], name: str, where:
     return {one: given[one] for one in names}
 
 
-def _texts(entry: Any, where: str, known: Collection[str] | None = None) -> dict[str, str]:
-    check_keys(entry, where, set(), set(entry if known is None else known))
+def _texts(
+    entry: Any, where: str, known: Collection[str] | None = None, needed: Collection[str] = ()
+) -> dict[str, str]:
+    check_keys(entry, where, set(needed), set(needed or (entry if known is None else known)))
     texts = {name: typed(entry, f"{where} ", name, str).strip() for name in entry}
     for name, text in texts.items():
         if not (0 < len(text) <= _LONGEST and text.isprintable()):

@@ -12,7 +12,12 @@ from highfive.hil.report.page import table
 def times_table(result: dict[str, Any]) -> str:
     """Median and quartiles of each figure by condition."""
     rows = [
-        [condition.replace("_", " "), name, str(one["n"]), *(f"{one[key]:.4g}" for key in ("q1", "median", "q3"))]
+        [
+            condition.replace("_", " "),
+            _in_words(name),
+            str(one["n"]),
+            *(f"{one[key]:.4g}" for key in ("q1", "median", "q3")),
+        ]
         for condition, figures in (result.get("timing") or {}).items()
         for name, one in figures.items()
         if one["n"]
@@ -22,6 +27,17 @@ def times_table(result: dict[str, Any]) -> str:
     missing = Counter(one["why"] for one in result.get("motion", {}).get("missing", []))
     lines = "".join(f"<p>Without timing: {count} trials: {escape(why)}.</p>" for why, count in missing.most_common())
     return table(["condition", "figure", "trials", "first quartile", "median", "third quartile"], rows, {0, 1}) + lines
+
+
+_UNITS = {"s": "s", "m": "m", "speed": "m/s"}
+"""Last word of a figure's name -> unit; a speed stays one."""
+
+
+def _in_words(name: str) -> str:
+    *words, last = name.split("_")
+    if last not in _UNITS:
+        return name.replace("_", " ")
+    return f"{' '.join([*words, last] if len(last) > 1 else words)}, {_UNITS[last]}"
 
 
 def ratings_table(result: dict[str, Any]) -> str:

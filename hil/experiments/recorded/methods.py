@@ -18,6 +18,7 @@ from highfive.hil.experiments.exclusion import ExclusionRules
 from highfive.hil.experiments.protocol import Block, Mode, Motion, Protocol
 from highfive.hil.experiments.study import session_folder
 from highfive.hil.experiments.study_rows import StudyRows
+from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.recording.session_reader import read_session
 from highfive.model.errors import HighFiveError
 
@@ -40,8 +41,9 @@ def methods(study: Path, found: StudyRows, level: float, rules: ExclusionRules |
         rules: the lab's own exclusions.
     """
     parts = [
-        _participants(found), _apparatus(found.protocol, _recorded_with(study, found)), _procedure(found.protocol),
-        _answers(found.protocol), _data(found, rules), _analysis(found.protocol, level), _software(found),
+        _participants(found), _apparatus(found.protocol, found.rows, _recorded_with(study, found)),
+        _procedure(found.protocol), _answers(found.protocol), _data(found, rules), _analysis(found.protocol, level),
+        _software(found),
     ]  # fmt: skip
     heading = "# Methods\n\nMade by `highfive experiment analyse`; what stands in [brackets] is yours to fill in.\n\n"
     warning = "**All participants were simulated. This is no study of people.**\n\n" if found.simulated else ""
@@ -61,7 +63,12 @@ def _participants(found: StudyRows) -> str:
     )
 
 
-def _apparatus(protocol: Protocol, about: Mapping[str, Any]) -> str:
+def _apparatus(protocol: Protocol, rows: Sequence[TrialRow], about: Mapping[str, Any]) -> str:
+    if not about and all(row.simulated for row in rows):
+        return (
+            "**Apparatus.** No avatar was shown and nobody was tracked: simulated participants answered from their "
+            f"plans alone. Styles were {_list([style.name for style in protocol.styles])}."
+        )
     motion = (
         "Its motion was generated online by a hierarchical Gaussian process dynamical model, which answered the "
         "participant's hand and brought the avatar's palm to it"

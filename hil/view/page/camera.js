@@ -20,6 +20,7 @@ export class Eye {
     this.size = [1, 1];
     this.free = { left: 0, right: 0, top: 0, bottom: 0 };
     this.name = "orbit";
+    this.near = false;
   }
 
   get fixed() { return this.name in VIEWS; }
@@ -51,10 +52,10 @@ export class Eye {
     this.camera.updateProjectionMatrix();
   }
 
-  /** Opening of her eyes: wide enough for hands, also where the window is narrow. */
+  /** Opening of her eyes: wide enough for hands, also where the window is narrow, or who is seen within arm's reach. */
   get hers() {
     const [width, height] = this.size;
-    return Math.min(Math.max(HERS, (360 / Math.PI) * Math.atan((Math.tan((ACROSS * Math.PI) / 180) * height) / width)), WIDEST);
+    return Math.min(Math.max(this.near ? WIDEST : HERS, (360 / Math.PI) * Math.atan((Math.tan((ACROSS * Math.PI) / 180) * height) / width)), WIDEST);
   }
 
   /** From which so much is seen between the panels. */

@@ -132,12 +132,16 @@ class Experimenter {
 
   begin(about) { this.about = about; }
 
+  trial(when, { trial, weights, style, cell, condition }) {
+    const shares = Object.entries(weights || {}).filter(([, share]) => share > 0);
+    const what = shares.length ? shares.map(([name, share]) => (share > 0.995 ? name : `${name} ${share.toFixed(2)}`)).join(" + ") : style;
+    return made("p", { className: when }, `${when} `, made("b", { textContent: trial }), ` ${what || ""} ${cell || ""} ${(condition || "").replaceAll("_", " ")}`);
+  }
+
   show(now) {
     this.now = now;
     this.pause.textContent = now.paused ? "Go on" : "Pause";
     const done = (now.blocks || []).reduce((sum, block) => sum + block.done, 0), all = (now.blocks || []).reduce((sum, block) => sum + block.trials, 0);
-    const seen = now.trial ? now : now.next || {};
-    const what = seen.weights ? Object.entries(seen.weights).filter(([, share]) => share > 0).map(([name, share]) => (share > 0.995 ? name : `${name} ${share.toFixed(2)}`)).join(" + ") : seen.style;
     const last = now.last;
     this.lines.replaceChildren(...[
       made("h2", { textContent: `${this.about?.participant || ""} · trial ${Math.min(done + 1, all)} of ${all}` }),
@@ -146,7 +150,8 @@ class Experimenter {
         bar.style.width = `${(100 * block.done) / block.trials}%`;
         return made("li", { title: `${block.mode.replaceAll("_", " ")}, ${block.done} of ${block.trials}` }, made("span", { textContent: block.name }), made("b", {}, bar));
       })),
-      made("p", {}, made("span", { textContent: now.trial ? "now " : "next " }), made("b", { textContent: seen.trial || "–" }), ` ${what || ""} ${seen.cell || ""} ${(seen.condition || "").replaceAll("_", " ")}`),
+      now.trial ? this.trial("now", now) : null,
+      now.next ? this.trial("next", now.next) : null,
       now.asks ? made("p", { className: "asks", textContent: now.asks === "rate" ? `answered ${now.answer}; the sliders are asked` : "the answer is asked" }) : null,
       last ? made("p", { className: "last", textContent: `last ${last.trial}: ${last.answer || "–"}${last.expected ? (last.answer === last.expected ? " ✓" : ` (was ${last.expected})`) : ""}${last.rt_s ? `, ${last.rt_s.toFixed(2)} s` : ""}${last.why ? `, ${last.why}` : ""}` }) : null,
       now.message ? made("p", { className: "message", textContent: now.message }) : null,
@@ -167,7 +172,11 @@ export function openExperiment(connection, addPanel, headset) {
   else addPanel(participant.element, "participant", hearNothing);
   const experimenter = own ? null : new Experimenter(connection);
   const hear = {
-    experiment(text) { participant.begin(text); experimenter?.begin(text); },
+    experiment(text) {
+      document.body.classList.toggle("tapping", Boolean(text.taps));  // palms do not meet
+      participant.begin(text);
+      experimenter?.begin(text);
+    },
     participant(text) { participant.show(text); },
     experimenter(text) { experimenter?.show(text); },
   };

@@ -206,11 +206,19 @@ async function openExperiment() {
   experiment = "opening";
   const room = await import("./experiment.js");
   experiment = window.highfive.experiment = room.openExperiment(connection, addPanel, headset);
-  for (const text of untold.splice(0)) experiment.hear(text);
+  for (const text of untold.splice(0)) ofExperiment(text);
   const view = byId("views").querySelector(`[data-view="${experiment.experimenter ? "orbit" : "person"}"]`);
   if (view) choose(view);
 }
-const ofExperiment = (text) => { if (experiment?.hear) experiment.hear(text); else untold.push(text); };
+const ofExperiment = (text) => {
+  if (!experiment?.hear) { untold.push(text); return; }
+  experiment.hear(text);
+  if (text.kind !== "experiment" || !stage) return;
+  const takesPart = !experiment.experimenter;
+  stage.signs.hidden = { markers: takesPart, palms: takesPart || text.taps };  // who takes part sees whom she meets
+  stage.eye.near = Boolean(text.taps);
+  stage.eye.look(stage.eye.name);
+};
 
 /** Panels of other rooms: a text of a kind that none of ours has goes to who asked for it. */
 const listeners = new Map();

@@ -32,6 +32,7 @@ export class Signs extends Group {
     const spot = new MeshBasicMaterial({ map: blot(), transparent: true, depthWrite: false, fog: false });
     this.blots = [0, 1].map(() => new Mesh(new PlaneGeometry(1.05, 0.86), spot));
     this.flashed = -Infinity;
+    this.hidden = { markers: false, palms: false };
     this.add(this.markers, ...this.discs, this.link, this.cloud, this.dot, this.flash, this.burst, ...this.blots);
     for (const sign of this.children) sign.visible = sign === this.markers;
   }
@@ -47,7 +48,7 @@ export class Signs extends Group {
       frame.decompose(this.discs[i].position, this.discs[i].quaternion, new Vector3());
     });
     const [ours, theirs] = this.discs.map((disc) => disc.position);
-    const distance = ours.distanceTo(theirs), near = avatar && distance < NEAR_M;
+    const distance = ours.distanceTo(theirs), near = avatar && !this.hidden.palms && distance < NEAR_M;
     const ends = this.link.geometry.attributes.position;
     [ours, theirs].forEach((point, i) => ends.setXYZ(i, point.x, point.y, point.z));
     ends.needsUpdate = true;
@@ -59,7 +60,7 @@ export class Signs extends Group {
   showMarkers(points, seen) {
     const matrix = new Matrix4();
     let shown = 0;
-    for (let i = 0; i < seen.length && shown < MOST_MARKERS; i++) {
+    for (let i = 0; !this.hidden.markers && i < seen.length && shown < MOST_MARKERS; i++) {
       if (!seen[i]) continue;
       this.markers.setMatrixAt(shown++, matrix.makeTranslation(points[3 * i], points[3 * i + 1], points[3 * i + 2]));
     }
@@ -69,8 +70,8 @@ export class Signs extends Group {
 
   /** The forecast of the contact: its place, and the half axes of its standard deviation (columns), m. */
   showForecast(forecast) {
-    this.cloud.visible = this.dot.visible = Boolean(forecast);
-    if (!forecast) return;
+    this.cloud.visible = this.dot.visible = Boolean(forecast) && !this.hidden.palms;
+    if (!this.cloud.visible) return;
     const [a, b, c] = forecast.axes, [x, y, z] = forecast.point;
     this.cloud.matrix.set(a[0], b[0], c[0], x, a[1], b[1], c[1], y, a[2], b[2], c[2], z, 0, 0, 0, 1);
     this.cloud.matrixWorldNeedsUpdate = true;

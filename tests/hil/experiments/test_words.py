@@ -17,7 +17,11 @@ WRONG = {
     "an unknown word": ("[page]\nstart = 'x'", "start means nothing here"),
     "an answer without": ("[answers]\nneutral = 'x'\nanger = 'y'\nfearful = 'z'", "[answers]: angry missing"),
     "a slider without": ("[sliders.valence]\ntext = 'x'", "[sliders]: certainty missing"),
-    "an odd entry of a slider": ("[sliders.certainty]\nhight = 'x'", "hight means nothing here"),
+    "an odd entry of a slider": (
+        "[sliders.certainty]\ntext = 'a'\nlow = 'b'\nhigh = 'c'\nhight = 'x'",
+        "hight means nothing here",
+    ),
+    "a slider without its ends": ("[sliders.certainty]\ntext = 'x'", "high, low missing"),
     "no tables": ("answers = 3", "[answers]: got 3, expected a table"),
     "no text": ("[page]\ngo = 1", "go is 1, expected a text"),
     "an empty text": ("[page]\ngo = ' '", "expected a line of 1 to 200 characters"),
@@ -51,7 +55,8 @@ def test_pages_are_told_them_and_english_where_there_is_none() -> None:
 
 
 def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
-    words = {"page": {"go": 'Los "jetzt" \\ ä'}, "answers": {"neutral": "n"}, "sliders.certainty": {"low": "tief"}}
+    words = {"page": {"go": 'Los "jetzt" \\ ä'}, "answers": {"neutral": "n"}, "sliders.certainty": {}}
+    words["sliders.certainty"] |= {"text": "sicher?", "low": "tief", "high": "hoch"}
     (tmp_path / "de-CH.toml").write_bytes(words_toml(words))
     assert read_words(tmp_path, ["neutral"], ["certainty"]) == {"de-CH": words}
 

@@ -73,7 +73,7 @@ export class Connection {
 
   /** Pictures as [number, pose's time, time seen, dropped], ms of the host's clock: the only proof of what was seen. */
   tellShown(pictures) {
-    if (pictures.length && this.synchronised) this.send({ kind: "shown", bound_ms: this.best().trip / 2, pictures });
+    if (pictures.length && this.synchronised) this.send({ kind: "shown", bound_ms: this.bound, pictures });
   }
 
   command(name, value) { this.send({ kind: "command", name, value }); }
@@ -134,6 +134,9 @@ export class Connection {
 
   /** The answer that took least: half of its trip is how far its offset can be off. */
   best() { return this.answers.reduce((best, one) => (one.trip < best.trip ? one : best)); }
+
+  /** How far host() can be off, ms: what is still to be followed of the best answer comes on top. */
+  get bound() { const best = this.best(); return best.trip / 2 + Math.abs(best.offset - this.offset); }
 
   get synchronised() { return this.answers.length > 0; }
 }

@@ -108,6 +108,8 @@ class HumanArm:
             ever was.
         head_deviation, hand_deviation: m, standard deviation of the head's centre, and of wrist or knuckles, whichever
             is less sure, as if the markers erred together.
+        whole: it is ``valid``, and each marker that it rests on was seen: elbow, shoulder and head are this person's.
+        arm_covariance: (3, 3, 3) m², of the arm points, as ``hand_covariance``.
     """
 
     head_position: Float[np.ndarray, "3"]
@@ -126,3 +128,10 @@ class HumanArm:
     hand_unseen_ns: int = 0
     head_deviation: float = 0.0
     hand_deviation: float = 0.0
+    whole: bool = False
+    arm_covariance: Float[np.ndarray, "3 3 3"] = field(default_factory=lambda: np.zeros((3, 3, 3)))
+
+    @property
+    def arm_points(self) -> Float[np.ndarray, "3 3"]:
+        """(3, 3) m: elbow, shoulder and centre of the head."""
+        return np.array([self.elbow, self.shoulder, self.head_position])

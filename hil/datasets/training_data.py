@@ -168,9 +168,10 @@ def _solve_or_say(job: _Job) -> SolvedPair | str:
 
 def _solve_pair(job: _Job, subject: Subject) -> SolvedPair:
     row, actor = job.row, job.actor
-    hand_points, person_palm = track_hand(job.person, job.people)
+    hand_points, person_palm, arm_points = track_hand(job.person, job.people)
     if job.reflected:
-        hand_points, person_palm = hand_points * [1.0, -1.0, 1.0], person_palm * [1.0, -1.0, 1.0]
+        mirror = np.array([1.0, -1.0, 1.0])
+        hand_points, person_palm, arm_points = hand_points * mirror, person_palm * mirror, arm_points * mirror
     times = np.arange(len(hand_points)) / RATE_HZ
     points, valid = subject.marker_set.arrange(actor.names, actor.points, actor.valid)
     step = max(1, round(actor.rate_hz / SOLVE_RATE_HZ))
@@ -202,6 +203,7 @@ def _solve_pair(job: _Job, subject: Subject) -> SolvedPair:
         cell=row.cell,
         repetition=row.repetition,
         test=row.test,
+        arm_points=scene * arm_points,
     )
     return SolvedPair(trial, subject.marker_set.names, solution.rms)
 
@@ -234,8 +236,10 @@ def unwrapped(turns: Array) -> Array:
 
 def track_hand(
     person: Recording, marker_set: MarkerSet, towards_partner: tuple[float, float, float] = (-1.0, 0.0, 0.0)
-) -> tuple[Array, Array]:
-    """Hand points (T, 2, 3) and palm centre (T, 3), m, at 120 Hz, by the tracker and the arm that run online.
+) -> tuple[Array, Array, Array]:
+    """Hand points (T, 2, 3), palm centre (T, 3) and elbow, shoulder and head (T, 3, 3), m, at 120 Hz.
+
+    By the tracker and the arm that run online.
 
     Where the tracker does not know the hand, it is between where it was and where it will be.
 
@@ -252,7 +256,7 @@ def track_hand(
         raise HighFiveError(f"{person.source} shows the person's right hand in {len(known)} of {len(tracked)} frames")
     arms = [arm(tracked[frame]) for frame in known]
     at = np.arange(len(tracked))
-    flat = np.array([[*a.hand_points.reshape(-1), *a.palm.position] for a in arms])
+    flat = np.array([[*a.hand_points.reshape(-1), *a.palm.position, *a.arm_points.reshape(-1)] for a in arms])
     if len(known) < len(tracked):
         flat = np.stack([np.interp(at, known, column) for column in flat.T], axis=1)
-    return flat[:, :6].reshape(-1, 2, 3), flat[:, 6:]
+    return flat[:, :6].reshape(-1, 2, 3), flat[:, 6:9], flat[:, 9:].reshape(-1, 3, 3)

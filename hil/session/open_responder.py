@@ -16,6 +16,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.arm_track import ArmPoints
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.reaction import OnlineResponder, Reaction, ReactionModel, SimpleReaction
 from highfive.model.online.responder import Responder
@@ -43,6 +44,12 @@ PATIENCE = Patience()
 
 class ContinuousResponder(OnlineResponder, Protocol):
     """A responder that also answers between its steps, and jumps over many of them."""
+
+    def step(
+        self, hand_points: Array | None, covariance: Array | None = None, arm: ArmPoints | None = None
+    ) -> Reaction:
+        """One tick; ``arm`` is what is known of the arm beside the hand."""
+        ...
 
     def ahead(self, seconds: float) -> Reaction:
         """The reaction some ``seconds`` after the last step; the state stays as it is."""
@@ -132,7 +139,9 @@ class _Guarded:
         self._last: Reaction | None = None
         _called(self._title, "reset", self._inner.reset)
 
-    def step(self, hand_points: Array | None, covariance: Array | None = None) -> Reaction:
+    def step(
+        self, hand_points: Array | None, covariance: Array | None = None, arm: ArmPoints | None = None
+    ) -> Reaction:  # which sees the hand alone
         start = self._clock.now()
         reaction = _called(self._title, "step", lambda: self._inner.step(hand_points, covariance))
         self._in_time(1e-9 * (self._clock.now() - start))

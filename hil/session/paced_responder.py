@@ -20,6 +20,7 @@ from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.interpolation import between
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
 from highfive.model.geometry.rotations import Array
+from highfive.model.online.arm_track import ArmPoints
 from highfive.model.online.reaction import Reaction
 from highfive.model.online.responder import HAND_VARIANCE
 from highfive.model.settings import Settings, setting
@@ -136,4 +137,5 @@ class PacedResponder:
             self._reaction = self._responder.step(None)
             return
         person = self._smoother(person, self._seconds)
-        self._reaction = self._responder.step(person.hand_points, HAND_COVARIANCE + person.hand_covariance)
+        arm = ArmPoints(person.arm_points, person.arm_covariance) if person.whole else None
+        self._reaction = self._responder.step(person.hand_points, HAND_COVARIANCE + person.hand_covariance, arm)

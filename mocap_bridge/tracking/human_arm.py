@@ -19,6 +19,7 @@ _PALM_NORMAL = np.array([0.0, 1.0, 0.0])
 _FINGERS = np.array([0.0, 0.0, -1.0])
 _UP_AND_LEFT = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 _HAND_BY_FOREARM = 0.36  # wrist to knuckles over elbow to wrist
+_HAND_ROWS, _ARM_ROWS = [2, 3], [1, 0, 4]  # of the landmarks: wrist, hand; elbow, shoulder, head
 _STEP_S = 1e-4  # time step of the palm's directional derivative
 
 
@@ -62,6 +63,7 @@ class Known(NamedTuple):
     """How well an arm is known.
 
     Attributes:
+        whole: each marker was seen at some time.
         valid, age_ns, head_unseen_ns, hand_unseen_ns, head_deviation, hand_deviation: as in
             :class:`highfive.mocap_bridge.frames.HumanArm`.
     """
@@ -72,6 +74,7 @@ class Known(NamedTuple):
     hand_unseen_ns: int
     head_deviation: float
     hand_deviation: float
+    whole: bool
 
 
 class HumanArmEstimator:
@@ -143,7 +146,9 @@ class HumanArmEstimator:
             valid=known.valid,
             age_ns=known.age_ns,
             time_ns=tracked.time_ns,
-            hand_covariance=covariance,
+            hand_covariance=covariance[_HAND_ROWS],
+            arm_covariance=covariance[_ARM_ROWS],
+            whole=known.valid and known.whole,
             head_unseen_ns=known.head_unseen_ns,
             hand_unseen_ns=known.hand_unseen_ns,
             head_deviation=known.head_deviation,
@@ -193,8 +198,8 @@ def arm_of(
 ) -> tuple[Array, Array, Array, Known]:  # fmt: skip
     """Head, shoulder, elbow, wrist, palm, knuckles, normal, fingers and the palm's velocity (9, 3), and the rest.
 
-    That is the head's quaternion (4,), the covariance (2, 3, 3), m², of wrist and hand, and how well all of it is
-    known. Positions (M, 3) are in m, velocities (M, 3) in m/s, covariances (M, 3, 3) in m².
+    That is the head's quaternion (4,), the covariance (5, 3, 3), m², of the first five landmarks, and how well all of
+    it is known. Positions (M, 3) are in m, velocities (M, 3) in m/s, covariances (M, 3, 3) in m².
     """
     landmarks, moving = _landmarks(recipe, positions), _landmarks(recipe, velocities)
     shoulder, elbow, wrist = landmarks[0].copy(), landmarks[1].copy(), landmarks[2]
@@ -216,23 +221,23 @@ def arm_of(
     points[1], points[2], points[3] = shoulder, elbow, wrist
     points[4:8] = hand
     points[8] = (moved[0] - hand[0]) / _STEP_S
-    covariance = np.zeros((2, 3, 3))
-    for row in range(2):
+    covariance = np.zeros((5, 3, 3))
+    for row in range(5):
         for i in range(3):
             for m in range(len(positions)):
-                covariance[row, i, i] += abs(recipe.landmarks[2 + row, m]) * math.sqrt(covariances[m, i, i])
+                covariance[row, i, i] += abs(recipe.landmarks[row, m]) * math.sqrt(covariances[m, i, i])
             covariance[row, i, i] *= covariance[row, i, i]
     return points, quaternion, covariance, _known(recipe, covariances, valid, age_ns, covariance)
 
 
 @compiled
 def _known(
-    recipe: Recipe, covariances: Array, valid: NDArray[np.bool_], age_ns: NDArray[np.int64], of_hand: Array
+    recipe: Recipe, covariances: Array, valid: NDArray[np.bool_], age_ns: NDArray[np.int64], of_landmarks: Array
 ) -> Known:
-    """How well the arm is known whose wrist and hand have the covariance ``of_hand`` (2, 3, 3), m²."""
-    usable, oldest, ever_seen = True, 0, False
+    """How well the arm is known whose landmarks have the covariance ``of_landmarks`` (5, 3, 3), m²."""
+    usable, whole, oldest, ever_seen = True, True, 0, False
     for m in recipe.used:
-        usable = usable and bool(valid[m])
+        usable, whole = usable and bool(valid[m]), whole and age_ns[m] != NEVER
     hand_unseen = head_unseen = NEVER
     for m in recipe.of_hand:
         hand_unseen = min(hand_unseen, int(age_ns[m]))
@@ -243,11 +248,11 @@ def _known(
         head_unseen = min(head_unseen, int(age_ns[m]))
         deviation += math.sqrt(covariances[m, 0, 0] + covariances[m, 1, 1] + covariances[m, 2, 2])
     largest = 0.0
-    for row in range(2):
-        largest = max(largest, of_hand[row, 0, 0] + of_hand[row, 1, 1] + of_hand[row, 2, 2])
+    for row in (2, 3):
+        largest = max(largest, of_landmarks[row, 0, 0] + of_landmarks[row, 1, 1] + of_landmarks[row, 2, 2])
     return Known(
         usable, oldest if ever_seen else NEVER, head_unseen, hand_unseen, deviation / len(recipe.on_head),
-        math.sqrt(largest),
+        math.sqrt(largest), whole,
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from highfive.model.hgpdm.dataset import AUXILIARY, CLOCK_SCALE, Channels, hand_
 from highfive.model.hgpdm.hierarchy import Problem
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.arm_track import arm_at
 from highfive.model.online.belief import packed
 from highfive.model.online.layer import predict_layer
 from highfive.model.online.reaction import OnlineResponder, Reaction
@@ -132,7 +133,7 @@ def online(model: HGPDM, body: Body) -> Method:
         responder, where = responders[trial.rate_hz], model.channels
         responder.set_style(trial.emotion)
         responder.reset()
-        responses = [responder.step(hand) for hand in trial.hand_points]
+        responses = [responder.step(hand, None, arm_at(trial, n)) for n, hand in enumerate(trial.hand_points)]
         outputs, frames = np.array([to_channels(r) for r in responses]), scored_frames(trial)
         counted = [responses[int(frame)] for frame in frames]
         said = outputs[frames]

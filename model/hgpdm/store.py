@@ -16,7 +16,8 @@ from highfive.model.errors import HighFiveError
 from highfive.model.files import DEFAULT_MODEL, write_whole
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.posterior import MotionParameters, Posterior
-from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ContactLayer
+from highfive.model.hgpdm.arm_features import SIZE, ArmFeatures
+from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ArmContactLayer, ContactLayer
 from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS
 from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.presets import Preset
@@ -45,6 +46,10 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
         arrays |= _layer_arrays(f"back.{number}", stage)
     if model.contact is not None:
         arrays |= _layer_arrays("contact", model.contact.posterior) | {"contact.scales": model.contact.scales}
+    if model.arm_contact is not None:
+        arrays |= _layer_arrays("arm_contact", model.arm_contact.layer.posterior)
+        arrays |= {"arm_contact.scales": model.arm_contact.layer.scales}
+        arrays |= {f"arm_features.{name}": getattr(model.arm_contact.features, name) for name in ("centre", "factor")}
     description = {
         "kind": KIND,
         "version": VERSION,
@@ -190,6 +195,12 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         trial=arrays["trial"].astype(np.int32),
         emotion=arrays["emotion"].astype(np.int32),
         learning_curve=arrays.get("learning_curve", np.zeros(0)).astype(np.float32),
+        arm_contact=ArmContactLayer(
+            ArmFeatures(arrays["arm_features.centre"], arrays["arm_features.factor"]),
+            ContactLayer(_layer("arm_contact", arrays), arrays["arm_contact.scales"]),
+        )
+        if "arm_contact.scales" in arrays
+        else None,
     )
 
 
@@ -210,8 +221,13 @@ def _check_shapes(model: HGPDM) -> None:
         raise ValueError(f"features of shape {model.feature_map.matrix.shape}, expected {(inputs, history)}")
     if model.contact is not None:
         _check_layer("contact", model.contact.posterior, inputs, CHANNELS)
-        if model.contact.scales.shape != (len(KNOTS), 2):
-            raise ValueError(f"a calibration of shape {model.contact.scales.shape}, expected {(len(KNOTS), 2)}")
+        _check_scales(model.contact)
+    if model.arm_contact is not None:
+        features = model.arm_contact.features
+        if features.centre.shape != (SIZE,) or features.factor.shape != (SIZE,):
+            raise ValueError(f"features of the arm of shape {features.factor.shape}, expected {(SIZE,)}")
+        _check_layer("arm_contact", model.arm_contact.layer.posterior, SIZE, CHANNELS)
+        _check_scales(model.arm_contact.layer)
     for number, stage in enumerate(model.back):
         _check_layer(f"back.{number}", stage, inputs, stage.weights.shape[1])
         inputs = stage.weights.shape[1]
@@ -221,6 +237,11 @@ def _check_shapes(model: HGPDM) -> None:
     style = model.avatar.style_covariance
     if style is None or style.shape != (len(model.emotions),) * 2:
         raise ValueError(f"the avatar layer does not have {len(model.emotions)} styles")
+
+
+def _check_scales(layer: ContactLayer) -> None:
+    if layer.scales.shape != (len(KNOTS), 2):
+        raise ValueError(f"a calibration of shape {layer.scales.shape}, expected {(len(KNOTS), 2)}")
 
 
 def _check_layer(name: str, layer: Posterior, inputs: int, outputs: int) -> None:

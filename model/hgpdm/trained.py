@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.posterior import Posterior
-from highfive.model.hgpdm.contact_layer import ContactLayer
+from highfive.model.hgpdm.contact_layer import ArmContactLayer, ContactLayer
 from highfive.model.hgpdm.dataset import Channels
 from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.presets import Preset
@@ -39,6 +39,8 @@ class HGPDM:
         interaction_latents, avatar_latents, human_latents: (N, q) at the training points, for pictures.
         trial, emotion: (N,) trial and emotion index of the training points.
         learning_curve: (steps,) objective after each step of the training; empty in files of an earlier version.
+        arm_contact: from the whole arm to where and when the palms will meet; None where it was not trained on arms,
+            as in files of an earlier version.
     """
 
     preset: Preset
@@ -63,6 +65,7 @@ class HGPDM:
     trial: NDArray[np.int32]
     emotion: NDArray[np.int32]
     learning_curve: NDArray[np.float32]
+    arm_contact: ArmContactLayer | None = None
 
     @property
     def channels(self) -> Channels:

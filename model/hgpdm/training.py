@@ -20,7 +20,7 @@ from highfive.model.gp.optimise import ProgressCallback, State, minimise
 from highfive.model.gp.posterior import Posterior
 from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.checkpoint import Checkpoint
-from highfive.model.hgpdm.contact_training import fit_contact_layer
+from highfive.model.hgpdm.contact_training import fit_contact_layers
 from highfive.model.hgpdm.dataset import TrainingSet, training_set
 from highfive.model.hgpdm.hierarchy import (
     Latents,
@@ -96,8 +96,8 @@ def train(
     data = training_set(trials, chosen, emotions)
     model = train_on(data, chosen, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
     learned = [trial for trial in trials if not trial.test]
-    contact = fit_contact_layer(learned, model.feature_map, chosen.history, inducing, seed, progress)
-    return replace(model, contact=contact)
+    contact, arm = fit_contact_layers(learned, model.feature_map, chosen.history, inducing, seed, progress)
+    return replace(model, contact=contact, arm_contact=arm)
 
 
 def train_on(

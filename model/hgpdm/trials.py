@@ -25,6 +25,7 @@ class Trial:
         cell: cell of the grid, or '' where not known.
         repetition: repetition, or -1 where not known.
         test: the trial is held out.
+        arm_points: (T, 3, 3) m, the person's elbow, shoulder and head centre; None where they are not known.
     """
 
     rate_hz: float
@@ -38,3 +39,4 @@ class Trial:
     cell: str
     repetition: int
     test: bool
+    arm_points: Float[np.ndarray, "T 3 3"] | None = None

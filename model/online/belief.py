@@ -19,7 +19,7 @@ from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
-from highfive.model.online.contact_forecast import ContactForecast
+from highfive.model.online.contact_forecast import ContactForecast, contact_forecast
 from highfive.model.online.tick import forecast, generate, observe, predict, step
 from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
 
@@ -199,11 +199,13 @@ class Filter:
 
     def forecast_contact(self, belief: Belief) -> ContactForecast | None:
         """Where and when the palms will meet, as the hand's last ticks say; None where nothing was learned of it."""
-        if self._contact is None or self._contact_layer is None:
+        if self._contact is None or (found := self.contact_left(belief)) is None:
             return None
-        left, covariance = forecast(self._plan, self._contact_layer, belief.hands)
-        point, time = belief.hands[0, 0, KNUCKLES] + left[:3], float(left[3])
-        return ContactForecast(point, time, self._contact.calibrated(time, covariance))
+        return contact_forecast(belief.hands[0, 0, KNUCKLES], *found, self._contact)
+
+    def contact_left(self, belief: Belief) -> tuple[Array, Array] | None:
+        """Way, m, and time, s, that are left by the contact layer, (4,) and (4, 4), not calibrated."""
+        return None if self._contact_layer is None else forecast(self._plan, self._contact_layer, belief.hands)
 
     def _moving_by(self, seconds: float) -> Moving:
         """How ``seconds`` pass: in steps of at most one lag.

@@ -8,6 +8,7 @@ import numpy as np
 
 from highfive.model.compiled import compiled_entry
 from highfive.model.geometry.rotations import Array
+from highfive.model.hgpdm.contact_layer import ContactLayer
 from highfive.model.linear_algebra import cholesky, cholesky_solve
 
 
@@ -33,6 +34,19 @@ class ContactForecast:
     def later(self, seconds: float) -> ContactForecast:
         """The same forecast, its time counted from some ``seconds`` later."""
         return replace(self, time=self.time - seconds)
+
+
+def contact_forecast(knuckles: Array, left: Array, covariance: Array, layer: ContactLayer) -> ContactForecast:
+    """The forecast for a hand whose ``knuckles`` (3,), m, have ``left`` (4,) way and time, as ``layer`` is calibrated.
+
+    Args:
+        knuckles: in the world.
+        left: m and s.
+        covariance: (4, 4), as a layer says it.
+        layer: whose factors say what it must be.
+    """
+    time = float(left[3])
+    return ContactForecast(knuckles + left[:3], time, layer.calibrated(time, covariance))
 
 
 @compiled_entry

@@ -16,13 +16,14 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, Channels
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.online.arm_track import ArmPoints, ArmTrack
 from highfive.model.online.belief import Filter
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.inertialization import Inertializer
 from highfive.model.online.tick_values import Belief, Generated
 
-HAND_SHAPE = (2, 3)
+HAND_SHAPE, ARM_SHAPE = (2, 3), (3, 3)
 FURTHEST = 1e6
 """m, and m²: what is larger is no hand, and its square spoils a belief by rounding."""
 HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
@@ -129,6 +130,7 @@ class Responder:
         self._model, self._where = model, model.channels
         self._style = _checked(style_weights, model)
         self._filter, self._inertializer = Filter(model, rate_hz, settings), Inertializer(1.0 / rate_hz)
+        self._arm = None if model.arm_contact is None else ArmTrack(model.arm_contact, rate_hz)
         self.reset()
 
     @property
@@ -145,17 +147,24 @@ class Responder:
         """Forgets the person: the next hand seen begins a new interaction."""
         self._belief = self._filter.initial(self._style)
         self._inertializer.reset()
+        if self._arm is not None:
+            self._arm.reset()
+        self._forecast_contact = partial(self._forecast_of, self._belief, None)
 
     def set_style(self, weights: str | Mapping[str, float] | ArrayLike) -> None:
         """Changes the style; the answer moves there smoothly within a few tenths of a second."""
         self._style = _checked(weights, self._model)
 
-    def step(self, hand_points: ArrayLike | None, covariance: ArrayLike | None = None) -> Response:
+    def step(
+        self, hand_points: ArrayLike | None, covariance: ArrayLike | None = None, arm: ArmPoints | None = None
+    ) -> Response:
         """One tick.
 
         Args:
             hand_points: (2, 3) m, the person's wrist and knuckle centre in the world, or None where the hand is hidden.
             covariance: (2, 3, 3) m², of the two points; by default 2 mm in each direction.
+            arm: elbow, shoulder and head, which tell earlier where and when the palms will meet; None where one of
+                them is not known.
 
         A belief that rounding has spoilt, by points that no hand can have, is given up: the hand begins anew.
 
@@ -169,6 +178,9 @@ class Responder:
             variance = _finite("hand covariance", covariance, (*HAND_SHAPE, 3)).diagonal(0, 1, 2).reshape(-1)
             if (least := min(variance.tolist())) < 0.0:
                 raise HighFiveError(f"a variance of {least:g} m² of the hand points; expected 0 or more")
+        if arm is not None:
+            points = _finite("arm points", arm.points, ARM_SHAPE)
+            arm = ArmPoints(points, _finite("arm covariance", arm.covariance, (*ARM_SHAPE, 3)))
         hand = None if hand is None else hand.reshape(HAND_DIMS)
         changed = self._belief.started and (hand is None) == (self._belief.away == 0)
         belief, generated = self._filter.step(self._belief, hand, variance, self._style)
@@ -179,12 +191,17 @@ class Responder:
         self._belief = belief
         # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
         generated = generated._replace(avatar=self._inertializer.step(generated.avatar, changed))
-        forecast_contact = partial(self._filter.forecast_contact, self._belief)
+        arms = None if self._arm is None else self._arm.step(hand, variance, arm)
+        self._forecast_contact = partial(self._forecast_of, belief, arms)
+        forecast_contact = self._forecast_contact
         return self._response(self._belief.latent, self._belief.covariance, generated, forecast_contact, 0.0)
 
     def skip(self, ticks: int) -> None:
         """Goes on by some ticks in which nothing was heard of the person, at the cost of about one."""
         self._belief = self._filter.skip(self._belief, ticks)
+        if self._arm is not None:
+            self._arm.hide()
+        self._forecast_contact = partial(self._forecast_of, self._belief, None)
 
     def ahead(self, seconds: float) -> Response:
         """The answer some ``seconds`` after the last tick, from what was known then; the state stays as it is.
@@ -201,8 +218,10 @@ class Responder:
         generated = self._filter.generate(latent, covariance, belief.style[1], belief.residual, seconds)
         generated = generated._replace(avatar=self._inertializer.ahead(generated.avatar, seconds))
 
-        def forecast_contact() -> ContactForecast | None:
-            found = self._filter.forecast_contact(belief)
+        def forecast_contact(
+            known: Callable[[], ContactForecast | None] = self._forecast_contact,
+        ) -> ContactForecast | None:
+            found = known()
             return None if found is None else found.later(seconds)
 
         return self._response(latent, covariance, generated, forecast_contact, seconds, belief.covariance)
@@ -219,6 +238,13 @@ class Responder:
             generated = self._filter.generate(latent, covariance, style, residual, number * lag)
             responses.append(self._response(latent, covariance, generated, lambda: None, number * lag))
         return responses
+
+    def _forecast_of(self, belief: Belief, arms: Array | None) -> ContactForecast | None:
+        """By the whole arm where all of it is known, else by the hand."""
+        hand = None if self._arm is None or arms is None else self._filter.contact_left(belief)
+        if self._arm is None or arms is None or hand is None:
+            return self._filter.forecast_contact(belief)
+        return self._arm.forecast(arms, hand)
 
     def _in_distribution(self, covariance: Array) -> bool:
         dims = self._model.preset.interaction_dims
@@ -257,10 +283,11 @@ class Responder:
 def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     array = np.array(values, dtype=float)
     if array.shape != shape:
-        raise HighFiveError(f"{what} of shape {array.shape}; expected {shape}: wrist, then knuckles")
+        order = "wrist, then knuckles" if what.startswith("hand") else "elbow, shoulder, head"
+        raise HighFiveError(f"{what} of shape {array.shape}; expected {shape}: {order}")
     largest = _largest(array.reshape(-1))
     if not math.isfinite(largest):
-        raise HighFiveError(f"the {what} hold NaN or infinity; pass None while the hand is hidden")
+        raise HighFiveError(f"the {what} hold NaN or infinity; pass None while it is hidden")
     if largest > FURTHEST:
         raise HighFiveError(f"the {what} hold {largest:g}; expected metres of a room")
     return array

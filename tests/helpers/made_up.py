@@ -20,6 +20,14 @@ def reach(progress: np.ndarray) -> np.ndarray:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
+def with_arm(trial: Trial) -> Trial:
+    """The same with elbow, shoulder and head: she stands, and her elbow is half way up to her hand."""
+    shoulder, head = np.array([1.1, 0.2, 1.4]), np.array([1.1, 0.0, 1.65])
+    elbow = 0.5 * (trial.hand_points[:, 0] + shoulder) - [0.0, 0.0, 0.1]
+    points = np.stack([elbow, *(np.broadcast_to(one, elbow.shape) for one in (shoulder, head))], axis=1)
+    return replace(trial, arm_points=points)
+
+
 def made_up_trial(goal: float, emotion: str, rate_hz: float, rng: np.random.Generator, test: bool = False) -> Trial:
     """A hand that rises to a height and sinks, and joints that follow in one of two styles."""
     times = np.arange(0.0, 2.4, 1.0 / rate_hz)

@@ -82,7 +82,7 @@ def test_a_trial_says_what_the_table_said(solved: SolvedPair) -> None:
 
 def test_the_hand_is_that_of_the_online_chain(captured: Path, solved: SolvedPair) -> None:
     person = read_c3d(captured / f"angry_{CELL}_1.c3d").person("human")
-    points, palm = track_hand(person, load_marker_set("paper"))
+    points, palm, _ = track_hand(person, load_marker_set("paper"))
     np.testing.assert_array_equal(points, solved.trial.hand_points)
     np.testing.assert_array_equal(palm, solved.trial.person_palm)
     # A palm is beyond the wrist, before the knuckles' far side.

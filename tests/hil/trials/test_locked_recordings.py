@@ -19,7 +19,7 @@ def test_its_people_are_tracked_as_in_a_session_and_all_are_held_out(tmp_path: P
     assert len(solved) == len(pairs) and all(one.trial.test for one in solved)
     for one, (partner, pair) in zip(solved, pairs, strict=True):
         assert one.trial.emotion == partner.emotion and one.trial.cell == partner.cell
-        hand, palm = track_hand(partner.recording, partner.marker_set)
+        hand, palm, _ = track_hand(partner.recording, partner.marker_set)
         scale = np.linalg.norm(one.trial.hand_points) / np.linalg.norm(hand)  # the scene grows with the avatar
         np.testing.assert_allclose(one.trial.hand_points, scale * hand, atol=2e-3)
         np.testing.assert_allclose(one.trial.person_palm, scale * palm, atol=2e-3)

@@ -55,7 +55,7 @@ def test_in_another_emotion_only_the_answer_changes(partners: list[Partner]) -> 
 def test_a_real_person_stands_before_the_avatar(recordings: Path, human: str, real_other: str) -> None:
     partner = recorded_partner(recordings / HIGH_FIVE, human, None, "neutral")
     assert partner.recording.rate_hz == pytest.approx(120.0) and not partner.simulated
-    hand, palm = track_hand(partner.recording, partner.marker_set)
+    hand, palm, _ = track_hand(partner.recording, partner.marker_set)
     assert partner.palm is None and partner.other_palm is not None
     k = partner.contact_frame
     apart = np.linalg.norm(palm - partner.other_palm, axis=-1)

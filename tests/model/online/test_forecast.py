@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from highfive.model.gp import sparse
 from highfive.model.hgpdm.contact_layer import KNOTS, REGION, ContactLayer
-from highfive.model.hgpdm.contact_training import _scales, approaches, fit_contact_layer, precision
+from highfive.model.hgpdm.contact_training import _scales, approaches, fit_contact_layers, precision
 from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
 from highfive.model.hgpdm.features import fit_feature_map
 from highfive.model.hgpdm.trials import Trial
@@ -35,16 +35,21 @@ def fitted():
     def fit(shake: float, trials: int, inducing: int = 60) -> tuple[ContactLayer, list[Trial], object]:
         rng = np.random.default_rng(0)
         known = [approach(rng, shake) for _ in range(trials)]
-        feature_map = fit_feature_map(approaches(known, HISTORY)[0])
-        layer = fit_contact_layer(known, feature_map, HISTORY, inducing)
+        feature_map = fit_feature_map(approaches(known, of_hand)[0])
+        layer, arm = fit_contact_layers(known, feature_map, HISTORY, inducing)
+        assert arm is None  # nothing is known of it
         return layer, [approach(rng, shake) for _ in range(40)], feature_map
 
     return fit
 
 
+def of_hand(trial: Trial, times: np.ndarray) -> np.ndarray:
+    return hand_history(trial, times, HISTORY)
+
+
 def test_what_is_left_leads_from_the_hand_to_the_contact() -> None:
     trial = approach(np.random.default_rng(1), 0.05)
-    hands, left, number = approaches([trial, trial], HISTORY)
+    hands, left, number = approaches([trial, trial], of_hand)
     np.testing.assert_allclose(hands[:, 0, KNUCKLES] + left[:, :3], np.tile(trial.palm[0], (len(left), 1)), atol=1e-12)
     np.testing.assert_allclose(hands, hand_history(trial, 1.5 - left[:, 3], HISTORY))
     assert np.array_equal(np.unique(number, return_counts=True)[1], [len(left) // 2] * 2)
@@ -52,7 +57,7 @@ def test_what_is_left_leads_from_the_hand_to_the_contact() -> None:
 
 def test_a_steady_hand_is_foreseen(fitted) -> None:
     layer, fresh, feature_map = fitted(0.0, 30)
-    hands, left, _ = approaches(fresh, HISTORY)
+    hands, left, _ = approaches(fresh, of_hand)
     error = np.asarray(sparse.means(layer.posterior, feature_map(hands))) - left
     assert np.median(np.linalg.norm(error[:, :3], axis=1)) < 0.02
     assert np.median(np.abs(error[:, 3])) < 0.02
@@ -60,7 +65,7 @@ def test_a_steady_hand_is_foreseen(fitted) -> None:
 
 def test_regions_hold_what_they_promise_of_people_never_seen(fitted) -> None:
     layer, fresh, feature_map = fitted(0.03, 60)
-    hands, left, _ = approaches(fresh, HISTORY)
+    hands, left, _ = approaches(fresh, of_hand)
     mean = np.asarray(sparse.means(layer.posterior, feature_map(hands)))
     variance = np.asarray(sparse.variances(layer.posterior, feature_map(hands)))
     inside = []

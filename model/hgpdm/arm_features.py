@@ -1,0 +1,159 @@
+"""What a contact layer sees of the whole arm: where it is, how fast it went a moment ago, how far it is stretched.
+
+Features of the last :data:`HISTORY` of wrist, knuckles, elbow, shoulder and head. Beside places and velocities they
+have lengths, which no direction changes: how fast the hand is, and how much of the arm's reach is used up. A raised
+hand goes on for as long as its arm is bent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from highfive.model.compiled import compiled, compiled_entry
+from highfive.model.geometry.rotations import Array
+from highfive.model.hgpdm.trials import Trial
+
+HISTORY = (0.033, 0.067, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6)
+"""s before now; near ones tell a fast hand, far ones when it rose."""
+STILL = 0.01
+"""m, and m/s: what varies less among the trials counts as if it varied so much; else a shoulder that nobody moved there
+would say everything once somebody does."""
+POINTS = 5  # wrist, knuckles, elbow, shoulder, head
+COORDINATES = 3 * POINTS
+_WRIST, _KNUCKLES, _ELBOW, _SHOULDER, _HEAD = range(POINTS)
+_TIMES = len(HISTORY) + 1
+_VECTORS = 15  # of which features are the components; three more give lengths alone
+_SPEEDS = len(HISTORY)
+SIZE = 3 * _VECTORS + _SPEEDS + 3
+"""F, of the features."""
+
+
+@dataclass(frozen=True)
+class ArmFeatures:
+    """How the features are scaled: ``(raw − centre) · factor``.
+
+    Attributes:
+        centre, factor: (F,).
+    """
+
+    centre: Array
+    factor: Array
+
+    def __call__(self, arms: Array) -> Array:
+        """Features (N, F) of arms (N, H + 1, 15), m: now, and at each of :data:`HISTORY` before."""
+        return (_raw(LINEAR, np.ascontiguousarray(arms.reshape(len(arms), -1))) - self.centre) * self.factor
+
+
+def fit_arm_features(arms: Array) -> ArmFeatures:
+    """Scales vectors and lengths of arms (N, H + 1, 15) by one factor each, which keeps the vectors' directions."""
+    raw = _raw(LINEAR, np.ascontiguousarray(arms.reshape(len(arms), -1)))
+    variance = raw.var(axis=0)
+    vectors, lengths = variance[: 3 * _VECTORS].reshape(-1, 3), variance[3 * _VECTORS :]
+    deviation = np.sqrt(np.concatenate([np.repeat(vectors.mean(axis=1), 3), lengths]))
+    return ArmFeatures(raw.mean(axis=0), 1.0 / np.maximum(deviation, STILL))
+
+
+def arm_history(trial: Trial, times: Array) -> Array:
+    """Arms (T, H + 1, 15), m, at ``times`` (T,) s from the first frame and at each of :data:`HISTORY` before.
+
+    Interpolated linearly; before the first frame the arm is still.
+    """
+    assert trial.arm_points is not None
+    frames = np.arange(len(trial.hand_points)) / trial.rate_hz
+    points = np.concatenate([trial.hand_points, trial.arm_points], axis=1).reshape(len(frames), COORDINATES)
+    at = np.asarray(times)[:, None] - np.array([0.0, *HISTORY])
+    columns: list[Array] = [np.interp(at, frames, column) for column in points.T]
+    return np.stack(columns, axis=-1)
+
+
+def have_arms(trials: Sequence[Trial]) -> bool:
+    """Whether elbow, shoulder and head are known in all of them."""
+    return bool(trials) and all(trial.arm_points is not None for trial in trials)
+
+
+def _linear() -> Array:
+    """(3 · 18, 15 (H + 1)): vectors of which features are made, from the arm and its history."""
+    points = np.eye(_TIMES * POINTS).reshape(_TIMES, POINTS, -1)
+    wrist, knuckles, elbow, shoulder, head = (points[:, one] for one in range(POINTS))
+    spans = np.diff([0.0, *HISTORY])[:, None]
+    rows = [
+        knuckles[0],
+        wrist[0] - knuckles[0],
+        knuckles[0] - shoulder[0],
+        elbow[0] - shoulder[0],
+        head[0] - shoulder[0],
+        elbow[0] - elbow[2],
+        shoulder[0] - shoulder[2],
+        *((knuckles[:-1] - knuckles[1:]) / spans),
+        *(wrist[time] - shoulder[time] for time in (0, 2, 4)),
+    ]
+    return np.kron(np.array(rows), np.eye(3)).astype(float)
+
+
+LINEAR = _linear()
+_FIRST_SPEED, _FIRST_STRETCH = 3 * (_VECTORS - _SPEEDS), 3 * _VECTORS
+
+
+@compiled
+def features_of(linear: Array, arm: Array, value: Array) -> Array:
+    """Puts the features of one arm (15 (H + 1),) into ``value`` (F,), not scaled; gives back the vectors' (54,)."""
+    vectors = np.zeros(len(linear))
+    for row in range(len(linear)):
+        for column in range(len(arm)):
+            vectors[row] += linear[row, column] * arm[column]
+    for row in range(_FIRST_STRETCH):
+        value[row] = vectors[row]
+    for number in range(_SPEEDS):
+        value[_FIRST_STRETCH + number] = _length(vectors, _FIRST_SPEED + 3 * number)
+    now, before = _length(vectors, _FIRST_STRETCH), _length(vectors, _FIRST_STRETCH + 3)
+    value[SIZE - 3], value[SIZE - 2] = now, now - before
+    value[SIZE - 1] = before - _length(vectors, _FIRST_STRETCH + 6)
+    return vectors
+
+
+@compiled
+def pulled_back(linear: Array, vectors: Array, slope: Array) -> Array:
+    """Derivatives (D, 15 (H + 1)) by the arm, of what has the derivatives ``slope`` (D, F) by the unscaled features."""
+    result = np.zeros((len(slope), linear.shape[1]))
+    for row in range(len(slope)):
+        own, by = slope[row], np.zeros(len(linear))
+        for number in range(_FIRST_STRETCH):
+            by[number] = own[number]
+        for number in range(_SPEEDS):
+            _along(vectors, _FIRST_SPEED + 3 * number, own[_FIRST_STRETCH + number], by)
+        _along(vectors, _FIRST_STRETCH, own[SIZE - 3] + own[SIZE - 2], by)
+        _along(vectors, _FIRST_STRETCH + 3, own[SIZE - 1] - own[SIZE - 2], by)
+        _along(vectors, _FIRST_STRETCH + 6, -own[SIZE - 1], by)
+        for number in range(len(linear)):
+            for column in range(linear.shape[1]):
+                result[row, column] += by[number] * linear[number, column]
+    return result
+
+
+@compiled
+def _length(vectors: Array, first: int) -> float:
+    total = 0.0
+    for i in range(3):
+        total += vectors[first + i] * vectors[first + i]
+    return np.sqrt(total)
+
+
+@compiled
+def _along(vectors: Array, first: int, slope: float, by: Array) -> None:
+    """Adds the derivative of a length; of nothing it has none."""
+    length = _length(vectors, first)
+    if length > 0.0:
+        for i in range(3):
+            by[first + i] += slope * vectors[first + i] / length
+
+
+@compiled_entry
+def _raw(linear: Array, arms: Array) -> Array:
+    """Features (N, F), not scaled, of arms (N, 15 (H + 1))."""
+    result = np.empty((len(arms), SIZE))
+    for number in range(len(arms)):
+        features_of(linear, arms[number], result[number])
+    return result

@@ -1,0 +1,148 @@
+"""The whole arm tells where and when palms will meet, for as long as all of it is known; else the hand does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up import EMOTIONS, made_up_trial, with_arm
+
+from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
+from highfive.model.hgpdm.arm_features import HISTORY, SIZE, arm_history, fit_arm_features
+from highfive.model.hgpdm.contact_layer import ARM_SHARE
+from highfive.model.hgpdm.contact_training import fit_contact_layers
+from highfive.model.hgpdm.store import load_model, save_model
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.arm_track import ArmPoints, arm_at
+from highfive.model.online.contact_forecast import ContactForecast
+from highfive.model.online.responder import Responder
+
+RATE = 60.0
+WINDOW = round(HISTORY[-1] * RATE) + 2
+
+
+@pytest.fixture(scope="module")
+def armed(model: HGPDM) -> HGPDM:
+    rng = np.random.default_rng(1)
+    known = [with_arm(made_up_trial(goal, emotion, RATE, rng)) for goal in (0.3, 0.5, 0.7) for emotion in EMOTIONS]
+    contact, arm = fit_contact_layers(known, model.feature_map, model.preset.history, 40)
+    assert arm is not None
+    return replace(model, contact=contact, arm_contact=arm)
+
+
+@pytest.fixture(scope="module")
+def trial() -> Trial:
+    return with_arm(made_up_trial(0.45, "neutral", RATE, np.random.default_rng(5), test=True))
+
+
+def said(model: HGPDM, trial: Trial, arms: dict[int, ArmPoints | None] | None = None) -> list[ContactForecast]:
+    """Every tick's forecast, with the arm of the trial but where ``arms`` has another."""
+    responder = Responder(model, "neutral", RATE)
+    found: list[ContactForecast] = []
+    for frame, hand in enumerate(trial.hand_points):
+        arm = arms[frame] if arms is not None and frame in arms else arm_at(trial, frame)
+        contact = responder.step(hand, None, arm).contact
+        assert contact is not None
+        found.append(contact)
+    return found
+
+
+def same(one: ContactForecast, other: ContactForecast) -> bool:
+    return np.array_equal(one.point, other.point) and np.array_equal(one.covariance, other.covariance)
+
+
+def turned(arms: Array, angle: float) -> Array:
+    """About the vertical."""
+    c, s = np.cos(angle), np.sin(angle)
+    return arms.reshape(*arms.shape[:-1], 5, 3) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_lengths_stay_as_they_are_when_everything_is_turned(trial: Trial) -> None:
+    arms = arm_history(trial, np.arange(0.4, 1.3, 0.05))
+    features = fit_arm_features(arms)
+    assert features(arms).shape == (18, SIZE) and np.allclose(features(arms).mean(axis=0), 0.0)
+    again = features(turned(arms, 1.1).reshape(arms.shape))
+    lengths = slice(SIZE - 11, SIZE)
+    np.testing.assert_allclose(again[:, lengths], features(arms)[:, lengths], atol=1e-9)
+    assert np.abs(again[:, :45] - features(arms)[:, :45]).max() > 0.5
+
+
+def test_a_doubted_point_widens_the_belief_by_what_it_would_change(armed: HGPDM, trial: Trial) -> None:
+    """The covariance by derivatives, against differences: every tick's arm is doubted in one coordinate."""
+    frame, deviation, step = trial.contact_frame - 12, 0.02, 1e-4
+    for point, axis in ((0, 2), (1, 0), (2, 1)):
+        doubt = np.zeros((3, 3, 3))
+        doubt[point, axis, axis] = deviation**2 + 3e-3**2
+        arms = {n: ArmPoints(arm_at(trial, n).points, doubt) for n in range(len(trial.hand_points))}  # type: ignore
+        sure, doubted = said(armed, trial)[frame], said(armed, trial, arms)[frame]
+        assert np.array_equal(sure.point, doubted.point)
+        grown = doubted.covariance - sure.covariance
+        assert np.linalg.eigvalsh(grown).min() > -1e-9 and grown.trace() > 0.0
+        # Each of the times that it looks back to errs by itself.
+        expected = np.zeros((3, 3))
+        for back in np.round(np.array([0.0, *HISTORY]) * RATE, 6):
+            share = {int(back): 1.0 - back % 1.0, int(back) + 1: back % 1.0}
+            moved = dict(arms)
+            for ago, part in share.items():
+                points = arms[frame - ago].points.copy()
+                points[point, axis] += step * part
+                moved[frame - ago] = ArmPoints(points, np.zeros((3, 3, 3)))
+            change = (said(armed, trial, moved)[frame].point - sure.point) / step
+            expected += deviation**2 * np.outer(change, change)
+        factor = armed.arm_contact.layer.calibrated(sure.time, np.ones((4, 4)))[0, 0]  # type: ignore[union-attr]
+        assert grown[:3, :3].trace() == pytest.approx(
+            factor * expected.trace() / ARM_SHARE, rel=0.15
+        )  # covariances are pooled
+
+
+def test_without_an_arm_the_hand_is_answered_as_ever(armed: HGPDM, trial: Trial) -> None:
+    bare = replace(armed, arm_contact=None)
+    nothing = dict.fromkeys(range(len(trial.hand_points)))
+    pairs = zip(said(armed, trial, nothing), said(bare, trial), strict=True)
+    assert all(same(one, other) for one, other in pairs)
+    assert not same(said(armed, trial)[60], said(bare, trial)[60])
+
+
+def test_a_hidden_point_is_the_hands_forecast_until_it_was_seen_for_as_long_as_is_looked_back(
+    armed: HGPDM, trial: Trial
+) -> None:
+    hidden = range(40, 44)
+    gap = said(armed, trial, dict.fromkeys(hidden))
+    whole, hand = said(armed, trial), said(replace(armed, arm_contact=None), trial)
+    back = hidden.stop + WINDOW - 1
+    for frame in range(len(gap)):
+        expected = hand[frame] if hidden.start <= frame < back else whole[frame]
+        assert same(gap[frame], expected), frame
+
+
+def test_what_both_layers_say_is_pooled_and_meets_the_truth(armed: HGPDM, trial: Trial) -> None:
+    whole, hand = said(armed, trial), said(replace(armed, arm_contact=None), trial)
+    for before in (6, 12, 18):
+        frame = trial.contact_frame - before
+        assert np.linalg.norm(whole[frame].point - trial.palm[trial.contact_frame]) < 0.05
+        assert whole[frame].time == pytest.approx(before / RATE, abs=0.05)
+        alone = (whole[frame].point - (1.0 - ARM_SHARE) * hand[frame].point) / ARM_SHARE
+        assert np.isfinite(alone).all() and not np.allclose(alone, hand[frame].point)
+
+
+def test_a_file_keeps_it_and_one_of_before_has_none(armed: HGPDM, trial: Trial, tmp_path) -> None:
+    save_model(armed, tmp_path / "armed.safetensors")
+    read = load_model(tmp_path / "armed.safetensors")
+    assert all(same(one, other) for one, other in zip(said(read, trial), said(armed, trial), strict=True))
+    save_model(replace(armed, arm_contact=None), tmp_path / "before.safetensors")
+    assert load_model(tmp_path / "before.safetensors").arm_contact is None
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (np.zeros((2, 3)), "arm points of shape .* elbow, shoulder, head"),
+        (np.full((3, 3), np.nan), "the arm points hold NaN or infinity"),
+        (np.full((3, 3), 1e9), "the arm points hold 1e\\+09"),
+    ],
+)
+def test_points_that_no_arm_has_are_refused(armed: HGPDM, trial: Trial, points: Array, message: str) -> None:
+    responder = Responder(armed, "neutral", RATE)
+    with pytest.raises(HighFiveError, match=message):
+        responder.step(trial.hand_points[0], None, ArmPoints(points, np.zeros((3, 3, 3))))
